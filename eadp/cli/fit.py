@@ -1,0 +1,5 @@
+"""`eadp fit`."""
+
+
+def command() -> int:
+    return 0

@@ -1,0 +1,102 @@
+"""The command `eadp`: its commands, and the one place where errors become exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from types import FrameType
+from typing import Annotated, NoReturn
+
+import click
+import typer
+
+from eadp import __version__
+from eadp.cli import fit, plan, profile, schema, simulate
+from eadp.errors import EadpError, InputError
+
+YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
+
+app = typer.Typer(
+    name="eadp",
+    help="Plan the flight and the onboard computing of a battery-powered fixed-wing robot together.\n\n"
+    "Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o runs/i",
+    rich_markup_mode=None,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("plan")(plan.command)
+app.command("profile")(profile.command)
+app.command("fit")(fit.command)
+app.command("simulate")(simulate.command)
+app.command("schema")(schema.command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"eadp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def run() -> NoReturn:
+    """Run the command line of this process and exit with its code."""
+    signal.signal(signal.SIGTERM, _terminate)
+    sys.exit(main(sys.argv[1:]))
+
+
+def main(arguments: list[str]) -> int:
+    """Run one command line; return its exit code (0 yes, 1 no, 2 bad input, 70 a bug, 130 interrupted)."""
+    try:
+        result = app(args=arguments, prog_name="eadp", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else YES
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        print("eadp: interrupted", file=sys.stderr)  # noqa: T201
+        return INTERRUPTED
+    except click.ClickException as error:
+        _debug()
+        print(f"eadp: error: {error.format_message()}", file=sys.stderr)  # noqa: T201
+        return BAD_INPUT
+    except InputError as error:
+        _debug()
+        print(error, file=sys.stderr)  # noqa: T201
+        return BAD_INPUT
+    except EadpError as error:
+        _debug()
+        print(f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
+        return BAD_INPUT
+    except BrokenPipeError:
+        # the reader has seen enough; nothing more may be written, not even by the interpreter's last flush
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return YES
+    except Exception as error:
+        _debug()
+        what = f"{type(error).__name__}: {error}"
+        print(  # noqa: T201
+            f"eadp: this is a bug in eadp, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
+        )
+        return BUG
+
+
+def _terminate(_number: int, _frame: FrameType | None) -> None:
+    """SIGTERM ends a command as Ctrl-C does, so that half-written files are removed."""
+    raise KeyboardInterrupt
+
+
+def _debug() -> None:
+    if os.environ.get("EADP_DEBUG") == "1":
+        traceback.print_exc()

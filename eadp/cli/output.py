@@ -1,0 +1,69 @@
+"""What every command prints with: results on stdout, progress and warnings on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterable
+from enum import Enum
+from typing import Any
+
+from eadp.errors import Fault, InputError
+
+
+class Format(str, Enum):
+    """Output formats that most commands share."""
+
+    text = "text"
+    json = "json"
+
+
+def emit(text: str) -> None:
+    """Print a result, ending in one newline."""
+    sys.stdout.write(text if text.endswith("\n") else text + "\n")
+
+
+def emit_json(document: dict[str, Any]) -> None:
+    """Print one JSON document; NaN and infinities are refused, as JSON has none."""
+    emit(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def warn(warnings: Iterable[Fault]) -> None:
+    """Print warnings on stderr."""
+    for warning in warnings:
+        sys.stderr.write(f"{warning}\n")
+
+
+def usage_fault(option: str, raw: str, message: str, expected: str, column: int = 1) -> InputError:
+    """An error in the value of an option, placed in the option's own text."""
+    return InputError.at(option, 1, column, message, expected, raw)
+
+
+class Progress:
+    """A progress line on stderr once a job has taken more than a second: redrawn on a terminal, else now and then."""
+
+    def __init__(self, title: str, *, first_after_s: float = 1.0) -> None:
+        self._title = title
+        self._terminal = sys.stderr.isatty()
+        self._due_s = time.monotonic() + first_after_s
+        self._drawn = False
+
+    def show(self, status: str) -> None:
+        """Draw the line if it is time to."""
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + (0.2 if self._terminal else 10.0)
+        self._drawn = True
+        if self._terminal:
+            sys.stderr.write(f"\r{self._title}: {status}\x1b[K")
+        else:
+            sys.stderr.write(f"{self._title}: {status}\n")
+        sys.stderr.flush()
+
+    def close(self) -> None:
+        """Clear the line from a terminal."""
+        if self._drawn and self._terminal:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()

@@ -1,0 +1,5 @@
+"""`eadp plan`."""
+
+
+def command() -> int:
+    return 0

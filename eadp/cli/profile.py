@@ -1,0 +1,5 @@
+"""`eadp profile`."""
+
+
+def command() -> int:
+    return 0

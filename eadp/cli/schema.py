@@ -1,0 +1,5 @@
+"""`eadp schema`."""
+
+
+def command() -> int:
+    return 0

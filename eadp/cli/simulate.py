@@ -1,0 +1,5 @@
+"""`eadp simulate`."""
+
+
+def command() -> int:
+    return 0

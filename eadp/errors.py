@@ -1,0 +1,80 @@
+"""Everything eadp raises on purpose.
+
+EadpError
+├── InputError     a file or an option is wrong: one or more faults, each with its place
+├── Infeasible     what was asked cannot be had: the battery cannot deliver the power, no control is admissible
+├── PathUndefined  a path function has no value where the robot is
+└── SolverFailed   the solver gave no answer that may be used as one
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class EadpError(Exception):
+    """The root of the tree above."""
+
+
+def printable(text: str, limit: int = 200) -> str:
+    """Text as it may stand in a message: control characters escaped, cut at `limit` characters."""
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text[: limit + 1])
+    return shown if len(shown) <= limit else shown[:limit] + "…"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong in an input, and where.
+
+    `line` and `column` count from 1; `expected` says what would have been right; `source` is the line itself.
+    """
+
+    file: str
+    line: int
+    column: int
+    message: str
+    expected: str = ""
+    source: str = ""
+    severity: str = "error"
+
+    def __str__(self) -> str:
+        tail = f"; expected {self.expected}" if self.expected else ""
+        head = f"{printable(self.file)}:{self.line}:{self.column}: {self.severity}: {self.message}{tail}"
+        return head + self._caret()
+
+    def _caret(self) -> str:
+        if not self.source.strip():
+            return ""
+        # a window round the column keeps long lines readable
+        start = max(0, self.column - 61) if len(self.source) > 100 else 0
+        window = self.source[start : start + 100]
+        before = printable(window[: self.column - 1 - start], 400)
+        return f"\n    {printable(window, 400)}\n    {' ' * len(before)}^"
+
+
+class InputError(EadpError):
+    """A file or an option is wrong. Carries every fault that was found, first by line."""
+
+    def __init__(self, *faults: Fault) -> None:
+        self.faults: Sequence[Fault] = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
+        super().__init__("\n".join(str(fault) for fault in self.faults))
+
+    @classmethod
+    def at(
+        cls, file: str, line: int, column: int, message: str, expected: str = "", source: str = ""
+    ) -> InputError:
+        """An error with a single fault."""
+        return cls(Fault(file, line, column, message, expected, source))
+
+
+class Infeasible(EadpError):
+    """What was asked cannot be had."""
+
+
+class PathUndefined(EadpError):
+    """A path function or a point of a plan has no finite real value where it was asked for."""
+
+
+class SolverFailed(EadpError):
+    """The solver gave no answer that may be used as one; the message names its status."""

@@ -1,0 +1,151 @@
+"""Text in, files out: `-`, size limits, and writes that happen whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from eadp.errors import InputError
+
+LIMIT_BYTES = 20_000_000
+"""Largest input read without being asked to: `EADP_LIMIT_BYTES` in the environment sets another."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text and the name to call it by in messages."""
+
+    name: str
+    body: str
+
+
+def limit_bytes() -> int:
+    """The size limit in force [bytes]."""
+    raw = os.environ.get("EADP_LIMIT_BYTES", "")
+    return int(raw) if raw.isdigit() else LIMIT_BYTES
+
+
+def read_text(path: str) -> Text:
+    """Read a UTF-8 file, or standard input for `-`; a BOM is dropped and CRLF becomes LF.
+
+    Raises
+    ------
+    InputError
+        At 1:1, if there is no such file, it is a folder, is larger than the limit, or is not UTF-8.
+    """
+    name = "<stdin>" if path == "-" else path
+    limit = limit_bytes()
+    try:
+        if path == "-":
+            data = sys.stdin.buffer.read(limit + 1)
+        else:
+            with open(path, "rb") as stream:
+                data = stream.read(limit + 1)
+    except IsADirectoryError:
+        raise InputError.at(name, 1, 1, "is a folder", "a file") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError.at(name, 1, 1, f"cannot be read: {reason}", "a readable file") from None
+    if len(data) > limit:
+        what = f"at most {limit} bytes (the environment's EADP_LIMIT_BYTES sets another limit)"
+        raise InputError.at(name, 1, 1, "is too large", what)
+    try:
+        body = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"is not UTF-8 text: byte 0x{data[error.start]:02x} at offset {error.start}"
+        raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
+    return Text(name, body.replace("\r\n", "\n").replace("\r", "\n"))
+
+
+def write_text(path: str, body: str) -> None:
+    """Write a text file whole or not at all; `-` is standard output.
+
+    Raises
+    ------
+    InputError
+        If the place cannot be written to.
+    """
+    if path == "-":
+        sys.stdout.write(body)
+        return
+    target = Path(path)
+    temporary = ""
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", newline="\n", dir=target.parent, prefix=f".{target.name}.", delete=False
+        ) as stream:
+            temporary = stream.name
+            stream.write(body)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, target)
+    except OSError as error:
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+    finally:
+        if temporary and os.path.exists(temporary):
+            os.unlink(temporary)
+
+
+@contextmanager
+def new_folder(path: str, *, force: bool) -> Iterator[Path]:
+    """A folder that appears under its name only when the block has ended well.
+
+    Yields a temporary sibling to fill; renames it at the end; removes it when the block raises.
+
+    Raises
+    ------
+    InputError
+        If the name is taken and `force` is not set, or the place cannot be written to.
+    """
+    target = Path(path)
+    check_new_folder(path, force=force)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        os.chmod(temporary, 0o777 & ~_umask())
+    except OSError as error:
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+    try:
+        yield temporary
+        if target.exists():
+            _swap(temporary, target)
+        else:
+            temporary.rename(target)
+    except OSError as error:
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_new_folder(path: str, *, force: bool) -> None:
+    """Refuse a result folder's name that is taken, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        If something stands there and is not a folder, or is a folder and `force` is not set.
+    """
+    target = Path(path)
+    if target.is_dir() and not force:
+        raise InputError.at(path, 1, 1, "exists already", "a new folder, or --force to replace it")
+    if target.exists() and not target.is_dir():
+        raise InputError.at(path, 1, 1, "is a file", "a folder")
+
+
+def _swap(new: Path, target: Path) -> None:
+    """Put `new` where `target` stands; a crash between the two renames leaves both on disk."""
+    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+    target.rename(old / "replaced")
+    new.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,1 @@
+"""Frozen dataclasses: what the domain talks about. No files, no solver."""

@@ -1,0 +1,1 @@
+"""What decides: from an Observation to a Decision, from telemetry alone."""
