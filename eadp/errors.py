@@ -1,10 +1,11 @@
 """Everything eadp raises on purpose.
 
 EadpError
-├── InputError     a file or an option is wrong: one or more faults, each with its place
-├── Infeasible     what was asked cannot be had: the battery cannot deliver the power, no control is admissible
-├── PathUndefined  a path function has no value where the robot is
-└── SolverFailed   the solver gave no answer that may be used as one
+├── InputError       a file or an option is wrong: one or more faults, each with its place
+├── ExpressionError  an expression breaks the grammar or a limit; the offset in its text
+├── Infeasible       what was asked cannot be had: the battery cannot deliver the power, no control is admissible
+├── PathUndefined    a path function has no value where the robot is
+└── SolverFailed     the solver gave no answer that may be used as one
 """
 
 from __future__ import annotations
@@ -66,6 +67,14 @@ class InputError(EadpError):
     ) -> InputError:
         """An error with a single fault."""
         return cls(Fault(file, line, column, message, expected, source))
+
+
+class ExpressionError(EadpError):
+    """An expression breaks the grammar or a limit, at `offset` [characters] of its text."""
+
+    def __init__(self, offset: int, message: str, expected: str = "") -> None:
+        self.offset, self.message, self.expected = offset, message, expected
+        super().__init__(message)
 
 
 class Infeasible(EadpError):

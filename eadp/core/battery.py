@@ -1,0 +1,86 @@
+"""Battery as a voltage behind a resistance (Rint): current, state of charge, how long it lasts.
+
+Source: letter, Sec. III-C, Eq. 22 and App. C.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.errors import Infeasible
+
+FloatArray = NDArray[np.float64]
+
+
+def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
+    """Battery current that delivers a power through its inner resistance.
+
+    Parameters
+    ----------
+    power_w : float
+        Power at the terminals [W].
+    voltage_v, resistance_ohm : float
+        Open-circuit voltage [V], above 0; inner resistance [Ω], 0 or more.
+
+    Returns
+    -------
+    float
+        Current [A]: the smaller root, so that no load draws no current.
+
+    Raises
+    ------
+    Infeasible
+        If the battery cannot deliver `power_w`: more than V²/(4R).
+
+    Source: letter, Eq. 22.
+    """
+    # I = (V − √(V² − 4 R y)) / 2R, multiplied out so that R → 0 gives y/V
+    discriminant = voltage_v * voltage_v - 4 * resistance_ohm * power_w
+    if discriminant < 0:
+        raise Infeasible(undeliverable(power_w, voltage_v, resistance_ohm))
+    return 2 * power_w / (voltage_v + math.sqrt(discriminant))
+
+
+def currents_a(power_w: FloatArray, voltage_v: float, resistance_ohm: float) -> FloatArray:
+    """`current_a` of an array of powers [W], any shape; [A], the same shape.
+
+    Source: letter, Eq. 22.
+    """
+    discriminant = voltage_v**2 - 4 * resistance_ohm * power_w
+    if np.any(discriminant < 0):
+        raise Infeasible(undeliverable(float(np.max(power_w)), voltage_v, resistance_ohm))
+    result: FloatArray = 2 * power_w / (voltage_v + np.sqrt(discriminant))
+    return result
+
+
+def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float) -> Any:
+    """dI/dy of `current_a` [A/W] at a power or an array of powers [W]: 1/√(V² − 4 R y).
+
+    Source: derivative of letter, Eq. 22.
+    """
+    return 1.0 / np.sqrt(voltage_v**2 - 4 * resistance_ohm * power_w)
+
+
+def terminal_voltage_v(current: float, voltage_v: float, resistance_ohm: float) -> float:
+    """Voltage at the terminals under a current [V]: V − R I."""
+    return voltage_v - resistance_ohm * current
+
+
+def soc_rate_per_s(
+    power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
+) -> float:
+    """ḃ [1/s] under a power [W]; negative while it is drained.
+
+    Source: letter, Lem. III.3, ḃ = −k_b I(y)/Q_c; a perfect battery has k_b = 1/3600 per second.
+    """
+    return -k_b_per_s * current_a(power_w, voltage_v, resistance_ohm) / capacity_ah
+
+
+def undeliverable(power_w: float, voltage_v: float, resistance_ohm: float) -> str:
+    """The sentence that says so."""
+    most = voltage_v**2 / (4 * resistance_ohm)
+    return f"{power_w:.1f} W exceeds the {most:.1f} W that {voltage_v:g} V through {resistance_ohm:g} Ω can deliver"

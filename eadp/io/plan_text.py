@@ -1,0 +1,645 @@
+"""Plan text: the papers' format and its dialects in, canonical text out.
+
+Source: draft 002, Appendix II.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from eadp.core.expressions import (
+    Expression,
+    Sum,
+    constant,
+    evaluate,
+    is_zero,
+    number_text,
+    read_expression,
+    read_expressions,
+    simplified,
+    substituted,
+)
+from eadp.errors import EadpError, ExpressionError, Fault, InputError, PathUndefined, printable
+from eadp.io.streams import Text
+from eadp.models.plan import (
+    ROTATIONS,
+    TRIGGER_RADIUS_M,
+    Box,
+    Finding,
+    Plan,
+    PointExpression,
+    ShortForm,
+    Stage,
+)
+
+_NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
+_SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
+_DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
+_HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
+_COMPUTATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_ ]*?)\s*(?:\[([^\]]*)\])?\s*\Z")
+_RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
+STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class _Line:
+    """A line of the file without its number: where its text starts [column, from 1]."""
+
+    number: int
+    text: str
+    column: int
+
+
+@dataclass(slots=True)
+class _Draft:
+    """A stage being read; parts that could not be read stay None."""
+
+    line: int
+    column: int = 1
+    gain: float | None = None
+    rotation: int | None = None
+    path: Expression | None = None
+    trigger: PointExpression | None = None
+    sets: list[Box | None] = field(default_factory=list)
+    set_lines: list[_Line] = field(default_factory=list)
+    path_column: int = 1
+    trigger_line: int = 0
+    trigger_columns: tuple[int, int] = (1, 1)
+
+
+def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
+    """Read a plan; what reading shows comes with it, errors excepted.
+
+    Raises
+    ------
+    InputError
+        With every fault of the file.
+    """
+    return _Reader(text).plan()
+
+
+class _Reader:
+    def __init__(self, text: Text) -> None:
+        self._file = text.name
+        self._source = text.body.split("\n")
+        self._faults: list[Fault] = []
+        self._findings: list[Finding] = []
+        self._drafts: list[_Draft] = []
+        self._headers: dict[str, tuple[_Line, int]] = {}
+        self._header_shift: PointExpression | None = None
+        self._sectioned = False
+        self._section = ""
+        self._coordinates: dict[str, tuple[Expression, Expression, _Line]] = {}
+        self._n: tuple[int, _Line] | None = None
+        self._final: PointExpression | None = None
+        self._numbered = 0
+
+    # --- the whole file
+
+    def plan(self) -> tuple[Plan, list[Finding]]:
+        for number, raw in enumerate(self._source, 1):
+            line = self._unnumbered(number, raw)
+            if line is not None and line.text.strip():
+                self._read_line(line)
+        if not self._drafts and not self._faults:
+            self._fault(_Line(1, "", 1), 0, "no stage", STAGE_EXPECTED)
+        self._finish_stages()
+        self._check_faults()
+        plan = self._assembled()
+        self._check_faults()
+        return plan, self._findings
+
+    def _check_faults(self) -> None:
+        if self._faults:
+            raise InputError(*self._faults)
+
+    def _unnumbered(self, number: int, raw: str) -> _Line | None:
+        """The line without its printed number; comments become headers or nothing."""
+        match = _NUMBERED.match(raw)
+        column = 1
+        if match:
+            printed = int(match[1])
+            if printed <= self._numbered:
+                expected = f"a number above {self._numbered}"
+                self._fault(_Line(number, raw, 1), match.start(1), f"line number {printed}", expected)
+            self._numbered = max(self._numbered, printed)
+            column += match.end()
+        text = raw[column - 1 :]
+        stripped = text.lstrip()
+        if stripped[:1] in ("%", "#"):
+            if stripped[:2] == "%:":
+                offset = len(text) - len(stripped) + 2
+                self._read_header(_Line(number, text[offset:], column + offset))
+            return None
+        return _Line(number, text, column)
+
+    def _read_line(self, line: _Line) -> None:
+        section = _SECTION.match(line.text)
+        if section:
+            if self._drafts and not self._sectioned:
+                self._fault(line, 0, f"a section {section[1]}: after stages without sections", "sections from the start")
+            self._sectioned = True
+            self._section = section[1]
+        elif self._section == "init":
+            self._read_definition(line)
+        elif self._section == "trig":
+            if self._final is not None:
+                self._fault(line, 0, "a second final point", "one")
+            self._final = self._point(line, "a final point like 175, 161")
+        else:
+            self._read_stage_line(line)
+
+    def _read_stage_line(self, line: _Line) -> None:
+        stripped = line.text.lstrip()
+        if stripped.startswith("["):
+            self._read_set(line)
+        elif ";" in line.text:
+            self._read_head(line)
+        elif not self._drafts:
+            if self._header_shift is not None or self._sectioned:
+                self._fault(line, 0, "neither a stage nor a header", STAGE_EXPECTED)
+            else:
+                self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
+        elif self._drafts[-1].trigger_line:
+            self._fault(line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage")
+        else:
+            self._read_trigger(line)
+
+    # --- lines of a stage
+
+    def _read_head(self, line: _Line) -> None:
+        draft = _Draft(line.number, line.column)
+        self._drafts.append(draft)
+        parts = line.text.split(";")
+        if len(parts) != 3:
+            expected = STAGE_EXPECTED
+            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", expected)
+            return
+        starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
+        draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
+        rotation = self._number(
+            line, parts[1], starts[1], "a rotation of 90 or 270 (or 0 for 90, 1 for 270)", lambda r: r in (0, 1, 90, 270)
+        )
+        if rotation is not None:
+            draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
+        draft.path_column = line.column + starts[2]
+        draft.path = self._expression(line, parts[2], starts[2])
+        if draft.path is not None and not draft.path.names & {"x", "y"}:
+            offset = starts[2] + len(parts[2]) - len(parts[2].lstrip())
+            self._fault(line, offset, "a path that names neither x nor y", "a path function of x and y")
+
+    def _read_trigger(self, line: _Line) -> None:
+        draft = self._drafts[-1]
+        draft.trigger_line = line.number
+        draft.trigger = self._point(line, f"the trigger of stage {len(self._drafts)}, like -115, 146")
+        draft.trigger_columns = (line.column, line.column)
+
+    def _read_set(self, line: _Line) -> None:
+        if not self._drafts:
+            self._fault(line, 0, "a set before the first stage", STAGE_EXPECTED)
+            return
+        draft = self._drafts[-1]
+        if not draft.trigger_line:
+            self._fault(line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146")
+            draft.trigger_line = -1
+        draft.sets.append(self._box(line, line.text, 0))
+        draft.set_lines.append(line)
+
+    def _box(self, line: _Line, text: str, start: int) -> Box | None:
+        expected = "a set like [2, 10]"
+        stripped = text.strip()
+        offset = start + len(text) - len(text.lstrip())
+        if not (stripped.startswith("[") and stripped.endswith("]")):
+            self._fault(line, offset, "a set without its closing bracket", expected)
+            return None
+        try:
+            values = [evaluate(part.node, {}) for part in read_expressions(stripped[1:-1], count=2)]
+        except ExpressionError as error:
+            self._fault(line, offset + 1 + error.offset, error.message, expected)
+            return None
+        except PathUndefined:
+            self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
+            return None
+        if values[0] > values[1]:
+            message = f"a set whose lower bound {number_text(values[0])} is above its upper bound {number_text(values[1])}"
+            self._fault(line, offset, message, "lower bound first")
+            return None
+        return Box(*values)
+
+    # --- sections of the short form
+
+    def _read_definition(self, line: _Line) -> None:
+        match = _DEFINITION.match(line.text)
+        if not match:
+            self._fault(line, 0, "no definition", "n = 4, or a coordinate like p1x = -115, 10")
+            return
+        name, start = match[1], match.end()
+        rest = line.text[start:]
+        if name == "n":
+            n = self._number(line, rest, start, "a whole number of stages, 1 or more", lambda v: v >= 1 and v == int(v))
+            if self._n is not None:
+                self._fault(line, match.start(1), "n stands twice", "it once")
+            if n is not None:
+                self._n = (int(n), line)
+            return
+        if _RESERVED.match(name):
+            self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
+        elif name in self._coordinates:
+            self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
+        pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
+        if pair is None:
+            return
+        for part in pair:
+            if part.names & {"x", "y"}:
+                self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
+                return
+        self._coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
+
+    # --- headers
+
+    def _read_header(self, line: _Line) -> None:
+        stripped = line.text.strip()
+        key, _, rest = stripped.partition(" ")
+        start = len(line.text) - len(line.text.lstrip()) + len(key)
+        value = line.text[start:]
+        known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
+        if key not in known:
+            message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
+            self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
+            return
+        if key in self._headers:
+            self._fault(line, start, f"the header {key} stands twice", "it once")
+        self._headers[key] = (_Line(line.number, value, line.column + start), line.number)
+
+    def _header_number(self, key: str, expected: str) -> float | None:
+        if key not in self._headers:
+            return None
+        line, _ = self._headers[key]
+        return self._number(line, line.text, 0, expected, lambda value: value > 0)
+
+    def _header_computations(self) -> tuple[tuple[str, str], ...]:
+        if "computations" not in self._headers:
+            return ()
+        line, _ = self._headers["computations"]
+        result: list[tuple[str, str]] = []
+        offset = 0
+        for part in line.text.split(","):
+            match = _COMPUTATION.match(part)
+            if not match or match[1] in [name for name, _ in result]:
+                self._fault(line, offset, "a computation without a name of its own", "names like fps, keysize [bit]")
+                return ()
+            result.append((match[1], (match[2] or "").strip()))
+            offset += len(part) + 1
+        return tuple(result)
+
+    def _header_sets(self) -> dict[int, Box]:
+        if "sets" not in self._headers:
+            return {}
+        line, _ = self._headers["sets"]
+        result: dict[int, Box] = {}
+        position = 0
+        while line.text[position:].strip():
+            match = _HEADER_SET.match(line.text, position)
+            if not match:
+                self._fault(line, position, "no set", "sets like c1 [-1000, 0], c2 [2, 10]")
+                return {}
+            box = self._box(line, match[2], match.start(2))
+            index = int(match[1][1:])
+            if index in result:
+                self._fault(line, match.start(1), f"{match[1]} stands twice", "it once")
+            if box is not None:
+                result[index] = box
+            position = match.end()
+        return result
+
+    def _header_origin(self) -> tuple[float, float] | None:
+        if "origin" not in self._headers:
+            return None
+        line, _ = self._headers["origin"]
+        words = line.text.replace(",", " ").split()
+        try:
+            latitude, longitude = (float(word) for word in words)
+        except ValueError:
+            latitude = longitude = math.nan
+        if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
+            self._fault(line, 0, "no origin", "a latitude and a longitude in degrees, like 55.37 10.43")
+            return None
+        return latitude, longitude
+
+    # --- from drafts to a plan
+
+    def _finish_stages(self) -> None:
+        """What can be said of the stages once all are read."""
+        for index, draft in enumerate(self._drafts, 1):
+            if not draft.trigger_line:
+                expected = f"the trigger of stage {index} on the next line, like -115, 146"
+                self._fault(_Line(draft.line, "", draft.column), 0, f"stage {index} has no trigger", expected)
+        if not self._drafts:
+            return
+        self._check_set_counts()
+        if self._sectioned:
+            self._check_sections()
+
+    def _check_set_counts(self) -> None:
+        first = len(self._drafts[0].sets)
+        for index, draft in enumerate(self._drafts, 1):
+            if len(draft.sets) == first:
+                continue
+            place = draft.set_lines[-1] if draft.set_lines else _Line(draft.line, "", draft.column)
+            message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
+            self._fault(place, 0, message, "the same number of sets in every stage")
+
+    def _check_sections(self) -> None:
+        place = _Line(self._drafts[0].line, "", self._drafts[0].column)
+        if self._final is None and not self._faults:
+            self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
+        if self._n is not None and self._n[0] != len(self._drafts):
+            stages, line = self._n
+            self._fault(line, 0, f"n = {stages} where {len(self._drafts)} stages follow", f"n = {len(self._drafts)}")
+        if not self._coordinates and not self._faults:
+            self._fault(place, 0, "a section path: without coordinates", "a section init: that names some")
+
+    def _assembled(self) -> Plan:
+        count = len(self._drafts[0].sets)
+        path_count = self._path_count()
+        sets = self._header_sets()
+        if sets and count:
+            line, _ = self._headers["sets"]
+            self._fault(line, 0, "a header sets beside stages that carry sets", "one or the other")
+        elif sets:
+            count = max(sets)
+            missing = [f"c{i}" for i in range(1, max(count, path_count) + 1) if i not in sets]
+            if missing:
+                line, _ = self._headers["sets"]
+                self._fault(line, 0, f"no set for {', '.join(missing)}", "a set for every parameter")
+                self._check_faults()
+        if count:
+            self._check_indices(count, path_count)
+        computations = self._header_computations()
+        if count and computations and len(computations) != count - path_count:
+            line, _ = self._headers["computations"]
+            message = f"{len(computations)} names for {count - path_count} computations"
+            self._fault(line, 0, message, "a name for each set after the paths'")
+        self._check_computation_sets(path_count, sets)
+        self._check_faults()
+        boxes = tuple(sets[i] for i in sorted(sets))
+        stages = tuple(self._stage(index, draft, boxes) for index, draft in enumerate(self._drafts, 1))
+        plan = Plan(
+            name=self._file,
+            stages=stages,
+            path_count=path_count,
+            computations=computations,
+            trigger_radius_m=self._header_number("trigger-radius", "a radius above 0 m") or TRIGGER_RADIUS_M,
+            min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
+            origin_deg=self._header_origin(),
+            header_shift=self._header_shift,
+        )
+        self._check_smoothness(plan)
+        return self._repeating(plan) if self._sectioned else plan
+
+    def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...]) -> Stage:
+        assert draft.gain is not None
+        assert draft.rotation in ROTATIONS
+        own = tuple(box for box in draft.sets if box is not None)
+        path, trigger = self._placed(draft, {name: first for name, (first, _, _) in self._coordinates.items()})
+        return Stage(index, draft.line, draft.gain, draft.rotation, path, trigger, own or boxes)
+
+    def _placed(self, draft: _Draft, values: Mapping[str, Expression]) -> tuple[Expression, PointExpression]:
+        """A stage's path and trigger with its coordinates put in."""
+        assert draft.path is not None
+        assert draft.trigger is not None
+        if not values:
+            return draft.path, draft.trigger
+        parts = [
+            (draft.path, _Line(draft.line, "", draft.path_column)),
+            (draft.trigger[0], _Line(draft.trigger_line, "", draft.trigger_columns[0])),
+            (draft.trigger[1], _Line(draft.trigger_line, "", draft.trigger_columns[1])),
+        ]
+        placed = []
+        for part, line in parts:
+            try:
+                placed.append(substituted(part, values))
+            except ExpressionError as error:
+                self._fault(line, error.offset, error.message, error.expected)
+                self._check_faults()
+        return placed[0], (placed[1], placed[2])
+
+    def _path_count(self) -> int:
+        """ρ: the highest index that any expression names."""
+        parts = [part for draft in self._drafts for part in (draft.path, *(draft.trigger or ())) if part is not None]
+        parts += [part for first, shift, _ in self._coordinates.values() for part in (first, shift)]
+        parts += [*(self._final or ()), *(self._header_shift or ())]
+        return max((part.highest_parameter for part in parts), default=0)
+
+    def _check_indices(self, count: int, path_count: int) -> None:
+        """An index without a set is an error at the expression that names it."""
+        if path_count <= count:
+            return
+        named: list[tuple[str, Expression | None, int, int]] = []
+        for name, (first, shift, line) in self._coordinates.items():
+            named += [(f"the coordinate {name}", part, line.number, line.column) for part in (first, shift)]
+        for index, draft in enumerate(self._drafts, 1):
+            named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
+            for part in draft.trigger or ():
+                named.append((f"stage {index}", part, draft.trigger_line, draft.trigger_columns[0]))
+        for who, part, number, column in named:
+            if part is not None and part.highest_parameter > count:
+                name = f"c{part.highest_parameter}"
+                message = f"{who} names {name} where stages have {count} sets"
+                self._fault(_Line(number, "", column), part.places.get(name, 0), message, f"a set for {name}")
+        if not self._faults:
+            self._fault(_Line(1, "", 1), 0, f"c{path_count} is named where stages have {count} sets", "a set for it")
+
+    def _check_computation_sets(self, path_count: int, header_sets: Mapping[int, Box]) -> None:
+        for draft in self._drafts:
+            for i, (box, line) in enumerate(zip(draft.sets, draft.set_lines, strict=True)):
+                if i >= path_count and box is not None and box.lo < 0:
+                    self._fault(line, 0, f"a computation's set that begins at {number_text(box.lo)}", "0 or more")
+        for i, box in header_sets.items():
+            if i > path_count and box.lo < 0:
+                line, _ = self._headers["sets"]
+                self._fault(line, 0, f"the set of computation c{i} begins at {number_text(box.lo)}", "0 or more")
+
+    def _check_smoothness(self, plan: Plan) -> None:
+        for stage, draft in zip(plan.stages, self._drafts, strict=True):
+            if stage.path.rough:
+                message = f"the path of stage {stage.index} uses {stage.path.rough}, which is not twice differentiable everywhere"
+                self._findings.append(
+                    Finding("warning", stage.index, stage.line, "not-smooth", message, draft.path_column)
+                )
+
+    def _repeating(self, plan: Plan) -> Plan:
+        """The short form: lap 1's stages, and the shift d that takes them to the next lap.
+
+        Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
+        paths (letter, Eq. 2).
+        """
+        moved = {name: _sum(first, shift) for name, (first, shift, _) in self._coordinates.items()}
+        shift: PointExpression | None = None
+        for stage, draft in zip(plan.stages, self._drafts, strict=True):
+            path, trigger = self._placed(draft, moved)
+            d = (_difference(trigger[0], stage.trigger[0]), _difference(trigger[1], stage.trigger[1]))
+            if shift is None:
+                shift = (_tidy(d[0]), _tidy(d[1]))
+            expected = f"a shift of ({shift[0].text}, {shift[1].text})"
+            if not (_equal(d[0], shift[0]) and _equal(d[1], shift[1])):
+                message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
+                self._fault(_Line(draft.trigger_line, "", draft.trigger_columns[0]), 0, message, expected)
+            elif not _shifts(stage.path, path, shift):
+                message = f"the path of stage {stage.index} does not shift as its trigger does"
+                self._fault(_Line(draft.line, "", draft.path_column), 0, message, expected)
+        if shift is not None and all(not part.names and part.at() == 0 for part in shift):
+            self._fault(_Line(self._drafts[0].line, "", 1), 0, "a plan that repeats without a shift", "a shift")
+        short = ShortForm(
+            tuple((name, first, move) for name, (first, move, _) in self._coordinates.items()),
+            tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger),
+        )
+        return replace(
+            plan,
+            repeats=True,
+            shift=shift,
+            final=self._final,
+            primitive_stages=len(plan.stages),
+            short_form=short,
+        )
+
+    # --- reading parts of a line, with faults noted
+
+    def _fault(self, line: _Line, offset: int, message: str, expected: str = "") -> None:
+        source = self._source[line.number - 1] if line.number <= len(self._source) else ""
+        self._faults.append(Fault(self._file, line.number, line.column + offset, message, expected, source))
+
+    def _attempt(self, line: _Line, start: int, expected: str, read: Callable[[], T]) -> T | None:
+        try:
+            return read()
+        except ExpressionError as error:
+            what = f"{error.expected} ({expected})" if expected and error.expected else expected or error.expected
+            self._fault(line, start + error.offset, error.message, what)
+            return None
+
+    def _expression(self, line: _Line, text: str, start: int) -> Expression | None:
+        return self._attempt(line, start, "", lambda: read_expression(text, self._coordinates))
+
+    def _expressions(
+        self, line: _Line, text: str, start: int, expected: str, names: Collection[str] = ()
+    ) -> list[Expression] | None:
+        return self._attempt(line, start, expected, lambda: read_expressions(text, names, count=2))
+
+    def _point(self, line: _Line, expected: str) -> PointExpression | None:
+        pair = self._expressions(line, line.text, 0, expected, self._coordinates)
+        if pair is None:
+            return None
+        for part in pair:
+            for name in ("x", "y"):
+                if name in part.places:
+                    self._fault(line, part.places[name], f"a point that depends on {name}", "numbers and parameters")
+                    return None
+        return pair[0], pair[1]
+
+    def _number(
+        self, line: _Line, text: str, start: int, expected: str, valid: Callable[[float], bool]
+    ) -> float | None:
+        expression = self._attempt(line, start, expected, lambda: read_expression(text))
+        if expression is None:
+            return None
+        offset = start + len(text) - len(text.lstrip())
+        if expression.names:
+            self._fault(line, offset, f"{printable(text.strip(), 40)} is not a number", expected)
+            return None
+        value = expression.at()
+        if not valid(value):
+            self._fault(line, offset, f"{number_text(value)} cannot stand here", expected)
+            return None
+        return value
+
+
+_NOWHERE: PointExpression = (constant(0.0), constant(0.0))
+
+
+def _sum(a: Expression, b: Expression) -> Expression:
+    return Expression(Sum(((False, a.node), (False, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
+
+
+def _difference(a: Expression, b: Expression) -> Expression:
+    return Expression(Sum(((False, a.node), (True, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
+
+
+def _tidy(expression: Expression) -> Expression:
+    """A number where it is one, else as simple as sympy makes it."""
+    if expression.names:
+        try:
+            return simplified(expression)
+        except EadpError:
+            return expression
+    value = round(expression.at(), 12)
+    return constant(value)
+
+
+def _equal(a: Expression, b: Expression) -> bool:
+    difference = _difference(a, b)
+    return is_zero(difference.node) if difference.names else abs(difference.at()) < 1e-9
+
+
+def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:
+    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, looked at where it is defined."""
+    points = ((0.0, 0.0), (37.3, -11.9), (-83.1, 141.7), (211.9, 73.3), (-17.7, -197.3))
+    for sample in (0.0, -0.37, 0.81, -211.3):
+        count = max(first.highest_parameter, later.highest_parameter, *(part.highest_parameter for part in shift))
+        c = [sample * (1 + 0.1 * i) for i in range(count)]
+        differences = []
+        try:
+            d = (shift[0].at(c), shift[1].at(c))
+            for x, y in points:
+                a, b = later.at(c, x + d[0], y + d[1]), first.at(c, x, y)
+                differences.append((a - b, abs(a) + abs(b)))
+        except PathUndefined:
+            continue
+        scale = max(size for _, size in differences) + 1
+        values = [difference for difference, _ in differences]
+        if max(values) - min(values) > 1e-9 * scale:
+            return False
+    return True
+
+
+# --- writing ----------------------------------------------------------------------------------------------------------
+
+
+def plan_text(plan: Plan) -> str:
+    """Canonical text of a plan; reading it again gives the same plan. """
+    lines = []
+    if plan.computations:
+        names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
+        lines.append(f"%: computations {', '.join(names)}")
+    if plan.trigger_radius_m != TRIGGER_RADIUS_M:
+        lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
+    if plan.min_radius_m is not None:
+        lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
+    if plan.origin_deg is not None:
+        lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
+    if plan.header_shift is not None:
+        lines.append(_point_text(plan.header_shift))
+    short = plan.short_form
+    if short is None:
+        parts = tuple((stage.path, stage.trigger) for stage in plan.stages)
+    else:
+        parts = short.stages
+        lines += ["init:", f"n = {len(plan.stages)}"]
+        lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
+        lines.append("path:")
+    for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
+        lines.append(f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}")
+        lines.append(_point_text(trigger))
+        lines += [f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets]
+    if short is not None and plan.final is not None:
+        lines += ["trig:", _point_text(plan.final)]
+    return "\n".join([*lines, ""])
+
+
+def _point_text(point: PointExpression) -> str:
+    return f"{point[0].text}, {point[1].text}"
