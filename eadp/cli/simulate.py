@@ -1,5 +1,110 @@
 """`eadp simulate`."""
 
+from __future__ import annotations
 
-def command() -> int:
-    return 0
+import enum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eadp.cli.output import Format, Progress, emit, emit_json, warn
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class PlannerName(str, enum.Enum):
+    """Planners by name."""
+
+    static = "static"
+    paper = "paper"
+
+
+def command(
+    plan: Annotated[str, typer.Argument(help="Plan file, - for standard input.", metavar="PLAN")],
+    scenario: Annotated[str | None, typer.Option(help="Scenario (YAML).", metavar="FILE")] = None,
+    profile: Annotated[
+        str | None, typer.Option(help="Computation profile: its model, or the measurements.", metavar="FILE")
+    ] = None,
+    energy: Annotated[str | None, typer.Option(help="Energy model made by eadp fit.", metavar="FILE")] = None,
+    planner: Annotated[PlannerName | None, typer.Option(help="Which planner flies.")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of gusts and noise.")] = None,
+    out: Annotated[str | None, typer.Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the folder if it exists.")] = False,
+    require_reserve: Annotated[
+        bool, typer.Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
+    ] = False,
+    format_: Annotated[Format, typer.Option("--format", help="Output format.")] = Format.text,
+) -> int:
+    """Fly a plan in simulation, re-planning on the way.
+
+    Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
+
+    Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
+    """
+    from eadp.io.flight_folder import summarise, write_flight
+    from eadp.io.flight_inputs import load_flight
+    from eadp.io.scenario_file import read_override
+    from eadp.io.streams import check_new_folder
+    from eadp.simulation.loop import Outcome, fly
+
+    overrides = dict(read_override(raw) for raw in set_ or [])
+    if planner is not None:
+        overrides["planner.name"] = planner.value
+    if seed is not None:
+        overrides["seed"] = seed
+    if out is not None:
+        check_new_folder(out, force=force)
+    inputs = load_flight(
+        plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides
+    )
+    warn(inputs.warnings)
+    world, pilot, outcome = inputs.world, inputs.planner(), Outcome()
+    progress = Progress("flying")
+    steps = []
+    for step in fly(world, pilot, outcome):
+        steps.append(step)
+        progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
+    progress.close()
+    settings = inputs.scenario.planner
+    summary = summarise(
+        world, pilot, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
+    )
+    if out is not None:
+        used = [*(set_ or []), *([f"planner.name={planner.value}"] if planner else []), *([f"seed={seed}"] if seed else [])]
+        write_flight(out, world, steps, summary, inputs.texts, used, force=force)
+    if format_ is Format.json:
+        emit_json(summary)
+    else:
+        emit(_text(summary, out))
+    return 0 if outcome.completed and (summary["reserve_kept"] or not require_reserve) else 1
+
+
+def _text(summary: Mapping[str, Any], out: str | None) -> str:
+    """The summary for people."""
+    done = "completed" if summary["completed"] else "NOT completed"
+    power, solver = summary["power_w"], summary["solver"]
+    reserve = "kept" if summary["reserve_kept"] else "not kept"
+    lines = [
+        f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
+        f"energy     {summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W, "
+        f"from {power['min']:.2f} to {power['max']:.2f} W",
+        f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
+    ]
+    for name, values in summary["parameters"].items():
+        lines.append(
+            f"{name:<10} mean {values['mean']:.4g}, from {values['first']:g} to {values['last']:g}, "
+            f"{values['changes']} changes"
+        )
+    if summary["quality"] is not None:
+        lines.append(f"quality    U = {summary['quality']:.3f} (weighted share of the parameters' sets, averaged over time)")
+    lines.append(
+        f"planner    {summary['planner']}: {summary['replans']} re-plannings, {solver['solves']} solves, "
+        f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"
+    )
+    if out is not None:
+        lines.append(f"written    {out}/flight.csv, summary.json, flight.svg, flight.png")
+    return "\n".join(lines)

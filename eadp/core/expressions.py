@@ -174,7 +174,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
                 places.setdefault(name, place)
             return value.node
         if isinstance(node, Sum):
-            return Sum(tuple([(minus, build(term)) for minus, term in node.terms]))
+            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.terms]))
         if isinstance(node, Product):
             return Product(tuple([(divides, build(factor)) for divides, factor in node.factors]))
         if isinstance(node, Power):
@@ -186,6 +186,13 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
         return node
 
     return Expression(build(expression.node), places, size, rough)
+
+
+def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
+    """A term of a sum where a symbol has become −b: a − (−b) is written a + b."""
+    if minus and isinstance(old, Symbol) and isinstance(new, Negative):
+        return False, new.operand
+    return minus, new
 
 
 def constant(value: float) -> Expression:

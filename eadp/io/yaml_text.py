@@ -35,10 +35,14 @@ class Document:
     value: Any
     places: dict[Path, tuple[int, int]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    overrides: dict[Path, str] = field(default_factory=dict)
+    """Values that came from elsewhere: what to call that place in messages."""
 
     def fault(self, path: Path, message: str, expected: str = "") -> Fault:
         """A fault at the value of `path`, or at its nearest parent that the document has."""
         while path and path not in self.places:
+            if path in self.overrides:
+                return Fault(self.overrides[path], 1, 1, message, expected)
             path = path[:-1]
         line, column = self.places.get(path, (1, 1))
         source = self.lines[line - 1] if 0 < line <= len(self.lines) else ""

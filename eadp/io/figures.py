@@ -1,0 +1,160 @@
+"""Pictures, and the only import of matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eadp.core.expressions import number_text
+from eadp.models.plan import COMPUTATION, point_at
+from eadp.simulation.loop import Step, World
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
+GREY = "#8a8f98"
+STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e8eb",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "svg.hashsalt": "eadp",
+    "svg.fonttype": "path",
+    "figure.dpi": 110,
+}
+
+
+@contextmanager
+def _figure(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
+    """A figure that is saved as SVG and PNG under a name without its ending; same data, same bytes."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None, "Creator": "eadp"})
+        figure.savefig(path.with_suffix(".png"), metadata={"Software": "eadp"})
+
+
+def draw_flight(path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any]) -> None:
+    """The path over the field by stage, power with its forecast, state of charge with the reserve, parameters.
+
+    Written to `path` with the endings .svg and .png.
+    """
+    with _figure(path, 11.5, 7.0) as figure:
+        grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1))
+        _draw_path(figure.add_subplot(grid[:, 0]), world, steps)
+        time = np.array([step.time_s for step in steps])
+        power = figure.add_subplot(grid[0, 1])
+        _draw_power(power, time, steps)
+        charge = figure.add_subplot(grid[1, 1], sharex=power)
+        _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
+        lower = figure.add_subplot(grid[2, 1], sharex=power)
+        _draw_parameters(lower, time, steps, world)
+        lower.set_xlabel("time [s]")
+        for axes in (power, charge):
+            axes.tick_params(labelbottom=False)
+        figure.suptitle(_headline(summary), x=0.01, ha="left", fontsize=11, fontweight="bold")
+
+
+def _headline(summary: Mapping[str, Any]) -> str:
+    state = "completed" if summary["completed"] else f"not completed: {summary['reason']}"
+    quality = summary["quality"]
+    parts = [state, f"{summary['duration_s']:.1f} s", f"{summary['energy_wh']:.2f} Wh"]
+    parts.append(f"SoC {100 * summary['soc_final']:.0f} % at the end")
+    if quality is not None:
+        parts.append(f"quality U = {quality:.2f}")
+    return "  ·  ".join(parts)
+
+
+def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
+    x = np.array([step.x_m for step in steps])
+    y = np.array([step.y_m for step in steps])
+    stage = np.array([step.stage for step in steps])
+    n = len(world.plan.stages)
+    few = n <= len(COLOURS)
+    begins = np.flatnonzero(np.diff(stage)) + 1
+    runs = zip(np.concatenate([[0], begins]), np.concatenate([begins, [len(steps) - 1]]), strict=True)
+    named = set()
+    for start, end in runs:
+        index = int(stage[start])
+        colour = COLOURS[(index - 1) % len(COLOURS)]
+        label = f"stage {index} ({world.plan.stages[index - 1].kind})" if few and index not in named else None
+        named.add(index)
+        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
+    axes.plot(x[0], y[0], "o", color="black", markersize=5, label="start")
+    final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
+    axes.plot(*final, "*", color="black", markersize=11, label="final point")
+    axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x, east [m]")
+    axes.set_ylabel("y, north [m]")
+    axes.set_title("Path flown", loc="left", fontsize=10)
+    speed = world.wind.speed_mps
+    if speed:
+        wx, wy = world.wind.steady_mps
+        axes.annotate(
+            "",
+            xy=(0.93 + 0.05 * wx / speed, 0.05 + 0.05 * wy / speed),
+            xytext=(0.93, 0.05),
+            xycoords="axes fraction",
+            arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
+        )
+        axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, frameon=False, fontsize=8)
+
+
+def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
+    power = np.array([step.power_w for step in steps])
+    forecast = np.array([step.power_forecast_w for step in steps])
+    low, high = float(power.min()), float(power.max())
+    margin = 0.1 * max(high - low, 1.0)
+    axes.plot(time, forecast, color=COLOURS[1], linewidth=0.9, label="forecast one step ahead")
+    axes.plot(time, power, color=COLOURS[0], linewidth=0.9, label="measured")
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_ylabel("power [W]")
+    axes.set_title("Power", loc="left", fontsize=10)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, reserve: float) -> None:
+    soc = 100 * np.array([step.soc for step in steps])
+    axes.plot(time, soc, color=COLOURS[2], linewidth=1.3, label="state of charge")
+    axes.axhline(100 * reserve, color=COLOURS[6], linewidth=1.0, linestyle="--", label="reserve")
+    for fault in world.faults:
+        if fault.at_s <= time[-1] and not world.battery.prescribed:
+            axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_ylim(0, 104)
+    axes.set_ylabel("state of charge [%]")
+    axes.set_title("Battery", loc="left", fontsize=10)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
+    """Each parameter as its share of its set, with the set's ends named in the legend."""
+    plan = world.plan
+    for i, parameter in enumerate(plan.parameters):
+        box = plan.hull(i)
+        width = box.hi - box.lo
+        values = np.array([step.parameters[i] for step in steps])
+        share = (values - box.lo) / width if width else np.ones(len(values))
+        title = parameter.title or ("computation" if parameter.kind == COMPUTATION else "path")
+        label = f"{parameter.name} ({title}) {number_text(box.lo)} … {number_text(box.hi)}"
+        axes.step(time, share, where="post", color=COLOURS[i % len(COLOURS)], linewidth=1.3, label=label)
+    axes.set_ylim(-0.06, 1.06)
+    axes.set_ylabel("share of the set")
+    axes.set_title("Parameters", loc="left", fontsize=10)
+    if plan.parameters:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)

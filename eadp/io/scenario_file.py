@@ -1,0 +1,420 @@
+"""The scenario: what `simulate` needs beside plan and profile, read strictly, with defaults that fly.
+
+The schema here is the contract with users; `Scenario` hands out the domain's own dataclasses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from eadp.core.geometry import Point
+from eadp.errors import Fault, InputError, printable
+from eadp.io.streams import Text, read_text
+from eadp.io.yaml_text import Document, read_yaml
+from eadp.models.battery import Battery
+from eadp.models.battery import Fault as BatteryFault
+from eadp.models.itinerary import Rules
+from eadp.models.plan import Box
+from eadp.models.vehicle import Guidance, PaperVehicle
+from eadp.models.weather import Wind
+from eadp.planning.estimator import EstimatorSettings
+from eadp.planning.planners import NAMES as PLANNERS
+from eadp.planning.planners import PlannerSettings
+
+SCHEMA = "eadp.scenario/1"
+LONGEST_STEPS = 100_000_000
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+ParameterName = Annotated[str, Field(pattern=r"^c[1-9][0-9]{0,2}$")]
+Pair = tuple[Finite, Finite]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class VehicleKeys(_Strict):
+    """The simulated aircraft; constants of model `paper`."""
+
+    model: Literal["paper"] = "paper"
+    mass_kg: Positive = 1.0
+    weight_n: Positive = 9.8
+    lift_coefficient: Positive = 9.8 / 15**2
+    speed_per_throttle_mps: Positive = 0.3
+    nominal_throttle: Positive = 50.0
+    altitude_gain: NotNegative = 5.0
+    climb_gain: NotNegative = 5.0
+    cruise_altitude_m: Finite = 25.0
+    idle_power_w: NotNegative = 16.0
+    throttle_power_w: NotNegative = 20.0
+    wind_in_lift: bool = Field(False, description="add the wind along the heading to the speed that lifts (unphysical)")
+    published_triggers: bool = Field(False, description="box triggers, neither armed nor passed")
+
+
+class WindKeys(_Strict):
+    """Wind; the direction is the one it blows towards, 0° east, 90° north."""
+
+    speed_mps: NotNegative = 0.0
+    towards_deg: Finite = 0.0
+    gust_std_mps: NotNegative = 0.0
+    gust_time_s: Positive = 5.0
+
+
+class BatteryKeys(_Strict):
+    """A Rint battery, drained by the actual power, or a replayed trace."""
+
+    voltage_v: Positive = 14.8
+    resistance_ohm: NotNegative = 0.05
+    capacity_ah: Positive = 3.2
+    k_b_per_s: Positive = 1 / 3600
+    soc: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+    crate_per_h: Positive = 10.0
+    prescribed: list[tuple[NotNegative, Share]] | None = Field(None, description="[[t_s, soc], …] replayed instead")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> BatteryKeys:
+        times = [t for t, _ in self.prescribed or []]
+        if self.prescribed is not None and not times:
+            raise ValueError("prescribed: an empty trace")
+        if any(later < earlier for earlier, later in zip(times, times[1:], strict=False)):
+            raise ValueError("prescribed: times that go back")
+        return self
+
+
+class FaultKeys(_Strict):
+    """A sudden loss of charge."""
+
+    at_s: NotNegative
+    soc_drop: Share
+
+
+class StartKeys(_Strict):
+    """Where the flight begins; by default on the first path, before its trigger."""
+
+    position_m: Pair | None = None
+    heading_deg: Finite | None = None
+    altitude_m: Finite | None = None
+
+
+class GuidanceKeys(_Strict):
+    """How the vehicle follows its path; gains k_e are the plan's."""
+
+    k_d: Finite = 1.0
+    wind_corrected: bool = True
+    normalised: bool = False
+    gain_per_m: Positive = 0.05
+
+
+class EstimatorKeys(_Strict):
+    """From power readings to the energy model's state."""
+
+    kind: Literal["exact", "published"] = "exact"
+    order: Annotated[int, Field(ge=0, le=20)] = 3
+    gate_w: NotNegative = 0.0
+    every_s: Positive = 0.1
+    noise_w: Positive = 0.5
+
+
+class TradeOffKeys(_Strict):
+    """One row R c − r ≥ 0: coefficients by parameter name, and r."""
+
+    coefficients: dict[ParameterName, Finite]
+    at_least: Finite
+
+
+class PlannerKeys(_Strict):
+    """The planner and its settings."""
+
+    name: str = "paper"
+    every_s: Positive = 1.0
+    horizon_s: Positive | Literal["period"] = 6.0
+    weights: dict[ParameterName, NotNegative] = {}
+    delta: dict[ParameterName, Positive] = {}
+    levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}
+    cost: Literal["control", "power", "quadratic", "output"] = "control"
+    cost_weights: tuple[NotNegative, NotNegative] = Field((1.0, 1.0), description="Q and R of cost quadratic")
+    constraint_at: Literal["end", "worst"] = "worst"
+    remaining_time: Literal["corrected", "published"] = "corrected"
+    path_search: Literal["delta", "largest"] = "largest"
+    raise_path: bool = True
+    path_every_s: Positive | None = None
+    start_after_s: NotNegative = 0.0
+    min_periods: Annotated[int, Field(ge=0)] = 2
+    longest_s: Positive | None = None
+    shortest_s: Positive | None = None
+    trade_offs: list[TradeOffKeys] = []
+
+
+class ScenarioKeys(_Strict):
+    """A scenario file."""
+
+    schema_: Literal["eadp.scenario/1"] = Field("eadp.scenario/1", alias="schema")
+    profile: str | None = Field(None, description="model or measurements, relative to this file")
+    vehicle: VehicleKeys = VehicleKeys()
+    wind: WindKeys = WindKeys()
+    battery: BatteryKeys = BatteryKeys()
+    faults: list[FaultKeys] = []
+    start: StartKeys = StartKeys()
+    parameters: dict[ParameterName, Finite] = {}
+    bounds: dict[ParameterName, Pair] = {}
+    parameter_changes: Literal["latched", "live"] = "latched"
+    guidance: GuidanceKeys = GuidanceKeys()
+    reserve_soc: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.05
+    estimator: EstimatorKeys = EstimatorKeys()
+    planner: PlannerKeys = PlannerKeys()
+    step_s: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.01
+    log_every_s: Positive = 0.1
+    time_limit_s: Positive = 7200.0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario file."""
+    return ScenarioKeys.model_json_schema(by_alias=True)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario as the domain sees it. `place` puts a fault at a key, for what only shows later."""
+
+    keys: ScenarioKeys
+    document: Document = field(repr=False)
+
+    @property
+    def profile_path(self) -> str | None:
+        """Path of the profile, relative to the working directory."""
+        if self.keys.profile is None:
+            return None
+        if self.document.name == "<stdin>":
+            return self.keys.profile
+        return str(Path(self.document.name).parent / self.keys.profile)
+
+    @property
+    def vehicle(self) -> PaperVehicle:
+        """The aircraft."""
+        return PaperVehicle(**self.keys.vehicle.model_dump(exclude={"model"}))
+
+    @property
+    def wind(self) -> Wind:
+        """The wind."""
+        return Wind(**self.keys.wind.model_dump())
+
+    @property
+    def battery(self) -> Battery:
+        """The battery."""
+        values = self.keys.battery.model_dump()
+        values["prescribed"] = tuple(values["prescribed"] or ())
+        return Battery(**values)
+
+    @property
+    def faults(self) -> tuple[BatteryFault, ...]:
+        """Sudden losses of charge."""
+        return tuple(BatteryFault(fault.at_s, fault.soc_drop) for fault in self.keys.faults)
+
+    @property
+    def guidance(self) -> Guidance:
+        """How the vehicle follows a path."""
+        return Guidance(**self.keys.guidance.model_dump())
+
+    @property
+    def rules(self) -> Rules:
+        """How stages follow one another."""
+        return Rules(self.keys.parameter_changes, self.keys.vehicle.published_triggers)
+
+    @property
+    def estimator(self) -> EstimatorSettings:
+        """The estimator's settings."""
+        return EstimatorSettings(**self.keys.estimator.model_dump())
+
+    @property
+    def planner(self) -> PlannerSettings:
+        """The planner's settings."""
+        values = self.keys.planner.model_dump()
+        if values["horizon_s"] == "period":
+            values["horizon_s"] = None
+        values["levels"] = {name: tuple(levels) for name, levels in values["levels"].items()}
+        values["trade_offs"] = tuple((row["coefficients"], row["at_least"]) for row in values["trade_offs"])
+        return PlannerSettings(**values, reserve_soc=self.keys.reserve_soc)
+
+    @property
+    def bounds(self) -> dict[str, Box]:
+        """Sets for a plan whose stages carry none."""
+        return {name: Box(lo, hi) for name, (lo, hi) in self.keys.bounds.items()}
+
+    @property
+    def start_m(self) -> Point | None:
+        """Where the flight begins [m], if stated."""
+        return self.keys.start.position_m
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The heading it begins with [rad], if stated."""
+        degrees = self.keys.start.heading_deg
+        return None if degrees is None else math.radians(degrees)
+
+    def place(self, key: str, message: str, expected: str = "") -> Fault:
+        """A fault at a dotted key."""
+        return self.document.fault(tuple(key.split(".")), message, expected)
+
+
+def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Read a scenario, or the defaults, with some keys set anew.
+
+    Parameters
+    ----------
+    path : str or None
+        The file, `-` for standard input, None for the defaults.
+    overrides : mapping of dotted key to value, optional
+        As `read_override` gives them.
+
+    Raises
+    ------
+    InputError
+        With every fault that was found.
+    """
+    document = read_yaml(read_text(path)) if path is not None else Document("scenario", {})
+    if document.value is None:
+        document.value = {}
+    if not isinstance(document.value, dict):
+        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {SCHEMA}"))
+    if path is not None and "schema" not in document.value:
+        raise InputError(document.fault((), "has no key schema", f"schema: {SCHEMA}"))
+    for key, value in (overrides or {}).items():
+        _put(document, key, value)
+    _drop_nulls(document.value)
+    try:
+        keys = ScenarioKeys.model_validate(_tuples(document.value))
+    except ValidationError as error:
+        raise InputError(*(_fault(document, detail) for detail in error.errors())) from None
+    _check(keys, document)
+    return Scenario(keys, document)
+
+
+def read_override(raw: str) -> tuple[str, Any]:
+    """`key=value` of `--set`: the dotted key, and the value read as YAML; `c1=…` is short for `parameters.c1=…`.
+
+    Raises
+    ------
+    InputError
+        If it is not of that form.
+    """
+    key, equals, text = raw.partition("=")
+    key = key.strip()
+    if not equals or not key or not all(part.isidentifier() for part in key.split(".")):
+        raise InputError.at("--set", 1, 1, f"{printable(raw)} sets no key", "key=value, as in wind.speed_mps=8", raw)
+    if key[0] == "c" and key[1:].isdigit():
+        key = f"parameters.{key}"
+    try:
+        return key, read_yaml(Text("--set", text)).value
+    except InputError as error:
+        first = error.faults[0]
+        column = first.column + len(raw) - len(text) if first.line == 1 else 1
+        raise InputError.at("--set", 1, column, first.message, first.expected, raw) from None
+
+
+def _put(document: Document, key: str, value: Any) -> None:
+    """Set a dotted key; the places of what it replaces are forgotten."""
+    parts = key.split(".")
+    target = document.value
+    for part in parts[:-1]:
+        if not isinstance(target.get(part), dict):
+            target[part] = {}
+        target = target[part]
+    target[parts[-1]] = value
+    path = tuple(parts)
+    for known in [place for place in document.places if place[: len(path)] == path]:
+        del document.places[known]
+    document.overrides[path] = f"--set {key}"
+
+
+def _drop_nulls(value: Any) -> None:
+    """A null is an absent key."""
+    if isinstance(value, dict):
+        for key in [key for key, inner in value.items() if inner is None]:
+            del value[key]
+        for inner in value.values():
+            _drop_nulls(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            _drop_nulls(inner)
+
+
+def _tuples(value: Any) -> Any:
+    """Lists of numbers as tuples where the strict schema wants them: pydantic's strict mode takes no list for a tuple."""
+    if not isinstance(value, dict):
+        return value
+    result = dict(value)
+    for section, key in (("start", "position_m"), ("planner", "cost_weights")):
+        inner = result.get(section)
+        if isinstance(inner, dict) and isinstance(inner.get(key), list):
+            result[section] = {**inner, key: tuple(inner[key])}
+    battery = result.get("battery")
+    if isinstance(battery, dict) and isinstance(battery.get("prescribed"), list):
+        points = [tuple(point) if isinstance(point, list) else point for point in battery["prescribed"]]
+        result["battery"] = {**battery, "prescribed": points}
+    if isinstance(result.get("bounds"), dict):
+        result["bounds"] = {k: tuple(v) if isinstance(v, list) else v for k, v in result["bounds"].items()}
+    return result
+
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "dict_type": "a mapping of keys",
+    "model_type": "a mapping of keys",
+    "list_type": "a list",
+    "tuple_type": "a pair [a, b]",
+}
+
+
+def _fault(document: Document, detail: Any) -> Fault:
+    """One of pydantic's complaints in our words, at its place."""
+    path = tuple(part for part in detail["loc"] if part not in ("float", "literal['period']", "[key]"))
+    key = ".".join(str(part) for part in path)
+    kind = detail["type"]
+    if kind == "extra_forbidden":
+        known = _keys_beside(path)
+        return document.fault(path, f"unknown key {printable(key)}", f"one of {known}" if known else "")
+    message = printable(str(detail["msg"]).removeprefix("Value error, "))
+    if kind in _EXPECTED:
+        return document.fault(path, f"{key} cannot be {printable(repr(detail['input']), 60)}", _EXPECTED[kind])
+    given = "" if kind in ("missing", "value_error") else f", not {printable(repr(detail['input']), 60)}"
+    return document.fault(path, f"{key}: {message[:1].lower()}{message[1:]}{given}".lstrip(": "))
+
+
+def _keys_beside(path: tuple[str | int, ...]) -> str:
+    model: Any = ScenarioKeys
+    for part in path[:-1]:
+        inner = model.model_fields.get(part) if isinstance(part, str) else None
+        if inner is None or not (isinstance(inner.annotation, type) and issubclass(inner.annotation, BaseModel)):
+            return ""
+        model = inner.annotation
+    return ", ".join(item.alias or name for name, item in model.model_fields.items())
+
+
+def _check(keys: ScenarioKeys, document: Document) -> None:
+    """What the schema alone cannot say."""
+    faults = []
+    if keys.planner.name not in PLANNERS:
+        message = f"unknown planner {printable(keys.planner.name, 60)}"
+        faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))
+    for name, (lo, hi) in keys.bounds.items():
+        if lo > hi:
+            faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))
+    if keys.time_limit_s / keys.step_s > LONGEST_STEPS:
+        message = f"more than {LONGEST_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
+        faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
+    if faults:
+        raise InputError(*faults)
+

@@ -1,0 +1,88 @@
+"""What the plan's computations cost: its parameters brought together with a measured profile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eadp.errors import EadpError, Infeasible
+from eadp.models.plan import Box, Plan
+from eadp.models.profile import Profile
+
+
+@dataclass(frozen=True)
+class Computing:
+    """Power of the computations at the parameters of a plan.
+
+    `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
+    plan's computations it is.
+    """
+
+    path_count: int
+    profile: Profile | None
+    order: tuple[int, ...] = ()
+
+    def power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
+        """Power [W] at parameters c1, c2, … within a stage's sets; computations that do not run cost nothing.
+
+        Raises
+        ------
+        Infeasible
+            If the configuration lies outside what was measured.
+        """
+        values = parameters[self.path_count :]
+        if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
+            return 0.0
+        return self.profile.power_w_at([values[i] for i in self.order])
+
+    def levels(self, index: int, box: Box) -> tuple[float, ...]:
+        """The values that computation `index` (from 0) may take within a set, lowest first."""
+        if box.fixed or self.profile is None:
+            return (box.lo,)
+        return self.profile.levels(self.order.index(index), box.lo, box.hi)
+
+
+def join_profile(plan: Plan, profile: Profile | None) -> Computing:
+    """Bring a plan and a profile together by the names of the computations, in order where the plan names none.
+
+    Raises
+    ------
+    EadpError
+        If they disagree in number, names or units, or a set leaves what was measured.
+    """
+    rho = plan.path_count
+    computations = plan.parameters[rho:]
+    running = [box for stage in plan.stages for box in stage.sets[rho:] if not box.inhibited]
+    if profile is None:
+        if running:
+            raise EadpError("the plan has computations that may run, and no profile says what they cost")
+        return Computing(rho, None)
+    if not running:
+        return Computing(rho, profile, ())
+    if len(profile.names) != len(computations):
+        raise EadpError(
+            f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "
+            f"{', '.join(profile.names)}"
+        )
+    titles = [parameter.title for parameter in computations]
+    order = tuple(range(len(titles)))
+    if all(titles):
+        if sorted(titles) != sorted(profile.names):
+            raise EadpError(f"the plan's computations are {', '.join(titles)}, the profile's {', '.join(profile.names)}")
+        order = tuple(titles.index(name) for name in profile.names)
+    for column, i in enumerate(order):
+        unit, measured = computations[i].unit, profile.units[column]
+        if unit and measured and unit != measured:
+            raise EadpError(f"{profile.names[column]} is in {unit} in the plan and in {measured} in the profile")
+    computing = Computing(rho, profile, order)
+    for stage in plan.stages:
+        _check_range(computing, stage.sets, stage.index)
+    return computing
+
+
+def _check_range(computing: Computing, sets: Sequence[Box], stage: int) -> None:
+    for corner in ([box.lo for box in sets], [box.hi for box in sets]):
+        try:
+            computing.power_w(corner, sets)
+        except Infeasible as error:
+            raise EadpError(f"stage {stage}: {error}") from None

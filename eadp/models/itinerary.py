@@ -1,0 +1,431 @@
+"""The plan as it is being flown: which stage, where its path and trigger lie now, when it ends.
+
+This is the letter's state-transition function (Def. II.1) with what the print leaves open: when a trigger is armed, how
+it cannot be missed, where a lap's stages lie after the shifts of earlier laps, and when a new path parameter may take
+effect so that the robot always joins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from eadp.core.derivatives import PathFunction
+from eadp.core.geometry import (
+    CIRCLE,
+    LINE,
+    Point,
+    circle_of,
+    curve_length_m,
+    line_of,
+    project,
+    tangent,
+    walk,
+)
+from eadp.errors import PathUndefined
+from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
+
+Vector = tuple[float, ...]
+LATCHED, LIVE = "latched", "live"
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How stages follow one another.
+
+    `parameter_changes` is `latched` (a new path parameter waits for the stage before the first whose path names it) or
+    `live` (it moves the path at once, as the published flights do). `box_triggers` is the published test: a box of the
+    trigger's radius, neither armed nor passed, and an end that asks for the position alone.
+    """
+
+    parameter_changes: str = LATCHED
+    box_triggers: bool = False
+
+
+class Itinerary:
+    """One flight's way through a plan.
+
+    Attributes
+    ----------
+    stage : Stage
+        The stage being flown; `lap` counts from 0 (always 0 where the plan does not repeat).
+    path : function (x, y) → jet
+        Its path function in the frame of lap 0: evaluate it at the position less `offset_m`.
+    offset_m : (float, float)
+        How far this lap's stages lie from those of lap 0 [m].
+    trigger_m : (float, float)
+        The stage's trigger [m].
+    parameters : tuple of float
+        In force now: as decided, held back where they wait, clipped to the stage's sets.
+    stages_begun : int
+        Stages begun so far, the first included.
+    complete : bool
+        Whether the plan is done.
+    """
+
+    def __init__(self, plan: Plan, parameters: Sequence[float], position: Point, rules: Rules) -> None:
+        self._plan = plan
+        self._rules = rules
+        self._latch = [_latch_stage(plan, index) for index in range(len(plan.parameters))]
+        self._decided: Vector = tuple(parameters)
+        self._waiting: Vector = tuple(parameters)
+        self._base: Point = (0.0, 0.0)
+        self._pending = False
+        self._join: Point | None = None
+        self._fires: Callable[[float, float], bool] = _never
+        self._ends: Callable[[float, float], bool] = _never
+        self.lap = 0
+        self.stages_begun = 1
+        self.complete = False
+        self.offset_m: Point = (0.0, 0.0)
+        self.stage: Stage = plan.stages[0]
+        self.parameters: Vector = self._clipped()
+        self.path: PathFunction
+        self.trigger_m: Point
+        self._place(position)
+
+    def decide(self, parameters: Sequence[float], position: Point) -> bool:
+        """Take new parameters; return whether the ones in force have changed.
+
+        Computations change at once. A path parameter waits for its stage, or moves the path at once where the rules say
+        so, except for the last stage of a lap, which keeps the path it was begun with.
+
+        Raises
+        ------
+        PathUndefined
+            If the path has no value at the new parameters.
+        """
+        values = tuple(parameters)
+        if values == self._decided:
+            return False
+        self._decided = values
+        before = self.parameters
+        live = self._rules.parameter_changes == LIVE
+        self._waiting = tuple(
+            new if live or parameter.kind == COMPUTATION else old
+            for new, old, parameter in zip(values, self._waiting, self._plan.parameters, strict=True)
+        )
+        self.parameters = self._clipped()
+        moved = self.parameters[: self._plan.path_count] != before[: self._plan.path_count]
+        if live and moved and not (self._plan.repeats and self._last()):
+            self._place(position)
+        return self.parameters != before
+
+    def advance(self, x: float, y: float) -> bool:
+        """Look whether the stage, or the plan, is over at a position [m]; return whether the stage has changed.
+
+        Raises
+        ------
+        PathUndefined
+            If the next stage has no path or trigger at the parameters in force.
+        """
+        if not self._fires(x, y):
+            if self._ends(x, y):
+                self.complete = True
+            return False
+        if self._ends(x, y) or not (self._plan.repeats or self.stage.index < len(self._plan.stages)):
+            self.complete = True
+            return False
+        self._join = self.trigger_m
+        self._begin_next((x, y))
+        return True
+
+    # --- from one stage to the next
+
+    def _last(self) -> bool:
+        return self.stage.index == len(self._plan.stages)
+
+    def _begin_next(self, position: Point) -> None:
+        plan = self._plan
+        self.stages_begun += 1
+        if self._last():
+            self._latch_parameters(0)
+            if self._rules.parameter_changes == LATCHED:
+                self._pending = True
+            self.lap += 1
+            self.stage = plan.stages[0]
+        else:
+            index = self.stage.index  # of the next stage, from 0
+            self._latch_parameters(index)
+            self.stage = plan.stages[index]
+        if self._pending and self._rules.parameter_changes == LATCHED:
+            self._base = self._shifted()
+            self._pending = False
+        self.parameters = self._clipped()
+        self._place(position)
+        if self._rules.parameter_changes == LIVE and plan.repeats and self._last():
+            # the shift to the next lap is taken here, and again with every change of a parameter until it is flown
+            self._base, self._pending = self.offset_m, True
+
+    def _latch_parameters(self, begun: int) -> None:
+        """Path parameters that wait for the stage now begun (index from 0) take effect."""
+        self._waiting = tuple(
+            new if latch in (begun, None) else old
+            for new, old, latch in zip(self._decided, self._waiting, self._latch, strict=True)
+        )
+
+    def _shifted(self) -> Point:
+        dx, dy = shift_at(self._plan, self.parameters)
+        return self._base[0] + dx, self._base[1] + dy
+
+    def _clipped(self) -> Vector:
+        sets = self.stage.sets
+        if not sets:
+            return self._waiting
+        return tuple(box.clip(value) for box, value in zip(sets, self._waiting, strict=True))
+
+    def _place(self, position: Point) -> None:
+        """Put the stage's path and trigger where they lie now."""
+        live_shift = self._rules.parameter_changes == LIVE and self._pending
+        self.offset_m = self._shifted() if live_shift else self._base
+        self.path = self.stage.path_at(self.parameters)
+        x, y = self.stage.trigger_at(self.parameters)
+        self.trigger_m = (x + self.offset_m[0], y + self.offset_m[1])
+        self._ends = self._end_test()
+        radius = self._plan.trigger_radius_m
+        if self._rules.box_triggers:
+            self._fires = _box_trigger(self.trigger_m, radius)
+            return
+        self._fires = self._disc_trigger(position, radius)
+
+    def _end_test(self) -> Callable[[float, float], bool]:
+        """The end of a plan that repeats: beyond the final point along the shift, in a lap that reaches so far."""
+        plan = self._plan
+        if not plan.repeats:
+            return _never
+        final = point_at(plan.final_point, self.parameters, "the final point")
+        shift = shift_at(plan, self.parameters)
+        if not self._rules.box_triggers:
+            x, y = plan.stages[-1].trigger_at(self.parameters)
+            last = (x + self.offset_m[0], y + self.offset_m[1])
+            if not reaches(last, final, shift, plan.trigger_radius_m):
+                return _never
+        return _beyond(final, shift, plan.trigger_radius_m)
+
+    def _disc_trigger(self, position: Point, radius: float) -> Callable[[float, float], bool]:
+        join = self._join or position
+        local_join = (join[0] - self.offset_m[0], join[1] - self.offset_m[1])
+        local_trigger = (self.trigger_m[0] - self.offset_m[0], self.trigger_m[1] - self.offset_m[1])
+        passed, length = _passing(self.stage, self.path, local_join, local_trigger, self.offset_m, position)
+        return _armed_disc(self.trigger_m, radius, length, position, passed)
+
+
+def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:
+    """The shift d(c) [m] from one lap to the next; (0, 0) for a plan that does not repeat."""
+    return point_at(plan.shift, parameters, "the shift") if plan.shift else (0.0, 0.0)
+
+
+def reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
+    """Whether a lap whose last trigger is `last` reaches the final point along the shift."""
+    for value, end, d in zip(last, final, shift, strict=True):
+        if abs(d) < 1e-9:
+            if abs(value - end) > radius:
+                return False
+        elif (value - end) * d < -1e-9 * abs(d) * (1 + abs(end)):
+            return False
+    return True
+
+
+def _latch_stage(plan: Plan, index: int) -> int | None:
+    """The stage (from 0) at whose start a path parameter takes effect; None for at every start."""
+    parameter = plan.parameters[index]
+    if parameter.kind != PATH or not plan.repeats:
+        return None
+    named = [stage.index - 1 for stage in plan.stages if parameter.name in stage.path.names]
+    return (named[0] - 1) % len(plan.stages) if named else 0
+
+
+# --- tests of a position, built once per stage ------------------------------------------------------------------------
+
+
+def _never(_x: float, _y: float) -> bool:
+    return False
+
+
+def _box_trigger(trigger: Point, radius: float) -> Callable[[float, float], bool]:
+    tx, ty = trigger
+    return lambda x, y: abs(x - tx) <= radius and abs(y - ty) <= radius
+
+
+def _beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
+    (fx, fy), (dx, dy) = final, shift
+    sx = 0 if abs(dx) < 1e-9 else math.copysign(1, dx)
+    sy = 0 if abs(dy) < 1e-9 else math.copysign(1, dy)
+
+    def beyond(x: float, y: float) -> bool:
+        in_x = (x - fx) * sx > 0 if sx else abs(x - fx) <= radius
+        return in_x and ((y - fy) * sy > 0 if sy else abs(y - fy) <= radius)
+
+    return beyond
+
+
+def _armed_disc(
+    trigger: Point, radius: float, length_m: float, start: Point, passed: Callable[[float, float], bool]
+) -> Callable[[float, float], bool]:
+    """Within the radius once armed (been outside it, or flown half the stage), or past the trigger."""
+    tx, ty = trigger
+    square = radius * radius
+    armed = math.dist(trigger, start) > radius
+    flown = 0.0
+    px, py = start
+
+    def fires(x: float, y: float) -> bool:
+        nonlocal armed, flown, px, py
+        dx, dy = x - tx, y - ty
+        inside = dx * dx + dy * dy <= square
+        if not armed:
+            flown += math.hypot(x - px, y - py)
+            px, py = x, y
+            armed = not inside or flown >= length_m / 2
+        return (inside and armed) or passed(x, y)
+
+    return fires
+
+
+def _passing(
+    stage: Stage, path: PathFunction, join: Point, trigger: Point, offset: Point, position: Point
+) -> tuple[Callable[[float, float], bool], float]:
+    """A test whether progress along the path has passed the trigger, and the stage's nominal length [m].
+
+    `join` and `trigger` are in the frame of lap 0, `offset` takes them to this lap's, where positions are given.
+    """
+    ox, oy = offset
+    if stage.kind == LINE:
+        line = line_of(path, trigger, stage.sense)
+        (tx, ty), (lx, ly) = trigger, line.direction
+        length = abs(line.progress_m(join))
+        return lambda x, y: (x - ox - tx) * lx + (y - oy - ty) * ly >= 0, length
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        sweep = circle.sweep_rad(join, trigger)
+        cx, cy = circle.centre_m
+        turn = circle.turn
+        last = circle.angle_rad(join)
+        angle = 0.0
+
+        def passed(x: float, y: float) -> bool:
+            nonlocal last, angle
+            now = math.atan2(y - oy - cy, x - ox - cx)
+            angle += turn * math.remainder(now - last, 2 * math.pi)
+            last = now
+            return angle >= sweep
+
+        passed(*position)  # from where the stage was joined in the plan to where the robot is
+        return passed, circle.radius_m * sweep
+    start = project(path, join)
+    length = curve_length_m(path, start, trigger, stage.sense)
+    return _passing_curve(path, stage.sense, length, offset, position, start), length
+
+
+def _passing_curve(
+    path: PathFunction, sense: int, length: float, offset: Point, position: Point, start: Point
+) -> Callable[[float, float], bool]:
+    """Progress along a general curve: the motion along the field's tangent, added up."""
+    if not math.isfinite(length):
+        return _never
+    px, py = position
+    ox, oy = offset
+    tx, ty = tangent(path, start, sense)
+    progress = (px - ox - start[0]) * tx + (py - oy - start[1]) * ty
+
+    def passed(x: float, y: float) -> bool:
+        nonlocal px, py, progress
+        _, gx, gy, *_ = path(x - ox, y - oy)
+        norm = math.sqrt(gx * gx + gy * gy)
+        if norm > 0:
+            progress += sense * ((y - py) * gx - (x - px) * gy) / norm
+        px, py = x, y
+        return progress >= length
+
+    return passed
+
+
+# --- the nominal flight -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One stage of the nominal flight: from where it is joined to its trigger."""
+
+    lap: int
+    stage: Stage
+    path: PathFunction
+    offset_m: Point
+    start_m: Point
+    end_m: Point
+    length_m: float
+
+
+LAP_LIMIT = 10_000
+
+
+def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> list[Leg]:
+    """The stages as flown exactly, at fixed parameters, lap by lap to the end of the plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    parameters : sequence of float
+    start : (float, float), optional
+        Where the flight begins [m]; `default_start` without.
+
+    Raises
+    ------
+    PathUndefined
+        If a path or trigger has no value, or the plan never reaches its final point.
+    """
+    legs: list[Leg] = []
+    begin = start or default_start(plan, parameters)[0]
+    shift = shift_at(plan, parameters)
+    final = point_at(plan.final_point, parameters, "the final point")
+    bound = [(stage, stage.path_at(parameters), stage.trigger_at(parameters)) for stage in plan.stages]
+    lengths: dict[int, float] = {}
+    for lap in range(LAP_LIMIT):
+        offset = (lap * shift[0], lap * shift[1])
+        for stage, path, trigger in bound:
+            end = (trigger[0] + offset[0], trigger[1] + offset[1])
+            local = (begin[0] - offset[0], begin[1] - offset[1])
+            if lap > 1:  # the same stage, one shift further
+                length = lengths[stage.index]
+            else:
+                length = lengths[stage.index] = leg_length_m(stage, path, local, trigger)
+            legs.append(Leg(lap, stage, path, offset, begin, end, length))
+            begin = end
+        if not plan.repeats or reaches(begin, final, shift, plan.trigger_radius_m):
+            return legs
+    raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+
+
+def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
+    """Length of a stage's path from where it is joined to its trigger [m]."""
+    if stage.kind == LINE:
+        return abs(line_of(path, trigger, stage.sense).progress_m(join))
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        return circle.radius_m * circle.sweep_rad(join, trigger)
+    return curve_length_m(path, project(path, join), trigger, stage.sense)
+
+
+def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
+    """Position [m] and heading [rad] to begin from: on the first path, 100 m (circle: a quarter) before its trigger.
+
+    Raises
+    ------
+    PathUndefined
+        If the first path has no point or no direction there.
+    """
+    stage = plan.stages[0]
+    path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+    if stage.kind == LINE:
+        line = line_of(path, trigger, stage.sense)
+        point = (line.point_m[0] - 100 * line.direction[0], line.point_m[1] - 100 * line.direction[1])
+    elif stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
+    else:
+        for steps, point in enumerate(walk(path, trigger, -stage.sense, 1.0)):
+            if steps == 100:
+                break
+    direction = tangent(path, point, stage.sense)
+    return point, math.atan2(direction[1], direction[0])

@@ -1,0 +1,506 @@
+"""Planners: from what is observed in flight to the parameters to fly with.
+
+A planner sees Observations and returns Decisions; it knows the plan, the models and its settings, and nothing of the
+world it flies in, so that the same object serves a simulation and a telemetry stream.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.battery import currents_a
+from eadp.core.geometry import Point
+from eadp.errors import EadpError, Infeasible, PathUndefined, SolverFailed
+from eadp.models.battery import Battery
+from eadp.models.computing import Computing
+from eadp.models.energy import EnergyModel
+from eadp.models.itinerary import Vector, nominal_legs
+from eadp.models.plan import Plan
+from eadp.planning.estimator import (
+    PUBLISHED,
+    Estimator,
+    EstimatorSettings,
+    ExactEstimator,
+    PublishedEstimator,
+)
+from eadp.planning.horizon import CONTROL, Computations, Horizon, Outlook
+
+FloatArray = NDArray[np.float64]
+
+STATIC, PAPER = "static", "paper"
+NAMES = (STATIC, PAPER)
+SOC_JUMP = 0.01
+LOOK_AHEAD_STEP_S = 1.0
+SAMPLES_PER_STEP = 10
+
+
+class Observation(NamedTuple):
+    """What is known in flight at one moment.
+
+    `stage` counts from 1 within the plan's stages and `stages_begun` over the whole flight; `power_w` is None where the
+    sensor has no reading; `parameters` are those in force.
+    """
+
+    time_s: float
+    x_m: float
+    y_m: float
+    stage: int
+    stages_begun: int
+    power_w: float | None
+    soc: float
+    parameters: Vector
+    wind_mps: Point | None = None
+
+
+class Decision(NamedTuple):
+    """The parameters to fly with, the power forecast for the last reading [W], and why."""
+
+    parameters: Vector
+    power_forecast_w: float
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """Settings of every planner; each uses those that concern it. Times in seconds.
+
+    `horizon_s` None is one period. `trade_offs` are rows (coefficient per parameter name, least value).
+    """
+
+    name: str = PAPER
+    every_s: float = 1.0
+    horizon_s: float | None = 6.0
+    weights: Mapping[str, float] = field(default_factory=dict)
+    delta: Mapping[str, float] = field(default_factory=dict)
+    levels: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    cost: str = CONTROL
+    cost_weights: tuple[float, float] = (1.0, 1.0)
+    constraint_at: str = "worst"
+    remaining_time: str = "corrected"
+    path_search: str = "largest"
+    raise_path: bool = True
+    path_every_s: float | None = None
+    start_after_s: float = 0.0
+    min_periods: int = 2
+    longest_s: float | None = None
+    shortest_s: float | None = None
+    trade_offs: tuple[tuple[Mapping[str, float], float], ...] = ()
+    reserve_soc: float = 0.05
+
+
+@dataclass
+class SolverReport:
+    """Counts of a planner's work: what is solved, what failed, what had no answer, and the gaps of integer answers."""
+
+    replans: int = 0
+    solves: int = 0
+    failures: int = 0
+    infeasible: int = 0
+    solve_ms: list[float] = field(default_factory=list)
+    gaps: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What a planner is told before take-off."""
+
+    plan: Plan
+    computing: Computing
+    battery: Battery
+    cruise_mps: float
+    parameters: Vector
+    start_m: Point | None = None
+    energy: EnergyModel | None = None
+
+
+class Planner(Protocol):
+    """What a flight needs of a planner."""
+
+    report: SolverReport
+
+    @property
+    def period_s(self) -> float | None:
+        """The period of the power [s], where there is one."""
+
+    def update(self, observation: Observation) -> Decision:
+        """Take an observation and decide."""
+
+
+def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
+    """The planner that the settings name.
+
+    Raises
+    ------
+    EadpError
+        On an unknown name.
+    """
+    planners = {STATIC: StaticPlanner, PAPER: PaperPlanner}
+    if settings.name not in planners:
+        raise EadpError(f"unknown planner {settings.name}; expected one of {', '.join(NAMES)}")
+    return planners[settings.name](settings, estimator, mission)
+
+
+class StaticPlanner:
+    """Keeps the parameters of take-off; estimates all the same, so that its flights tell a forecast.
+
+    Source: flights I and II of the letter.
+    """
+
+    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+        self.report = SolverReport()
+        self._settings = settings
+        self._mission = mission
+        self._decision = Decision(mission.parameters, 0.0)
+        self._lap_stages = mission.plan.primitive_stages
+        self._estimator = _estimator(estimator, mission, self._lap_stages)
+        self._sensor_every_s = estimator.every_s
+        self._next_reading_s = 0.0
+        self._stages_begun = 1
+        self._laps = 0
+        self._computing_for: tuple[Vector, int] | None = None
+        self._computing_w = 0.0
+
+    @property
+    def period_s(self) -> float | None:
+        """The estimator's period [s]."""
+        return self._estimator.period_s
+
+    def update(self, observation: Observation) -> Decision:
+        """Take an observation; the parameters stay."""
+        self._track(observation)
+        return self._decision
+
+    def _track(self, o: Observation) -> None:
+        """Feed the estimator: laps as they end, readings as often as the sensor is read."""
+        if o.stages_begun != self._stages_begun:
+            self._stages_begun = o.stages_begun
+            if self._lap_stages and (o.stages_begun - 1) % self._lap_stages == 0:
+                self._laps += 1
+                self._estimator.lap(o.time_s)
+        if o.time_s < self._next_reading_s - 1e-9:
+            return
+        self._next_reading_s = o.time_s + self._sensor_every_s
+        if self._computing_for != (o.parameters, o.stage):
+            self._computing_for = (o.parameters, o.stage)
+            sets = self._mission.plan.stages[o.stage - 1].sets
+            self._computing_w = self._mission.computing.power_w(o.parameters, sets)
+        motion = None if o.power_w is None else o.power_w - self._computing_w
+        expected = self._estimator.observe(o.time_s, motion) + self._computing_w
+        self._decision = Decision(self._decision.parameters, expected, self._decision.reason)
+
+
+class PaperPlanner(StaticPlanner):
+    """The letter's Algorithm 2: computations by a receding horizon, then the path by the time that remains.
+
+    Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; drafts 003 and 004 for the
+    subroutine that a failed solve falls back to.
+    """
+
+    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+        super().__init__(settings, estimator, mission)
+        self._rho = mission.plan.path_count
+        self._next_s = settings.start_after_s
+        self._next_path_s = settings.start_after_s
+        self._soc: float | None = None
+        self._horizons: dict[tuple[object, ...], Horizon] = {}
+        self._times = _coverage_times_s(settings, mission)
+        self._ahead_w: FloatArray = np.zeros(0)
+
+    def update(self, observation: Observation) -> Decision:
+        """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
+        o = observation
+        self._track(o)
+        jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
+        self._soc = o.soc
+        if not self._started(o):
+            return self._decision
+        if jumped or o.time_s >= self._next_s - 1e-9:
+            self._next_s = _next_multiple(o.time_s, self._settings.every_s)
+            parameters, reason = self._computations(o)
+            if jumped or o.time_s >= self._next_path_s - 1e-9:
+                every_s = self._settings.path_every_s or self._settings.every_s
+                self._next_path_s = _next_multiple(o.time_s, every_s)
+                parameters = self._path(o, parameters)
+            self.report.replans += 1
+            self._decision = Decision(parameters, self._decision.power_forecast_w, reason)
+        return self._decision
+
+    def _started(self, o: Observation) -> bool:
+        known = self._lap_stages is None or self._laps >= self._settings.min_periods
+        return known and o.time_s >= self._settings.start_after_s - 1e-9
+
+    # --- computations
+
+    def _computations(self, o: Observation) -> tuple[Vector, str]:
+        """The parameters with the computations chosen anew, and why; notes their power ahead."""
+        decided = self._decision.parameters
+        sets = self._mission.plan.stages[o.stage - 1].sets
+        free = [i for i in range(self._rho, len(decided)) if not sets[i].fixed]
+        steps = self._steps()
+        if not free:
+            self._ahead_w = np.full(steps, self._computing_w)
+            return decided, "nothing to choose"
+        horizon = self._horizon(o, free, steps)
+        outlook = self._outlook(o, steps)
+        now = np.array([decided[i] for i in free])
+        reason = "planned"
+        try:
+            values = self._solve(horizon, outlook)
+        except Infeasible as error:
+            self.report.infeasible += 1
+            values, reason = np.array([[sets[i].lo for i in free]] * steps), f"infeasible: {error}"
+        except SolverFailed as error:
+            self.report.failures += 1
+            deltas = np.array([self._delta(i) for i in free])
+            try:
+                values, reason = horizon.lowered(now, deltas, outlook), f"fallback, lowered by δ: {error}"
+            except Infeasible:
+                values, reason = np.array([[sets[i].lo for i in free]] * steps), f"fallback, lowest: {error}"
+        chosen = list(decided)
+        ahead = []
+        for row in values:
+            for i, value in zip(free, row.tolist(), strict=True):
+                chosen[i] = value
+            ahead.append(self._mission.computing.power_w(chosen, sets))
+        self._ahead_w = np.array(ahead)
+        for i, value in zip(free, values[0].tolist(), strict=True):
+            chosen[i] = value
+        return tuple(chosen), reason
+
+    def _solve(self, horizon: Horizon, outlook: Outlook) -> FloatArray:
+        started = time.perf_counter()
+        self.report.solves += 1
+        try:
+            plan = horizon.solve(outlook)
+        finally:
+            self.report.solve_ms.append(1e3 * (time.perf_counter() - started))
+        self.report.gaps.append(plan.gap)
+        return plan.chosen
+
+    def _steps(self) -> int:
+        horizon_s = self._settings.horizon_s or self.period_s or 6.0
+        return max(1, round(horizon_s / self._settings.every_s))
+
+    def _horizon(self, o: Observation, free: list[int], steps: int) -> Horizon:
+        """The problem for the sets of this stage, built once for each."""
+        plan, settings = self._mission.plan, self._settings
+        sets = plan.stages[o.stage - 1].sets
+        fixed = tuple(o.parameters[: self._rho]) if settings.trade_offs else ()
+        key = (steps, fixed, *(sets[i] for i in free))
+        if key not in self._horizons:
+            base = list(o.parameters)
+
+            def power(values: Sequence[float]) -> float:
+                for i, value in zip(free, values, strict=True):
+                    base[i] = value
+                return self._mission.computing.power_w(base, sets)
+
+            levels = [self._levels(i, o.stage) for i in free]
+            computations = Computations(
+                np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
+            )
+            names = plan.names
+            rows = []
+            for coefficients, least in settings.trade_offs:
+                rest = sum(coefficients.get(name, 0.0) * o.parameters[i] for i, name in enumerate(names) if i not in free)
+                rows.append(([coefficients.get(names[i], 0.0) for i in free], least - rest))
+            self._horizons[key] = Horizon(
+                computations, self._mission.battery, steps, settings.cost, rows, settings.cost_weights
+            )
+        return self._horizons[key]
+
+    def _levels(self, index: int, stage: int) -> tuple[float, ...]:
+        """The values a computation may take in a stage: the settings' within its set, else the profile's."""
+        box = self._mission.plan.stages[stage - 1].sets[index]
+        own = self._settings.levels.get(self._mission.plan.names[index])
+        if own is not None:
+            inside = tuple(sorted(level for level in own if box.lo <= level <= box.hi))
+            return inside or (box.lo,)
+        return self._mission.computing.levels(index - self._rho, box)
+
+    def _outlook(self, o: Observation, steps: int) -> Outlook:
+        every_s = self._settings.every_s
+        fine = np.arange(1, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
+        motion = self._estimator.forecast(fine).reshape(steps, SAMPLES_PER_STEP)
+        limit = motion.max(axis=1) if self._settings.constraint_at == "worst" else motion[:, -1]
+        state = self._estimator.state_w
+        ripple = float(state[1:] @ state[1:])
+        return Outlook(limit, np.maximum(motion.mean(axis=1), 0.0), o.soc, every_s, float(state[0]), ripple)
+
+    # --- path
+
+    def _path(self, o: Observation, parameters: Vector) -> Vector:
+        """Path parameters by the time that remains against the time to an empty battery: letter, Alg. 2 l. 17-27."""
+        if not self._rho or self._times is None:
+            return parameters
+        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
+        last_s = self._time_to_reserve_s(o)
+        shortest, longest = self._times
+        if self._settings.path_search == "largest":
+            share = self._largest_share(o.time_s, last_s)
+            now = self._share(parameters)
+            if share < now or self._settings.raise_path:
+                chosen = [
+                    box.lo + share * (box.hi - box.lo) if longest >= shortest else box.hi - share * (box.hi - box.lo)
+                    for box in boxes
+                ]
+                return (*chosen, *parameters[self._rho :])
+            return parameters
+        down = -1 if longest >= shortest else 1
+        if self._remaining_s(parameters, o.time_s) > last_s:
+            return self._moved(parameters, down)
+        if self._settings.raise_path:
+            raised = self._moved(parameters, -down)
+            if self._remaining_s(raised, o.time_s) <= last_s:
+                return raised
+        return parameters
+
+    def _moved(self, parameters: Vector, direction: int) -> Vector:
+        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
+        moved = [
+            box.clip(value + direction * self._delta(i))
+            for i, (value, box) in enumerate(zip(parameters[: self._rho], boxes, strict=True))
+        ]
+        return (*moved, *parameters[self._rho :])
+
+    def _delta(self, index: int) -> float:
+        """δ of a parameter: the settings', else a tenth of its set (a path) or one step (a computation)."""
+        own = self._settings.delta.get(self._mission.plan.names[index])
+        if own is not None:
+            return own
+        box = self._mission.plan.hull(index)
+        return (box.hi - box.lo) / 10 if index < self._rho else 1.0
+
+    def _share(self, parameters: Vector) -> float:
+        """Where t_s = Σ(ν c + τ) lies between the shortest and the longest time, in 0..1.
+
+        Each ν c + τ is its share of the shortest time and of the difference, c from c̲ to c̄: letter, Eq. 10, with the
+        misprint in τ corrected.
+        """
+        assert self._times is not None
+        shortest, longest = self._times
+        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
+        shares = [box.share(value) for box, value in zip(boxes, parameters[: self._rho], strict=True)]
+        mean = sum(1.0 if share is None else share for share in shares) / self._rho
+        return mean if longest >= shortest else 1 - mean
+
+    def _remaining_s(self, parameters: Vector, time_s: float) -> float:
+        """t_r at given path parameters."""
+        assert self._times is not None
+        low, high = sorted(self._times)
+        total_s = low + self._share(parameters) * (high - low)
+        if self._settings.remaining_time == "published":
+            return total_s / high * (high - time_s)
+        return total_s - time_s
+
+    def _largest_share(self, time_s: float, last_s: float) -> float:
+        """The largest share with t_r ≤ t_b; 0 where there is none."""
+        assert self._times is not None
+        low, high = sorted(self._times)
+        if self._settings.remaining_time == "published":
+            most = last_s * high / (high - time_s) if time_s < high else math.inf
+        else:
+            most = last_s + time_s
+        if high == low:
+            return 1.0
+        return min(1.0, max(0.0, (most - low) / (high - low)))
+
+    def _time_to_reserve_s(self, o: Observation) -> float:
+        """t_b: how long the predicted battery lasts [s], down to the reserve.
+
+        The horizon's computations, then its last one held; the motion is periodic, so whole periods are divided out and
+        the look-ahead costs one period whatever the battery.
+        """
+        spare = o.soc - self._settings.reserve_soc
+        if spare <= 0:
+            return 0.0
+        b = self._mission.battery
+        step_s = LOOK_AHEAD_STEP_S
+        head = max(1, round(len(self._ahead_w) * self._settings.every_s / step_s))
+        period = max(1, round((self.period_s or step_s) / step_s))
+        motion = np.maximum(self._estimator.forecast((np.arange(head + period) + 0.5) * step_s), 0.0)
+        repeat = max(1, round(self._settings.every_s / step_s))
+        computing = np.full(head + period, self._ahead_w[-1])
+        early = np.repeat(self._ahead_w, repeat)[:head]
+        computing[: len(early)] = early
+        try:
+            current = currents_a(motion + computing, b.voltage_v, b.resistance_ohm)
+        except Infeasible:
+            return 0.0
+        drops = np.cumsum(current * (b.k_b_per_s * step_s / b.capacity_ah))
+        if drops[-1] >= spare:
+            return _crossing_s(drops, spare, step_s)
+        first = float(drops[head - 1])
+        one_period = float(drops[-1]) - first
+        if one_period <= 0:
+            return math.inf
+        whole = math.floor((spare - first) / one_period)
+        rest = spare - first - whole * one_period
+        return head * step_s + whole * period * step_s + _crossing_s(drops[head:] - first, rest, step_s)
+
+
+def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
+    """When a growing sum, taken after each step, meets a value: linear within the step."""
+    i = int(np.searchsorted(drops, spare))
+    before = float(drops[i - 1]) if i else 0.0
+    if i == len(drops):
+        return len(drops) * step_s
+    return (i + (spare - before) / (float(drops[i]) - before)) * step_s
+
+
+def _next_multiple(time_s: float, every_s: float) -> float:
+    return (math.floor(time_s / every_s + 1e-6) + 1) * every_s
+
+
+def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | None) -> Estimator:
+    if settings.kind == PUBLISHED:
+        return PublishedEstimator(settings)
+    if mission.energy is not None:
+        return ExactEstimator(settings, mission.energy.period_s, mission.energy.state_w(settings.order))
+    if not lap_stages:
+        return ExactEstimator(settings, None)
+    return ExactEstimator(settings, _nominal_lap_s(mission))
+
+
+def _nominal_lap_s(mission: Mission) -> float | None:
+    """The time of a lap flown exactly at cruise speed, without wind: the first guess of the period."""
+    try:
+        legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
+    except PathUndefined:
+        return None
+    last = [leg.length_m for leg in legs if leg.lap == legs[-1].lap]
+    length = sum(last)
+    return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None
+
+
+def _coverage_times_s(settings: PlannerSettings, mission: Mission) -> tuple[float, float] | None:
+    """Time of the whole coverage at the lowest and at the highest path parameters, t̲ and t̄ [s].
+
+    As the settings say, else as flown exactly at cruise speed without wind. None where there is no path parameter to
+    choose, or no such flight.
+    """
+    plan = mission.plan
+    rho = plan.path_count
+    if not rho or all(plan.hull(i).fixed for i in range(rho)):
+        return None
+    times = []
+    for given, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
+        if given is not None:
+            times.append(given)
+            continue
+        corner = (*(getattr(plan.hull(i), end) for i in range(rho)), *mission.parameters[rho:])
+        try:
+            length = sum(leg.length_m for leg in nominal_legs(plan, corner, mission.start_m))
+        except PathUndefined:
+            return None
+        if not math.isfinite(length):
+            return None
+        times.append(length / mission.cruise_mps)
+    return times[0], times[1]

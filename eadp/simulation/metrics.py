@@ -1,0 +1,99 @@
+"""From the steps of a flight to its summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from eadp.models.itinerary import Vector
+from eadp.models.plan import Box, Plan
+
+
+@dataclass
+class Totals:
+    """Sums over a flight, added to at every step and at every change of parameters."""
+
+    energy_j: float = 0.0
+    distance_m: float = 0.0
+    power_min_w: float = math.inf
+    power_max_w: float = -math.inf
+
+
+@dataclass
+class ParameterRecord:
+    """What a parameter did over a flight."""
+
+    first: float
+    last: float
+    area: float = 0.0
+    changes: int = 0
+    history: list[tuple[float, float]] = field(default_factory=list)
+
+
+class ParameterLog:
+    """Parameters over time: means, changes, and the quality U. Fed at changes only.
+
+    U is Σ weight · c̃ over the parameters whose box leaves a choice, averaged over the time in which it does. Source:
+    letter, Sec. V; weights are equal unless given, and scaled to sum to 1.
+    """
+
+    def __init__(self, plan: Plan, parameters: Vector, sets: tuple[Box, ...]) -> None:
+        self._plan = plan
+        self._since_s = 0.0
+        self._values = parameters
+        self._sets = sets
+        self.records = [ParameterRecord(value, value) for value in parameters]
+        self._share_area = [0.0] * len(parameters)
+        self._share_time_s = [0.0] * len(parameters)
+
+    def change(self, time_s: float, parameters: Vector, sets: tuple[Box, ...]) -> None:
+        """New values or sets from a time on [s]."""
+        self._advance(time_s)
+        for record, old, new in zip(self.records, self._values, parameters, strict=True):
+            if new != old:
+                record.changes += 1
+                record.last = new
+                record.history.append((round(time_s, 6), new))
+        self._values, self._sets = parameters, sets
+
+    def close(self, time_s: float) -> None:
+        """The flight ends."""
+        self._advance(time_s)
+
+    def _advance(self, time_s: float) -> None:
+        duration = time_s - self._since_s
+        self._since_s = time_s
+        for i, value in enumerate(self._values):
+            self.records[i].area += value * duration
+            share = self._sets[i].share(value) if self._sets else None
+            if share is not None:
+                self._share_area[i] += share * duration
+                self._share_time_s[i] += duration
+
+    def mean(self, index: int) -> float:
+        """Time average of a parameter."""
+        record = self.records[index]
+        return record.area / self._since_s if self._since_s > 0 else record.first
+
+    def mean_share(self, index: int) -> float | None:
+        """Time average of c̃; None where there never was a choice."""
+        time_s = self._share_time_s[index]
+        return self._share_area[index] / time_s if time_s > 0 else None
+
+    def quality(self, weights: Mapping[str, float]) -> float | None:
+        """U; None without a free parameter."""
+        shares = [(name, self.mean_share(i)) for i, name in enumerate(self._plan.names)]
+        free = [(weights.get(name, 0.0) if weights else 1.0, share) for name, share in shares if share is not None]
+        total = sum(weight for weight, _ in free)
+        return sum(weight * share for weight, share in free) / total if total > 0 else None
+
+    def paper_metric(self, soc_final: float) -> float | None:
+        """Σ_t ½(c̃1 + c̃2)/(|T| SoC(t_f)), for any number of parameters; None where SoC(t_f) is not above 0.
+
+        Source: letter, Sec. V.
+        """
+        shares = [share for i in range(len(self.records)) if (share := self.mean_share(i)) is not None]
+        if not shares or soc_final <= 0:
+            return None
+        return sum(shares) / len(shares) / soc_final
