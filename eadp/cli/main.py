@@ -9,7 +9,6 @@ import traceback
 from types import FrameType
 from typing import Annotated, NoReturn
 
-import click
 import typer
 
 from eadp import __version__
@@ -50,6 +49,10 @@ def _options(
     pass
 
 
+# typer brings a click of its own in some versions and uses the installed one in others: its errors are found by ancestry
+_UsageFault = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+
 def run() -> NoReturn:
     """Run the command line of this process and exit with its code."""
     signal.signal(signal.SIGTERM, _terminate)
@@ -62,15 +65,11 @@ def main(arguments: list[str]) -> int:
         result = app(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         return result if isinstance(result, int) else YES
-    except click.exceptions.Exit as stop:
+    except typer.Exit as stop:
         return stop.exit_code
-    except (click.exceptions.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         print("eadp: interrupted", file=sys.stderr)  # noqa: T201
         return INTERRUPTED
-    except click.ClickException as error:
-        _debug()
-        print(f"eadp: error: {error.format_message()}", file=sys.stderr)  # noqa: T201
-        return BAD_INPUT
     except InputError as error:
         _debug()
         print(error, file=sys.stderr)  # noqa: T201
@@ -85,11 +84,23 @@ def main(arguments: list[str]) -> int:
         return YES
     except Exception as error:
         _debug()
+        if isinstance(error, _UsageFault):
+            return _usage(error)
         what = f"{type(error).__name__}: {error}"
         print(  # noqa: T201
             f"eadp: this is a bug in eadp, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
         )
         return BUG
+
+
+def _usage(error: Exception) -> int:
+    """A command line that cannot be read, or no command at all, which is answered with the help."""
+    message = getattr(error, "format_message", lambda: str(error))()
+    if type(error).__name__ == "NoArgsIsHelpError":
+        print(message)  # noqa: T201
+        return YES
+    print(f"eadp: error: {message}", file=sys.stderr)  # noqa: T201
+    return BAD_INPUT
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> None:

@@ -1,5 +1,31 @@
-"""`eadp schema`."""
+"""`eadp schema`: the JSON Schema of a file format."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated
+
+import typer
+
+from eadp.cli.output import emit_json, usage_fault
+
+# each module has a function `json_schema`, and is imported only for its own schema
+_MODULES = {
+    "profile": "eadp.io.profile_file",
+    "energy": "eadp.io.energy_file",
+    "scenario": "eadp.io.scenario_file",
+}
+_NAMES = ", ".join(_MODULES)
 
 
-def command() -> int:
+def command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"File format: {_NAMES}.")],
+) -> int:
+    """Example: eadp schema profile
+
+    Print the JSON Schema of a file format, for editors to check and complete files with.
+    """
+    if name not in _MODULES:
+        raise usage_fault("NAME", name, "no such file format", _NAMES)
+    emit_json(importlib.import_module(_MODULES[name]).json_schema())
     return 0

@@ -1,0 +1,387 @@
+"""Interpolation of measured configurations: lines, PCHIP, grids, scattered points; never beyond the measured.
+
+A configuration is a point of d coordinates; the value measured there is a number. Coordinates that never
+change over the measurements are held: a configuration with another value there is outside.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eadp.errors import Infeasible
+
+FloatArray = NDArray[np.float64]
+Point = tuple[float, ...]
+Kind = Literal["linear", "pchip"]
+
+EDGE = 1e-9
+"""How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
+
+
+class _Piece(Protocol):
+    """An interpolation over the coordinates that change, inside their box."""
+
+    def at(self, point: Sequence[float]) -> float: ...
+
+    def many(self, points: FloatArray) -> FloatArray: ...
+
+    def nearest(self, point: Sequence[float]) -> Sequence[float]: ...
+
+
+@dataclass(frozen=True)
+class Interpolant:
+    """Values between measured configurations; built once by `interpolant`, evaluated often.
+
+    `lower`, `upper` are the smallest and largest measured value of each of the d coordinates.
+    """
+
+    lower: Point
+    upper: Point
+    _least: Point
+    _most: Point
+    _varying: tuple[int, ...]
+    _piece: _Piece
+
+    def at(self, configuration: Sequence[float]) -> float:
+        """Value at one configuration.
+
+        Parameters
+        ----------
+        configuration : d floats
+
+        Returns
+        -------
+        float
+            Interpolated value; a measured configuration gives what was measured there.
+
+        Raises
+        ------
+        Infeasible
+            Outside the measured range, NaN included.
+        """
+        for value, least, most in zip(configuration, self._least, self._most, strict=True):
+            if not least <= value <= most:
+                raise Infeasible(f"{tuple(configuration)} is outside the measured range")
+        return self._piece.at(self._moving(self.clipped(configuration)))
+
+    def __call__(self, configurations: ArrayLike) -> FloatArray:
+        """Values at many configurations.
+
+        Parameters
+        ----------
+        configurations : array, shape (…, d)
+
+        Returns
+        -------
+        array, shape (…)
+            Interpolated values.
+
+        Raises
+        ------
+        Infeasible
+            If one of them is outside the measured range.
+        """
+        asked = np.asarray(configurations, dtype=np.float64)
+        points = asked.reshape(-1, len(self.lower))
+        if not np.all((np.array(self._least) <= points) & (points <= np.array(self._most))):
+            raise Infeasible("a configuration is outside the measured range")
+        clipped = np.clip(points, self.lower, self.upper)
+        return self._piece.many(clipped[:, self._varying]).reshape(asked.shape[:-1])
+
+    def contains(self, configuration: Sequence[float]) -> bool:
+        """Whether `at` has a value for a configuration of d floats."""
+        try:
+            self.at(configuration)
+        except Infeasible:
+            return False
+        return True
+
+    def nearest(self, configuration: Sequence[float]) -> Point:
+        """The configuration to take in place of one that is outside.
+
+        Each coordinate goes to its own measured range first; if that is still outside the hull of scattered
+        points, to the nearest point of the hull, coordinates scaled by their ranges.
+
+        Raises
+        ------
+        Infeasible
+            If a coordinate is not a finite number.
+        """
+        if not all(map(math.isfinite, configuration)):
+            raise Infeasible(f"{tuple(configuration)} is not a finite configuration")
+        result = list(self.clipped(configuration))
+        for axis, value in zip(self._varying, self._piece.nearest(self._moving(result)), strict=True):
+            result[axis] = value
+        return tuple(result)
+
+    def clipped(self, configuration: Sequence[float]) -> Point:
+        """Each of d coordinates brought into its own measured range."""
+        bounds = zip(configuration, self.lower, self.upper, strict=True)
+        return tuple([min(max(value, lower), upper) for value, lower, upper in bounds])
+
+    def _moving(self, configuration: Sequence[float]) -> Sequence[float]:
+        return [configuration[axis] for axis in self._varying]
+
+
+def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> Interpolant:
+    """Build the interpolation that the measured configurations allow.
+
+    One changing coordinate: straight lines between neighbours, or PCHIP. A full grid: multilinear. Anything
+    else: linear over the triangles (tetrahedra, …) of the points, by barycentric weights.
+
+    Parameters
+    ----------
+    configurations : array, shape (n, d)
+        Distinct measured configurations, n at least 2.
+    values : array, shape (n,)
+        What was measured at each.
+    kind : str
+        `linear`, or `pchip` where one coordinate changes.
+
+    Returns
+    -------
+    Interpolant
+
+    Raises
+    ------
+    Infeasible
+        If the configurations span nothing to interpolate over (fewer than two, or on one line in a plane), if
+        they are too close together, or if `kind` is `pchip` and several coordinates change.
+    ValueError
+        If the shapes do not fit, a number is not finite, or a configuration stands twice.
+
+    Source: letter, Eq. 13, corrected: g = g(⌊c⌋) + (g(⌈c⌉) − g(⌊c⌋)) (c − ⌊c⌋)/(⌈c⌉ − ⌊c⌋), where ⌊c⌋ and ⌈c⌉
+    are the measured neighbours of c. PCHIP: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980), as in scipy.
+    """
+    points, measured = _checked(configurations, values)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    span = upper - lower
+    varying = tuple(int(axis) for axis in np.flatnonzero(span > 0))
+    if not varying:
+        raise Infeasible("there is one configuration only: nothing to interpolate between")
+    slack = EDGE * np.where(span > 0, span, np.abs(lower))
+    piece = _piece(points[:, varying], measured, kind)
+    return Interpolant(
+        _floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece
+    )
+
+
+def _checked(configurations: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    points, measured = np.array(configurations, dtype=np.float64), np.array(values, dtype=np.float64)
+    if points.ndim != 2 or measured.shape != points.shape[:1] or points.size == 0:
+        raise ValueError(f"{points.shape} configurations do not fit {measured.shape} values")
+    if not (np.all(np.isfinite(points)) and np.all(np.isfinite(measured))):
+        raise ValueError("a configuration or value is not finite")
+    if len(np.unique(points, axis=0)) < len(points):
+        raise ValueError("a configuration stands twice")
+    return points, measured
+
+
+def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
+    """The interpolation of n distinct points whose d coordinates all change."""
+    order = np.lexsort(points.T[::-1])  # the first coordinate changes slowest
+    points, values = points[order], values[order]
+    if kind == "pchip":
+        if points.shape[1] > 1:
+            raise Infeasible(f"pchip needs one changing parameter, and {points.shape[1]} change")
+        return _pchip(points[:, 0], values)
+    if points.shape[1] == 1:
+        return _Line(_floats(points[:, 0]), _floats(values))
+    levels = [np.unique(column) for column in points.T]
+    if len(points) == math.prod(map(len, levels)):
+        return _Grid(tuple(map(_floats, levels)), _floats(values))
+    return _scattered(points, values)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Straight lines between neighbouring knots, which increase."""
+
+    knots: Point
+    values: Point
+
+    def at(self, point: Sequence[float]) -> float:
+        i, t = _cell(self.knots, point[0])
+        return (1.0 - t) * self.values[i] + t * self.values[i + 1]
+
+    def many(self, points: FloatArray) -> FloatArray:
+        values: FloatArray = np.array(self.values)
+        i, t = _cells(np.array(self.knots), points[:, 0])
+        between: FloatArray = (1.0 - t) * values[i] + t * values[i + 1]
+        return between
+
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        return point
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Multilinear over a full grid: `values` in row-major order of `levels`."""
+
+    levels: tuple[Point, ...]
+    values: Point
+
+    def at(self, point: Sequence[float]) -> float:
+        # Eq. 13 on each axis in turn, multiplied out to weights of the corners of the cell
+        corners = [(0, 1.0)]
+        for knots, value in zip(self.levels, point, strict=True):
+            i, t = _cell(knots, value)
+            n = len(knots)
+            ends = ((i, 1.0 - t), (i + 1, t))
+            corners = [(flat * n + k, weight * w) for flat, weight in corners for k, w in ends]
+        return math.fsum([weight * self.values[flat] for flat, weight in corners])
+
+    def many(self, points: FloatArray) -> FloatArray:
+        cells = [_cells(np.array(knots), column) for knots, column in zip(self.levels, points.T, strict=True)]
+        values = np.array(self.values)
+        total = np.zeros(len(points))
+        for corner in itertools.product((0, 1), repeat=len(cells)):
+            flat, weight = np.zeros(len(points), dtype=np.intp), np.ones(len(points))
+            for knots, upper, (i, t) in zip(self.levels, corner, cells, strict=True):
+                flat = flat * len(knots) + i + upper
+                weight = weight * (t if upper else 1.0 - t)
+            total += weight * values[flat]
+        return total
+
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        return point
+
+
+def _cell(knots: Point, value: float) -> tuple[int, float]:
+    """Index of the knot below a value (the last cell holds its end), and how far towards the next, 0..1."""
+    i = min(bisect_right(knots, value), len(knots) - 1) - 1
+    return i, (value - knots[i]) / (knots[i + 1] - knots[i])
+
+
+def _cells(knots: FloatArray, values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """`_cell` of many values."""
+    i = np.minimum(np.searchsorted(knots, values, side="right"), len(knots) - 1) - 1
+    return i, (values - knots[i]) / (knots[i + 1] - knots[i])
+
+
+@dataclass(frozen=True)
+class _Cubic:
+    """Cubics between neighbouring knots: `coefficients` per segment, highest power of (x − knot) first."""
+
+    knots: Point
+    values: Point
+    coefficients: tuple[tuple[float, float, float, float], ...]
+
+    def at(self, point: Sequence[float]) -> float:
+        value = point[0]
+        if value >= self.knots[-1]:  # else the last measured value would carry the rounding of its segment
+            return self.values[-1]
+        i = bisect_right(self.knots, value) - 1
+        a, b, c, d = self.coefficients[i]
+        x = value - self.knots[i]
+        return ((a * x + b) * x + c) * x + d
+
+    def many(self, points: FloatArray) -> FloatArray:
+        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
+
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        return point
+
+
+def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
+    from scipy.interpolate import PchipInterpolator
+
+    try:
+        with np.errstate(all="ignore"):
+            coefficients = PchipInterpolator(knots, values).c
+    except ValueError:  # of finite and increasing knots, scipy refuses only slopes that are not finite
+        coefficients = np.full((4, 1), np.inf)
+    if not np.all(np.isfinite(coefficients)):
+        raise Infeasible("the configurations are too close together for pchip")
+    rows = tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in coefficients.T)
+    return _Cubic(_floats(knots), _floats(values), rows)
+
+
+@dataclass(frozen=True)
+class _Scattered:
+    """Barycentric over the Delaunay simplices of n points in d coordinates, scaled to 0..1.
+
+    `transforms` (s, d, d) and `origins` (s, d) give the first d barycentric weights in each of s simplices;
+    `vertices` (s, d+1) the indices of their points.
+    """
+
+    points: FloatArray
+    values: FloatArray
+    lower: FloatArray
+    span: FloatArray
+    vertices: NDArray[np.intp]
+    transforms: FloatArray
+    origins: FloatArray
+
+    def at(self, point: Sequence[float]) -> float:
+        simplex, weights = self._weights((np.array(point) - self.lower) / self.span)
+        if weights.min() < -EDGE:
+            raise Infeasible(f"{tuple(point)} is outside the hull of the measured configurations")
+        inside = np.maximum(weights, 0.0)
+        return float(inside @ self.values[self.vertices[simplex]] / inside.sum())
+
+    def many(self, points: FloatArray) -> FloatArray:
+        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
+
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        scaled = (np.array(point) - self.lower) / self.span
+        if self._weights(scaled)[1].min() >= -EDGE:
+            return point
+        return _floats(self.lower + self.span * _nearest_in_hull(self.points, scaled))
+
+    def _weights(self, scaled: FloatArray) -> tuple[int, FloatArray]:
+        """The simplex that holds a point, or is nearest to it, and the point's d + 1 weights there."""
+        # λ = T (x − r) for the first d, the last makes the sum 1
+        first = np.einsum("sij,sj->si", self.transforms, scaled - self.origins)
+        weights = np.column_stack((first, 1.0 - first.sum(axis=1)))
+        # a point is in the simplex where none of its weights is negative
+        best = int(np.argmax(weights.min(axis=1)))
+        return best, weights[best]
+
+
+def _scattered(points: FloatArray, values: FloatArray) -> _Scattered:
+    from scipy.spatial import Delaunay, QhullError
+
+    flat = "the configurations are no full grid and lie on one line (or plane): nothing is known beside it"
+    lower, span = points.min(axis=0), np.ptp(points, axis=0)
+    scaled = (points - lower) / span
+    d = points.shape[1]
+    if np.linalg.matrix_rank(scaled - scaled.mean(axis=0), tol=1e-6) < d:
+        raise Infeasible(flat)
+    try:
+        triangles = Delaunay(scaled)
+    except QhullError:
+        raise Infeasible(flat) from None
+    transform = np.asarray(triangles.transform, dtype=np.float64)
+    # points on one circle can leave simplices without a volume, which hold nothing
+    solid = np.all(np.isfinite(transform), axis=(1, 2))
+    if not solid.any():
+        raise Infeasible(flat)
+    vertices = np.asarray(triangles.simplices, dtype=np.intp)[solid]
+    return _Scattered(scaled, values, lower, span, vertices, transform[solid, :d], transform[solid, d])
+
+
+def _nearest_in_hull(points: FloatArray, target: FloatArray) -> FloatArray:
+    """The point of the hull of n points (n, d) nearest to a target (d,).
+
+    Source: Lawson and Hanson, Solving Least Squares Problems (1974), ch. 23: least distance programming.
+    """
+    from scipy.optimize import nnls
+
+    # min ‖Σ λ_i (p_i − x)‖² + (Σ λ_i − 1)² over λ ≥ 0: for λ = sμ with Σμ = 1, the best s leaves D²/(1 + D²),
+    # which grows with the distance D of Σ μ_i p_i from x; so the best μ is that of the nearest point
+    rows = np.vstack(((points - target).T, np.ones(len(points))))
+    weights, _ = nnls(rows, np.append(np.zeros(len(target)), 1.0))
+    return np.asarray(weights @ points / weights.sum(), dtype=np.float64)
+
+
+def _floats(values: ArrayLike) -> Point:
+    return tuple(float(value) for value in np.asarray(values))

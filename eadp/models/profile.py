@@ -1,0 +1,255 @@
+"""The computation energy model: average power of the computations at a configuration of their parameters."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.piecewise import FloatArray, Interpolant, Kind, interpolant
+from eadp.errors import Infeasible
+
+LEVELS_LIMIT = 100_000
+"""Most values a computation is offered: a larger set is a real number in disguise."""
+
+WHOLE = 1e-9
+"""How far from a whole number of steps still counts as whole."""
+
+
+def _empty() -> FloatArray:
+    return np.empty(0)
+
+
+def _none() -> NDArray[np.int64]:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something odd about the measurements; `point` is the index of the configuration where it shows."""
+
+    point: int
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Average power of the computations, measured at n configurations of d parameters.
+
+    Kept in the order of the configurations, the first parameter changing slowest; arrays are read-only.
+
+    Attributes
+    ----------
+    names, units : tuple of d str
+        Parameters and their units; a unit of '' is not known.
+    configurations : array, shape (n, d)
+        Measured configurations [units], each once.
+    power_w : array, shape (n,)
+        Average power at each [W].
+    spread_w : array, shape (n,)
+        Standard deviation of its samples [W]; 0 where one sample tells nothing of it. Default: all 0.
+    samples : array, shape (n,)
+        How many measurements were averaged. Default: 1 each.
+    interpolation : str
+        `linear`, or `pchip` where one parameter changes.
+    source : str
+        Where the measurements come from.
+
+    Raises
+    ------
+    Infeasible
+        If there is no interpolation over the configurations (see `eadp.core.piecewise.interpolant`).
+    ValueError
+        If the shapes do not fit, a number is not finite, or a configuration stands twice.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    configurations: FloatArray
+    power_w: FloatArray
+    spread_w: FloatArray = field(default_factory=_empty)
+    samples: NDArray[np.int64] = field(default_factory=_none)
+    interpolation: Kind = "linear"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        points = np.array(self.configurations, dtype=np.float64)
+        n = len(points)
+        if points.shape != (n, len(self.names)) or len(self.units) != len(self.names):
+            raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
+        order = np.lexsort(points.T[::-1])
+        columns = {
+            "configurations": points,
+            "power_w": np.array(self.power_w, dtype=np.float64),
+            "spread_w": np.array(self.spread_w if np.size(self.spread_w) else np.zeros(n), dtype=np.float64),
+            "samples": np.array(self.samples if np.size(self.samples) else np.ones(n), dtype=np.int64),
+        }
+        for name, column in columns.items():
+            if len(column) != n:
+                raise ValueError(f"{len(column)} {name} do not fit {n} configurations")
+            column = column[order]
+            column.setflags(write=False)
+            object.__setattr__(self, name, column)
+        _ = self.interpolant  # what cannot be interpolated is no profile
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Profile):
+            return NotImplemented
+        mine = (self.names, self.units, self.interpolation, self.source)
+        return mine == (other.names, other.units, other.interpolation, other.source) and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("configurations", "power_w", "spread_w", "samples")
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def interpolant(self) -> Interpolant:
+        """The interpolation of power [W] over the configurations; vectorised when called."""
+        return interpolant(self.configurations, self.power_w, self.interpolation)
+
+    def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
+        """Average power of the computations at a configuration.
+
+        Parameters
+        ----------
+        configuration : d floats
+            One value for each of `names` [units].
+        clamp : bool
+            Outside the measured range, take the nearest configuration inside.
+
+        Returns
+        -------
+        float
+            Power [W].
+
+        Raises
+        ------
+        Infeasible
+            Outside the measured range, unless `clamp`; where a value is not finite, always.
+
+        Source: letter, Eq. 13 (corrected).
+        """
+        try:
+            return self.interpolant.at(configuration)
+        except Infeasible:
+            if not clamp:
+                raise Infeasible(self.outside(configuration)) from None
+            return self.interpolant.at(self.interpolant.nearest(configuration))
+
+    def contains(self, configuration: Sequence[float]) -> bool:
+        """Whether a configuration of d floats is within the measured range."""
+        return self.interpolant.contains(configuration)
+
+    def outside(self, configuration: Sequence[float]) -> str:
+        """Say in what way a configuration of d floats is outside the measured range."""
+        values = list(zip(self.names, configuration, strict=True))
+        parts = [
+            f"{name}={value:.10g} is outside the measured {least:.10g} to {most:.10g}"
+            for (name, value), (least, most) in zip(values, map(self.range_of, self.names), strict=True)
+            if not least <= value <= most
+        ]
+        together = ", ".join(f"{name}={value:.10g}" for name, value in values)
+        return "; ".join(parts) or f"{together} is outside the measured configurations, though not one by one"
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """The smallest and the largest measured value of a parameter [its unit].
+
+        Raises
+        ------
+        KeyError
+            If the profile has no parameter of that name.
+        """
+        if name not in self.names:
+            raise KeyError(f"the profile has no parameter {name}, but {', '.join(self.names)}")
+        index = self.names.index(name)
+        return self.interpolant.lower[index], self.interpolant.upper[index]
+
+    def levels(self, index: int, lo: float, hi: float) -> tuple[float, ...]:
+        """The values that a computation may take between two bounds, both included.
+
+        Whole steps from the lower bound; but where a measured value within the bounds is not reached by them and the
+        profile was not measured at whole steps either (0.5, 1 and 2 frames per second), the measured values, and the
+        lower bound where it lies between two.
+
+        Parameters
+        ----------
+        index : int
+            Which of `names`.
+        lo, hi : float
+            Bounds [unit of the parameter].
+
+        Returns
+        -------
+        tuple of float
+            Increasing [unit of the parameter]; empty for lo > hi.
+
+        Raises
+        ------
+        Infeasible
+            If these are more than `LEVELS_LIMIT`.
+        """
+        values = [float(value) for value in np.unique(self.configurations[:, index])]
+        measured = [value for value in values if lo <= value <= hi]
+        if not (_whole_steps(lo, measured) or _whole_steps(values[0], values)):
+            return (lo, *measured) if measured[0] > lo > values[0] else tuple(measured)
+        if not hi - lo < LEVELS_LIMIT:
+            name = self.names[index]
+            raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")
+        return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What is odd: power that rises and falls along a parameter, the others held. Nothing is repaired.
+
+        Returns
+        -------
+        tuple of Finding
+            At most one for each parameter, at its first turning point.
+        """
+        return tuple(found for axis in range(len(self.names)) for found in self._turns(axis)[:1])
+
+    def _turns(self, axis: int) -> list[Finding]:
+        """Every line of configurations along one parameter in which power turns."""
+        lines: dict[tuple[float, ...], list[int]] = defaultdict(list)
+        for point, configuration in enumerate(self.configurations.tolist()):
+            others = (*configuration[:axis], *configuration[axis + 1 :])
+            lines[others].append(point)
+        found = []
+        for others, points in lines.items():
+            turn, rising = _first_turn(self.power_w[points].tolist())
+            if turn:
+                found.append(self._turn_finding(axis, others, points[turn], rising))
+        return found
+
+    def _turn_finding(self, axis: int, others: tuple[float, ...], point: int, rising: bool) -> Finding:
+        name, value, turn_w = self.names[axis], self.configurations[point, axis], self.power_w[point]
+        rest = [other for other in self.names if other != name]
+        held = ", ".join(f"{other}={at:g}" for other, at in zip(rest, others, strict=True))
+        where = f" at {held}" if held else ""
+        first, then = ("rises", "falls") if rising else ("falls", "rises")
+        what = f"it {first} to {turn_w:g} W at {name}={value:g} and {then} after it"
+        return Finding(point, f"power is not monotone in {name}{where}: {what}; kept as measured")
+
+
+def _first_turn(values: Sequence[float]) -> tuple[int, bool]:
+    """Where a sequence first turns, and whether it rose before; index 0 if it never turns.
+
+    The index is that of the last value before the turn shows: of equal values at the top, the last.
+    """
+    direction = 0
+    for i in range(1, len(values)):
+        step = (values[i] > values[i - 1]) - (values[i] < values[i - 1])
+        if step * direction < 0:
+            return i - 1, direction > 0
+        direction = step or direction
+    return 0, False
+
+
+def _whole_steps(start: float, values: Sequence[float]) -> bool:
+    """Whether whole steps from a start reach every value."""
+    return all(abs(value - start - round(value - start)) <= WHOLE for value in values)

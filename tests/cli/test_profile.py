@@ -1,0 +1,248 @@
+"""`eadp profile` and `eadp schema` as they are called: exit codes, stdout and stderr, files written."""
+
+from __future__ import annotations
+
+import io
+import json
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from eadp.cli.main import main
+
+Run = Callable[..., tuple[int, str, str]]
+Measured = Callable[[str], str]
+
+ROOT = Path(__file__).parents[2]
+PEDNET = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
+PEDNET_MODEL = str(ROOT / "profiles" / "pednet-jetson-nano.yaml")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run one command line: its exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(list(arguments))
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture
+def measured(tmp_path: Path) -> Measured:
+    """Write measurements to a file and return its path."""
+
+    def write(body: str) -> str:
+        file = tmp_path / "measured.csv"
+        file.write_text(body, encoding="utf-8")
+        return str(file)
+
+    return write
+
+
+def test_the_example_of_the_help_works(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = run("profile", "--help")
+    assert code == 0
+    example = next(line.strip() for line in out.splitlines() if "Example:" in line)
+    assert out.split("\n\n")[1].strip() == example, "the help starts with it"
+    monkeypatch.chdir(ROOT)
+    code, out, err = run(*shlex.split(example.removeprefix("Example: eadp")))
+    assert (code, out, err) == (0, "fps=5: 7.81153 W\n", "")
+
+
+@pytest.mark.parametrize("file", [PEDNET, PEDNET_MODEL])
+def test_power_as_json(run: Run, file: str) -> None:
+    code, out, err = run("profile", file, "--at", "fps=5", "--at", "fps=2.1", "--format", "json")
+    document = json.loads(out)
+    assert (code, err) == (0, "")
+    assert document == {
+        "schema": "eadp.power/1",
+        "values": [
+            {"configuration": {"fps": 5}, "power_w": pytest.approx(7.811535), "extrapolated": False},
+            {"configuration": {"fps": 2.1}, "power_w": pytest.approx(5.300767), "extrapolated": False},
+        ],
+    }
+
+
+def test_several_parameters_in_any_order(run: Run, measured: Measured) -> None:
+    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
+    code, out, _ = run("profile", file, "--at", " keysize = 240 ,fps=6", "--format", "json")
+    assert code == 0
+    (value,) = json.loads(out)["values"]
+    assert list(value["configuration"].items()) == [("fps", 6), ("keysize", 240)]
+    assert value["power_w"] == pytest.approx((5 + 6 + 9 + 14) / 4)
+
+
+def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "m.yaml"
+    code, out, err = run("profile", PEDNET, "--at", "fps=5", "--at", "fps=12", "-o", str(model))
+    assert (code, out) == (2, "")
+    assert err.splitlines()[0] == (
+        "--at:1:1: error: fps=12 is outside the measured 2 to 10; "
+        "expected a value inside, or --clamp for the nearest"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_outside_is_clamped_when_asked(run: Run) -> None:
+    code, out, err = run("profile", PEDNET, "--at", "fps=12", "--at", "fps=10", "--clamp", "--format", "json")
+    assert code == 0
+    assert [value["extrapolated"] for value in json.loads(out)["values"]] == [True, False]
+    assert json.loads(out)["values"][0] == {
+        "configuration": {"fps": 12},
+        "power_w": 10.2112,
+        "extrapolated": True,
+    }
+    assert err == "--at:1:1: warning: fps=12 is outside the measured 2 to 10: taken at fps=10\n"
+
+
+@pytest.mark.parametrize(
+    ("at", "starts"),
+    [
+        ("5", ["--at:1:1: error: 5 is no name=value; expected fps=VALUE"]),
+        ("", ["--at:1:1: error: an empty text is no name=value"]),
+        ("rate=5", ["--at:1:1: error: no parameter rate; expected fps=VALUE"]),
+        ("=5", ["--at:1:1: error: no parameter without a name"]),
+        ("fps=5,fps=6", ["--at:1:7: error: fps stands twice"]),
+        ("fps=nan", ["--at:1:1: error: fps is nan, not a finite number"]),
+        ("fps=1_0", ["--at:1:1: error: fps is 1_0, not a finite number"]),
+        ("fps=", ["--at:1:1: error: fps is empty, not a finite number"]),
+        ("fps=1e999,a=1", ["--at:1:1: error: fps is 1e999", "--at:1:11: error: no parameter a"]),
+    ],
+)
+def test_configurations_that_are_refused(run: Run, at: str, starts: list[str]) -> None:
+    code, out, err = run("profile", PEDNET, "--at", at)
+    assert (code, out) == (2, "")
+    found = [line for line in err.splitlines() if line.startswith("--at")]
+    assert len(found) == len(starts)
+    assert all(line.startswith(start) for line, start in zip(found, starts, strict=True))
+
+
+def test_a_value_for_every_parameter(run: Run, measured: Measured) -> None:
+    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
+    code, out, err = run("profile", file, "--at", "fps=6")
+    assert (code, out) == (2, "")
+    assert err.startswith("--at:1:1: error: no value for keysize; expected fps=VALUE,keysize=VALUE\n")
+
+
+def test_summary_as_text(run: Run, measured: Measured) -> None:
+    file = measured("# source: the bench\nfps [1/s],power_w\n2,5\n2,5.5\n10,9\n")
+    code, out, _ = run("profile", file)
+    assert code == 0
+    assert out.splitlines() == [
+        "2 configurations of fps; linear between them",
+        "source: the bench",
+        "fps [1/s]  power [W]  spread [W]  samples",
+        "        2       5.25        0.35        2",
+        "       10          9                    1",
+    ]
+
+
+def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("profile", PEDNET, "--format", "json")
+    document = json.loads(out)
+    assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
+    assert document["points"][0] == {"at": [2], "power_w": 5.21438, "spread_w": 0, "samples": 1}
+    (tmp_path / "m.json").write_text(out, encoding="utf-8")
+    assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
+
+
+def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "m.yaml"
+    code, out, _ = run("profile", PEDNET, "--interpolation", "pchip", "--names", "rate", "-o", str(model))
+    assert code == 0
+    assert out.startswith("5 configurations of rate; pchip between them\n")
+    again = run("profile", str(model), "-o", "-")
+    assert again == (0, model.read_text(encoding="utf-8"), "")
+    smooth = json.loads(run("profile", str(model), "--at", "rate=9", "--format", "json")[1])
+    straight = json.loads(run("profile", PEDNET, "--at", "fps=9", "--format", "json")[1])
+    assert smooth["values"][0]["power_w"] > straight["values"][0]["power_w"] + 0.01
+
+
+def test_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stdin:
+        buffer = io.BytesIO(b"2,5\n4,7\n")
+
+    monkeypatch.setattr(sys, "stdin", Stdin())
+    code, out, _ = run("profile", "-", "--at", "c=3")
+    assert (code, out) == (0, "c=3: 6 W\n")
+
+
+def test_faults_of_the_file(run: Run, measured: Measured, tmp_path: Path) -> None:
+    file = measured("fps,power_w\n2,nan\n4,-1\n")
+    model = tmp_path / "m.yaml"
+    code, out, err = run("profile", file, "-o", str(model), "--format", "json")
+    assert (code, out) == (2, "")
+    assert err.splitlines() == [
+        f"{file}:2:3: error: nan is not finite; expected a finite number",
+        "    2,nan",
+        "      ^",
+        f"{file}:3:3: error: a power of -1 W; expected a power of 0 or more",
+        "    4,-1",
+        "      ^",
+    ]
+    assert not model.exists()
+
+
+def test_warnings_are_on_stderr(run: Run, measured: Measured) -> None:
+    file = measured("fps,power_w\n2,5\n4,7\n6,6\n")
+    code, out, err = run("profile", file, "--at", "fps=4", "--format", "json")
+    assert code == 0
+    assert json.loads(out)["values"][0]["power_w"] == 7
+    assert err.startswith(f"{file}:3:1: warning: power is not monotone in fps")
+
+
+@pytest.mark.parametrize(
+    ("options", "start"),
+    [
+        (["-o", "-", "--at", "fps=5"], "--output:1:1: error: standard output is taken"),
+        (["-o", "-", "--format", "json"], "--output:1:1: error: standard output is taken"),
+        (["-o", "no/such/folder/m.yaml"], "no/such/folder/m.yaml:1:1: error: cannot be written"),
+        (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
+        (["--names", ","], "--names:1:1: error: an empty text is no name"),
+    ],
+)
+def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None:
+    code, out, err = run("profile", PEDNET, *options)
+    assert (code, out) == (2, "")
+    assert err.startswith(start)
+
+
+def test_pchip_of_two_parameters(run: Run, measured: Measured) -> None:
+    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
+    code, out, err = run("profile", file, "--interpolation", "pchip")
+    assert (code, out) == (2, "")
+    assert err.startswith("--interpolation:1:1: error: pchip needs one changing parameter, and 2 change")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys; from eadp.cli.main import main; main(['profile', '--help']);"
+        "heavy = {'numpy', 'scipy', 'yaml', 'sympy', 'osqp', 'matplotlib', 'eadp.models'};"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+# eadp schema
+
+
+def test_schema_of_a_profile(run: Run) -> None:
+    code, out, err = run("schema", "profile")
+    schema = json.loads(out)
+    assert (code, err) == (0, "")
+    assert schema["title"] == "eadp.profile/1"
+    assert set(schema["properties"]) == {"schema", "source", "parameters", "interpolation", "points"}
+
+
+def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
+    code, out, err = run("schema", "plans")
+    assert (code, out) == (2, "")
+    assert err.startswith("NAME:1:1: error: no such file format; expected profile, energy, scenario\n")

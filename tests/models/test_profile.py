@@ -1,0 +1,173 @@
+"""The computation energy model: power at a configuration, ranges, levels, findings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eadp.errors import Infeasible
+from eadp.models.profile import LEVELS_LIMIT, Profile
+
+unhurried = settings(deadline=None)  # no test depends on the clock
+ROUNDING_W = 1e-9
+
+
+def profile(power_by_fps: dict[float, float]) -> Profile:
+    points = np.array([[fps] for fps in power_by_fps], dtype=float)
+    return Profile(("fps",), ("1/s",), points, np.array(list(power_by_fps.values())))
+
+
+PEDNET = profile({2: 5.21438, 4: 6.94212, 6: 8.68095, 8: 9.78429, 10: 10.2112})
+HALF = profile({0.5: 3.33, 1: 3.34, 2: 3.36, 10: 3.46})
+
+
+def test_power_worked_by_hand() -> None:
+    assert PEDNET.power_w_at((5.0,)) == pytest.approx((6.94212 + 8.68095) / 2, abs=ROUNDING_W)
+
+
+def test_outside_is_refused_or_clamped() -> None:
+    with pytest.raises(Infeasible, match=r"^fps=12 is outside the measured 2 to 10$"):
+        PEDNET.power_w_at((12.0,))
+    assert PEDNET.power_w_at((12.0,), clamp=True) == 10.2112
+    assert PEDNET.power_w_at((0.0,), clamp=True) == 5.21438
+    assert not PEDNET.contains((12.0,))
+    assert PEDNET.contains((10.0,))
+
+
+@pytest.mark.parametrize("clamp", [False, True])
+def test_nan_is_never_a_power(clamp: bool) -> None:
+    with pytest.raises(Infeasible):
+        PEDNET.power_w_at((math.nan,), clamp)
+
+
+def test_outside_the_hull_though_inside_each_range() -> None:
+    points = np.array([[2, 32], [10, 32], [2, 448]])
+    corner = Profile(("fps", "keysize"), ("", ""), points, np.array([5, 9, 6]))
+    with pytest.raises(Infeasible, match="fps=9, keysize=400 is outside the measured configurations"):
+        corner.power_w_at((9.0, 400.0))
+
+
+def test_arrays_are_sorted_read_only_copies() -> None:
+    points, power_w = np.array([[4.0], [2.0]]), np.array([7.0, 5.0])
+    made = Profile(("fps",), ("",), points, power_w, np.array([0.2, 0.1]), np.array([3, 1]))
+    points[0], power_w[0] = 99, 99
+    assert made.configurations.tolist() == [[2], [4]]
+    assert made.power_w.tolist() == [5, 7]
+    assert made.spread_w.tolist() == [0.1, 0.2]
+    assert made.samples.tolist() == [1, 3]
+    with pytest.raises(ValueError, match="read-only"):
+        made.power_w[0] = 1
+
+
+def test_spread_and_samples_have_defaults() -> None:
+    assert PEDNET.spread_w.tolist() == [0] * 5
+    assert PEDNET.samples.tolist() == [1] * 5
+
+
+def test_equality_is_by_value() -> None:
+    assert profile({2: 5, 4: 7}) == profile({4: 7, 2: 5})
+    assert profile({2: 5, 4: 7}) != profile({2: 5, 4: 7.5})
+    assert profile({2: 5, 4: 7}) != "a profile"
+
+
+def test_shapes_that_do_not_fit() -> None:
+    with pytest.raises(ValueError, match="do not fit"):
+        Profile(("fps", "keysize"), ("", ""), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]))
+    with pytest.raises(ValueError, match="do not fit"):
+        Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
+
+
+def test_range_of() -> None:
+    assert PEDNET.range_of("fps") == (2, 10)
+    with pytest.raises(KeyError, match="keysize"):
+        PEDNET.range_of("keysize")
+
+
+# levels
+
+
+def test_levels_are_whole_steps() -> None:
+    assert PEDNET.levels(0, 2, 10) == tuple(range(2, 11))
+    assert PEDNET.levels(0, 2.5, 5) == (2.5, 3.5, 4.5), "the measured values are whole steps apart: whole steps"
+    assert PEDNET.levels(0, 4.5, 5.75) == (4.5, 5.5), "no measured value between: whole steps from the bound"
+
+
+def test_levels_are_the_measured_values_where_whole_steps_miss_one() -> None:
+    assert HALF.levels(0, 0.5, 10) == (0.5, 1, 2, 10)
+    assert HALF.levels(0, 0, 2) == (0.5, 1, 2)
+    assert HALF.levels(0, 0.7, 2) == (0.7, 1, 2), "the lower bound lies between two measured values"
+    assert HALF.levels(0, 1, 4) == (1, 2, 3, 4), "0.5 is not within the bounds"
+
+
+def test_levels_of_one_value_and_of_none() -> None:
+    assert PEDNET.levels(0, 4, 4) == (4,)
+    assert PEDNET.levels(0, 5, 4) == ()
+
+
+def test_levels_of_the_second_parameter() -> None:
+    grid = Profile(
+        ("fps", "scale"), ("", ""), np.array([[2, 0], [2, 1.5], [4, 0], [4, 1.5]]), np.array([1, 2, 2, 3])
+    )
+    assert grid.levels(0, 2, 4) == (2, 3, 4)
+    assert grid.levels(1, 0, 2) == (0, 1.5)
+
+
+def test_too_many_levels() -> None:
+    with pytest.raises(Infeasible, match="whole steps"):
+        PEDNET.levels(0, 0, LEVELS_LIMIT)
+    assert len(PEDNET.levels(0, 0, LEVELS_LIMIT - 1)) == LEVELS_LIMIT
+
+
+@unhurried
+@given(st.integers(0, 80).map(lambda k: k / 8), st.integers(0, 80).map(lambda k: k / 8))
+def test_levels_are_within_the_bounds_and_hold_what_is_measured(lo: float, hi: float) -> None:
+    for made in (PEDNET, HALF):
+        levels = made.levels(0, lo, hi)
+        assert all(lo <= level <= hi for level in levels)
+        assert list(levels) == sorted(set(levels))
+        if made is PEDNET:  # measured at whole steps: whole steps from the bound, wherever that is
+            assert all(level - lo == k for k, level in enumerate(levels))
+            continue
+        measured = {fps for (fps,) in made.configurations.tolist() if lo <= fps <= hi}
+        assert measured <= set(levels)
+
+
+# findings
+
+
+@pytest.mark.parametrize(
+    "powers_w", [[1, 2, 3, 3], [3, 2, 2, 1], [2, 2, 2, 2]], ids=["rises", "falls", "is constant"]
+)
+def test_monotone_power_has_no_findings(powers_w: list[float]) -> None:
+    assert profile(dict(zip([1, 2, 3, 4], powers_w, strict=True))).findings() == ()
+
+
+def test_power_that_falls_and_rises_is_found_and_kept() -> None:
+    landing = profile({0.5: 3.33004, 1: 3.32834, 2: 3.32326, 10: 3.46297})
+    (finding,) = landing.findings()
+    assert finding.point == 2
+    assert "falls to 3.32326 W at fps=2 and rises after it" in finding.message
+    assert landing.power_w_at((2.0,)) == 3.32326
+
+
+def test_a_plateau_at_the_top_is_found_at_its_end() -> None:
+    (finding,) = profile({1: 1, 2: 3, 3: 3, 4: 2}).findings()
+    assert finding.point == 2
+    assert "rises to 3 W at fps=3 and falls after it" in finding.message
+
+
+def test_a_turn_along_one_parameter_names_the_others() -> None:
+    points = np.array([[a, b] for a in (1, 2, 3) for b in (32, 448)])
+    turning = Profile(("fps", "keysize"), ("", ""), points, np.array([1.0, 2, 2, 5, 3, 4]))
+    (finding,) = turning.findings()
+    assert "not monotone in fps at keysize=448: it rises to 5 W at fps=2" in finding.message
+
+
+def test_neighbours_in_both_parameters_are_not_compared() -> None:
+    # power rises with fps and falls with keysize: monotone along each
+    points = np.array([[a, b] for a in (1, 2) for b in (32, 448)])
+    assert Profile(("fps", "keysize"), ("", ""), points, np.array([2.0, 1, 4, 3])).findings() == ()

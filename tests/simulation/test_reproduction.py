@@ -1,0 +1,165 @@
+"""The four published flights and the drained ones, against the published figures.
+
+Source of the figures: the letter's published flights; docs/reproduction.md lists them beside ours.
+"""
+
+from __future__ import annotations
+
+import csv
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from eadp.io.flight_folder import summarise
+from eadp.io.flight_inputs import load_flight
+from eadp.simulation.loop import Outcome, fly
+
+DURATION_SHARE = 1e-3
+POWER_W = 0.1
+LAP_S = 0.1
+SAME_FLIGHT_SHARE = 0.01
+SAME_CHANGE_S = 1.0
+SAME_MEAN = 0.02
+SAME_QUALITY = 0.03
+
+
+@lru_cache
+def flown(scenario, overrides=()):
+    from conftest import ROOT  # the tests' folder is no package
+
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / f"scenarios/{scenario}.yaml"),
+        overrides=dict(overrides),
+    )
+    planner, outcome = inputs.planner(), Outcome()
+    steps = list(fly(inputs.world, planner, outcome))
+    settings = inputs.scenario.planner
+    summary = summarise(
+        inputs.world, planner, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
+    )
+    shares = [outcome.parameters.mean_share(i) for i in range(2)]
+    return summary, shares, steps
+
+
+@pytest.mark.parametrize(
+    ("scenario", "duration_s", "mean_w", "min_w", "max_w"),
+    [
+        ("paper-I-static", 724.71, 36.394, 32.28, 40.76),
+        ("paper-II-static", 318.70, 31.105, 27.27, 35.75),
+    ],
+)
+def test_static_flights_are_the_published_ones(scenario, duration_s, mean_w, min_w, max_w):
+    summary, _, _ = flown(scenario)
+    assert summary["completed"]
+    assert summary["duration_s"] == pytest.approx(duration_s, rel=DURATION_SHARE)
+    assert summary["power_w"]["mean"] == pytest.approx(mean_w, abs=POWER_W)
+    assert summary["power_w"]["min"] == pytest.approx(min_w, abs=POWER_W)
+    assert summary["power_w"]["max"] == pytest.approx(max_w, abs=POWER_W)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "shortest_s", "longest_s"), [("paper-I-static", 45.8, 46.3), ("paper-II-static", 46.7, 46.7)]
+)
+def test_laps_after_the_first_take_the_published_time(scenario, shortest_s, longest_s):
+    laps = flown(scenario)[0]["lap_times_s"]
+    assert len(laps) >= 6
+    assert min(laps) == pytest.approx(shortest_s, abs=LAP_S)
+    assert max(laps) == pytest.approx(longest_s, abs=LAP_S)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "duration_s", "changes", "means", "metric"),
+    [
+        ("paper-i-dynamic", 403.15, [(92.64, -500), (269.50, -1000)], (0.449, 0.355), 1.215),
+        ("paper-ii-dynamic", 661.97, [(85.00, -500), (85.01, 0)], (0.872, 0.618), 1.179),
+    ],
+)
+def test_dynamic_flights_are_the_published_ones(scenario, duration_s, changes, means, metric):
+    summary, shares, _ = flown(scenario)
+    assert summary["completed"]
+    assert summary["duration_s"] == pytest.approx(duration_s, rel=SAME_FLIGHT_SHARE)
+    ours = summary["parameters"]["c1"]["changes_at"]
+    assert [value for _, value in ours] == [value for _, value in changes]
+    assert [time for time, _ in ours] == pytest.approx([time for time, _ in changes], abs=SAME_CHANGE_S)
+    assert shares == pytest.approx(means, abs=SAME_MEAN)
+    assert summary["paper_metric"] == pytest.approx(metric, abs=SAME_MEAN)
+    assert summary["solver"]["failures"] == 0
+
+
+def test_the_metric_of_flight_i_is_the_raw_one_and_not_the_printed_one():
+    assert flown("paper-I-static")[0]["paper_metric"] == pytest.approx(3.84, abs=0.01)
+    assert flown("paper-II-static")[0]["paper_metric"] == 0
+
+
+DRAINED = {
+    "no wind": {"wind.speed_mps": 0, "faults": ()},
+    "towards 0": {},
+    "towards 90": {"wind.towards_deg": 90},
+}
+CORRECTED = {"planner.remaining_time": "corrected", "planner.delta": (("c1", 250.0), ("c2", 2.0))}
+
+
+def drained(case, rules=()):
+    overrides = {**DRAINED[case], **dict(rules)}
+    plain = {key: dict(value) if key.endswith("delta") else value for key, value in overrides.items()}
+    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in plain.items()}
+    return _drained(tuple((key, repr(value)) for key, value in plain.items()))
+
+
+@lru_cache
+def _drained(items):
+    import ast
+
+    from conftest import ROOT
+
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / "scenarios/paper-drained.yaml"),
+        overrides={key: ast.literal_eval(value) for key, value in items},
+    )
+    outcome = Outcome()
+    for _ in fly(inputs.world, inputs.planner(), outcome):
+        pass
+    shares = [outcome.parameters.mean_share(i) for i in range(2)]
+    return outcome, sum(shares) / 2
+
+
+@pytest.mark.parametrize(
+    ("case", "published", "corrected"),
+    [("no wind", 0.636, 0.636), ("towards 0", 0.472, 0.538), ("towards 90", 0.468, 0.534)],
+)
+def test_drained_flights_reach_the_known_quality(case, published, corrected):
+    for rules, quality in (((), published), (tuple(CORRECTED.items()), corrected)):
+        outcome, reached = drained(case, rules)
+        assert outcome.completed
+        assert reached == pytest.approx(quality, abs=SAME_QUALITY)
+
+
+@pytest.mark.parametrize("case", DRAINED)
+def test_the_highest_parameters_drain_the_battery(case):
+    outcome, _ = drained(case, (("planner.name", "static"),))
+    assert not outcome.completed
+    assert outcome.reason == "battery empty"
+
+
+@pytest.mark.parametrize("flight", ["static-I", "dynamic-i"])
+def test_path_and_power_follow_the_published_data(reference, flight):
+    """As the published scorer compares: positions by time, the 1,000 rows being spread over the flight."""
+    scenario = {"static-I": "paper-I-static", "dynamic-i": "paper-i-dynamic"}[flight]
+    steps = flown(scenario)[2]
+    ours = np.array([(step.time_s, step.x_m, step.y_m, step.power_w) for step in steps])
+
+    def rows(name):
+        with open(reference / f"flights/{flight}_{name}.csv", newline="") as stream:
+            return np.array([[float(cell) for cell in row] for row in csv.reader(stream) if row])
+
+    position, energy = rows("position"), rows("energy")
+    time_s = np.interp(np.linspace(0, 1, len(position)), np.linspace(0, 1, len(energy)), energy[:, 0])
+    keep = (time_s <= ours[-1, 0]) & (time_s <= 269.0)  # where i's second change falls a step earlier, paths part
+    gap = [np.interp(time_s[keep], ours[:, 0], ours[:, k]) - position[keep, k - 1] for k in (1, 2)]
+    assert np.sqrt(np.mean(np.square(gap).sum(axis=0))) < 5.0
+    keep = energy[:, 0] <= min(ours[-1, 0], 92.0)  # before the first re-planning, which may differ by a sample
+    power = np.interp(energy[keep, 0], ours[:, 0], ours[:, 3]) - energy[keep, 1]
+    assert np.sqrt(np.mean(power**2)) < 0.25
