@@ -27,11 +27,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("plan")(plan.command)
-app.command("profile")(profile.command)
-app.command("fit")(fit.command)
-app.command("simulate")(simulate.command)
-app.command("schema")(schema.command)
+COMMANDS = {
+    "plan": (plan.command, "Parse a plan into its stages."),
+    "profile": (profile.command, "Build the computation energy model from measurements."),
+    "fit": (fit.command, "Estimate period, order and Fourier coefficients from a power log."),
+    "simulate": (simulate.command, "Fly a plan in simulation, re-planning on the way."),
+    "schema": (schema.command, "Print the JSON Schema of a file format."),
+}
+for _name, (_command, _summary) in COMMANDS.items():
+    app.command(_name, short_help=_summary)(_command)
 
 
 def _show_version(wanted: bool) -> None:

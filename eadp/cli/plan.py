@@ -29,9 +29,9 @@ def command(
         PlanFormat, typer.Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
     ] = PlanFormat.text,
 ) -> int:
-    """Parse a plan into its stages.
+    """Example: eadp plan plans/survey.plan --format json
 
-    Example: eadp plan plans/survey.plan --format json
+    Parse a plan into its stages.
 
     Exit code 0 if the plan can be read, 2 if not.
     """

@@ -39,9 +39,9 @@ def command(
     ] = False,
     format_: Annotated[Format, typer.Option("--format", help="Output format.")] = Format.text,
 ) -> int:
-    """Fly a plan in simulation, re-planning on the way.
+    """Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
 
-    Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
+    Fly a plan in simulation, re-planning on the way.
 
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """

@@ -144,7 +144,7 @@ class PlannerKeys(_Strict):
     cost_weights: tuple[NotNegative, NotNegative] = Field((1.0, 1.0), description="Q and R of cost quadratic")
     constraint_at: Literal["end", "worst"] = "worst"
     remaining_time: Literal["corrected", "published"] = "corrected"
-    path_search: Literal["delta", "largest"] = "largest"
+    path_search: Literal["delta", "largest"] = "delta"
     raise_path: bool = True
     path_every_s: Positive | None = None
     start_after_s: NotNegative = 0.0

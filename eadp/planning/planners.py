@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from eadp.core.battery import currents_a
 from eadp.core.geometry import Point
+from eadp.core.scaling import path_scaling
 from eadp.errors import EadpError, Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
@@ -84,7 +85,7 @@ class PlannerSettings:
     cost_weights: tuple[float, float] = (1.0, 1.0)
     constraint_at: str = "worst"
     remaining_time: str = "corrected"
-    path_search: str = "largest"
+    path_search: str = "delta"
     raise_path: bool = True
     path_every_s: float | None = None
     start_after_s: float = 0.0
@@ -211,6 +212,7 @@ class PaperPlanner(StaticPlanner):
         self._soc: float | None = None
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._times = _coverage_times_s(settings, mission)
+        self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
         self._ahead_w: FloatArray = np.zeros(0)
 
     def update(self, observation: Observation) -> Decision:
@@ -340,19 +342,13 @@ class PaperPlanner(StaticPlanner):
         """Path parameters by the time that remains against the time to an empty battery: letter, Alg. 2 l. 17-27."""
         if not self._rho or self._times is None:
             return parameters
-        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
         last_s = self._time_to_reserve_s(o)
         shortest, longest = self._times
         if self._settings.path_search == "largest":
             share = self._largest_share(o.time_s, last_s)
-            now = self._share(parameters)
-            if share < now or self._settings.raise_path:
-                chosen = [
-                    box.lo + share * (box.hi - box.lo) if longest >= shortest else box.hi - share * (box.hi - box.lo)
-                    for box in boxes
-                ]
-                return (*chosen, *parameters[self._rho :])
-            return parameters
+            chosen = (*(box.lo + share * (box.hi - box.lo) for box in self._boxes), *parameters[self._rho :])
+            longer = self._coverage_s(chosen) >= self._coverage_s(parameters)
+            return parameters if longer and not self._settings.raise_path else chosen
         down = -1 if longest >= shortest else 1
         if self._remaining_s(parameters, o.time_s) > last_s:
             return self._moved(parameters, down)
@@ -363,10 +359,9 @@ class PaperPlanner(StaticPlanner):
         return parameters
 
     def _moved(self, parameters: Vector, direction: int) -> Vector:
-        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
         moved = [
             box.clip(value + direction * self._delta(i))
-            for i, (value, box) in enumerate(zip(parameters[: self._rho], boxes, strict=True))
+            for i, (value, box) in enumerate(zip(parameters[: self._rho], self._boxes, strict=True))
         ]
         return (*moved, *parameters[self._rho :])
 
@@ -378,39 +373,35 @@ class PaperPlanner(StaticPlanner):
         box = self._mission.plan.hull(index)
         return (box.hi - box.lo) / 10 if index < self._rho else 1.0
 
-    def _share(self, parameters: Vector) -> float:
-        """Where t_s = Σ(ν c + τ) lies between the shortest and the longest time, in 0..1.
-
-        Each ν c + τ is its share of the shortest time and of the difference, c from c̲ to c̄: letter, Eq. 10, with the
-        misprint in τ corrected.
-        """
+    def _coverage_s(self, parameters: Vector) -> float:
+        """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
         assert self._times is not None
-        shortest, longest = self._times
-        boxes = [self._mission.plan.hull(i) for i in range(self._rho)]
-        shares = [box.share(value) for box, value in zip(boxes, parameters[: self._rho], strict=True)]
-        mean = sum(1.0 if share is None else share for share in shares) / self._rho
-        return mean if longest >= shortest else 1 - mean
+        total = 0.0
+        for box, value in zip(self._boxes, parameters[: self._rho], strict=True):
+            nu, tau = path_scaling(box.lo, box.hi, *self._times, self._rho)
+            total += nu * value + tau
+        return total
 
     def _remaining_s(self, parameters: Vector, time_s: float) -> float:
-        """t_r at given path parameters."""
+        """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
         assert self._times is not None
-        low, high = sorted(self._times)
-        total_s = low + self._share(parameters) * (high - low)
+        total_s = self._coverage_s(parameters)
         if self._settings.remaining_time == "published":
-            return total_s / high * (high - time_s)
+            longest = max(self._times)
+            return total_s / longest * (longest - time_s)
         return total_s - time_s
 
     def _largest_share(self, time_s: float, last_s: float) -> float:
-        """The largest share with t_r ≤ t_b; 0 where there is none."""
+        """The share of their sets at which all path parameters just have t_r ≤ t_b, held within 0..1."""
         assert self._times is not None
-        low, high = sorted(self._times)
+        shortest, longest = self._times
+        most_s = last_s + time_s
         if self._settings.remaining_time == "published":
-            most = last_s * high / (high - time_s) if time_s < high else math.inf
-        else:
-            most = last_s + time_s
-        if high == low:
-            return 1.0
-        return min(1.0, max(0.0, (most - low) / (high - low)))
+            whole = max(self._times)
+            most_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
+        if math.isinf(most_s) or longest == shortest:
+            return 1.0 if longest >= shortest else 0.0
+        return min(1.0, max(0.0, (most_s - shortest) / (longest - shortest)))
 
     def _time_to_reserve_s(self, o: Observation) -> float:
         """t_b: how long the predicted battery lasts [s], down to the reserve.

@@ -1,0 +1,207 @@
+"""The Fourier state of a periodic power: its exact step, its output, and the papers' coefficients.
+
+The state q = [α0, α1, β1, …, αr, βr] is carried in watts: α0 is the mean, and harmonic j adds
+αj cos ωjt + βj sin ωjt with ω = 2π/T. The papers' coefficients a, b are T/2 times αj, βj (T times for α0).
+
+Source: letter, Eqs. 3-7 and Lemma III.1, with the start of the lemma corrected: q0 = (1/T)[a0, 2a1, 2b1, …].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def output_row(order: int) -> FloatArray:
+    """The row C that reads the power off the state.
+
+    Parameters
+    ----------
+    order : int
+        Number of harmonics r, 0 or more.
+
+    Returns
+    -------
+    array, shape (2r + 1,)
+        [1, 1, 0, …, 1, 0]. The letter's 1/T is in the state, which is in watts.
+
+    Source: letter, Eq. 7.
+    """
+    row = np.zeros(2 * order + 1)
+    row[0] = 1.0
+    row[1::2] = 1.0
+    return row
+
+
+def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
+    """The exact step of the state, e^{A Δt}: one rotation for each harmonic.
+
+    Parameters
+    ----------
+    order : int
+        Number of harmonics r, 0 or more.
+    period_s : float
+        T [s], above 0.
+    step_s : float
+        Δt [s], of any size and sign.
+
+    Returns
+    -------
+    array, shape (2r + 1, 2r + 1)
+
+    Source: letter, Eqs. 4 and 6.
+    """
+    harmonic = np.arange(1, order + 1)
+    angle = 2 * np.pi / period_s * harmonic * step_s
+    cosine, sine = 2 * harmonic - 1, 2 * harmonic  # where α_j and β_j stand in the state
+    matrix = np.eye(2 * order + 1)
+    # A_j = [[0, ωj], [−ωj, 0]]  →  e^{A_j Δt} = [[cos ωjΔt, sin ωjΔt], [−sin ωjΔt, cos ωjΔt]]
+    matrix[cosine, cosine] = matrix[sine, sine] = np.cos(angle)
+    matrix[cosine, sine] = np.sin(angle)
+    matrix[sine, cosine] = -np.sin(angle)
+    return matrix
+
+
+def forecast_w(state_w: ArrayLike, period_s: float, ahead_s: ArrayLike) -> FloatArray:
+    """Power that a state leads to, C e^{A t} q, at many times ahead at once.
+
+    Parameters
+    ----------
+    state_w : array, shape (2r + 1,)
+        q now [W].
+    period_s : float
+        T [s], above 0.
+    ahead_s : array, any shape
+        Times from now [s].
+
+    Returns
+    -------
+    array, shape of `ahead_s`
+        Power [W].
+
+    Source: letter, Eq. 4 with u = 0.
+    """
+    state = np.asarray(state_w, dtype=float)
+    harmonic = np.arange(1, (len(state) + 1) // 2)
+    angle = 2 * np.pi / period_s * harmonic * np.asarray(ahead_s, dtype=float)[..., np.newaxis]
+    # the first row of each block: [cos ωjt, sin ωjt]
+    power: FloatArray = state[0] + np.cos(angle) @ state[1::2] + np.sin(angle) @ state[2::2]
+    return power
+
+
+def signal_w(times_s: ArrayLike, a: ArrayLike, b: ArrayLike, period_s: float) -> FloatArray:
+    """The papers' Fourier series at many times at once.
+
+    Parameters
+    ----------
+    times_s : array, any shape
+        Times [s].
+    a : array, shape (r + 1,)
+        Coefficients a0, a1, …, ar [W s].
+    b : array, shape (r,)
+        Coefficients b1, …, br [W s].
+    period_s : float
+        T [s], above 0.
+
+    Returns
+    -------
+    array, shape of `times_s`
+        Power [W].
+
+    Source: letter, Eq. 3.
+    """
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    angle = 2 * np.pi / period_s * np.arange(1, len(a)) * np.asarray(times_s, dtype=float)[..., np.newaxis]
+    # h(t) = a0/T + (2/T) Σ_j (a_j cos ωjt + b_j sin ωjt)
+    power: FloatArray = (a[0] + 2 * (np.cos(angle) @ a[1:] + np.sin(angle) @ b)) / period_s
+    return power
+
+
+def state_of_coefficients(a: ArrayLike, b: ArrayLike, period_s: float) -> FloatArray:
+    """State at t = 0 of the papers' coefficients: the start that makes Eqs. 3 and 4 one signal.
+
+    Parameters
+    ----------
+    a, b : array, shapes (r + 1,) and (r,)
+        Coefficients a0..ar, b1..br [W s].
+    period_s : float
+        T [s], above 0.
+
+    Returns
+    -------
+    array, shape (2r + 1,)
+        q [W].
+
+    Source: letter, Lemma III.1; it prints a_j/2 where it must be 2 a_j.
+    """
+    a = np.asarray(a, dtype=float)
+    state = np.empty(2 * len(a) - 1)
+    # q0 = (1/T) [a0, 2a1, 2b1, …, 2ar, 2br]
+    state[0], state[1::2], state[2::2] = a[0], 2 * a[1:], 2 * np.asarray(b, dtype=float)
+    return state / period_s
+
+
+def coefficients_of_state(state_w: ArrayLike, period_s: float) -> tuple[FloatArray, FloatArray]:
+    """The papers' coefficients of a state: the inverse of `state_of_coefficients`.
+
+    Parameters
+    ----------
+    state_w : array, shape (2r + 1,)
+        q at t = 0 [W].
+    period_s : float
+        T [s], above 0.
+
+    Returns
+    -------
+    a, b : array, shapes (r + 1,) and (r,)
+        a0..ar and b1..br [W s].
+
+    Source: letter, Lemma III.1, corrected.
+    """
+    state = np.asarray(state_w, dtype=float)
+    cosine = np.concatenate([state[:1], state[1::2] / 2])
+    return cosine * period_s, state[2::2] / 2 * period_s
+
+
+def state_of_phases(mean_w: float, amplitude_w: ArrayLike, phase_rad: ArrayLike) -> FloatArray:
+    """State at t = 0 of mean + Σ_j amplitude_j cos(ωjt + phase_j).
+
+    Parameters
+    ----------
+    mean_w : float
+        Mean power [W].
+    amplitude_w, phase_rad : array, shape (r,)
+        Amplitude [W] and phase [rad] of each harmonic.
+
+    Returns
+    -------
+    array, shape (2r + 1,)
+        q [W].
+    """
+    amplitude, phase = np.asarray(amplitude_w, dtype=float), np.asarray(phase_rad, dtype=float)
+    state = np.empty(2 * len(amplitude) + 1)
+    # A cos(ωjt + φ) = A cos φ · cos ωjt − A sin φ · sin ωjt
+    state[0], state[1::2], state[2::2] = mean_w, amplitude * np.cos(phase), -amplitude * np.sin(phase)
+    return state
+
+
+def phases_of_state(state_w: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
+    """Mean, amplitudes and phases of a state: the inverse of `state_of_phases`.
+
+    Parameters
+    ----------
+    state_w : array, shape (2r + 1,)
+        q at t = 0 [W].
+
+    Returns
+    -------
+    mean_w : float
+        Mean power [W].
+    amplitude_w, phase_rad : array, shape (r,)
+        Amplitudes, 0 or more [W], and phases in (−π, π] [rad].
+    """
+    state = np.asarray(state_w, dtype=float)
+    cosine, sine = state[1::2], state[2::2]
+    return float(state[0]), np.hypot(cosine, sine), np.arctan2(-sine, cosine)
