@@ -5,8 +5,10 @@ Source of the figures: the letter's published flights; docs/reproduction.md list
 
 from __future__ import annotations
 
+import ast
 import csv
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from eadp.io.flight_folder import summarise
 from eadp.io.flight_inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
+ROOT = Path(__file__).resolve().parents[2]
 DURATION_SHARE = 1e-3
 POWER_W = 0.1
 LAP_S = 0.1
@@ -26,8 +29,6 @@ SAME_QUALITY = 0.03
 
 @lru_cache
 def flown(scenario, overrides=()):
-    from conftest import ROOT  # the tests' folder is no package
-
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
         scenario_path=str(ROOT / f"scenarios/{scenario}.yaml"),
@@ -110,10 +111,6 @@ def drained(case, rules=()):
 
 @lru_cache
 def _drained(items):
-    import ast
-
-    from conftest import ROOT
-
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
         scenario_path=str(ROOT / "scenarios/paper-drained.yaml"),

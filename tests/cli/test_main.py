@@ -1,0 +1,95 @@
+"""The frame of the command line: exit codes, start-up, help whose examples work."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from eadp.cli import main as cli
+from eadp.cli.main import COMMANDS
+
+
+def test_help_lists_every_command(eadp):
+    out = eadp("--help").out
+    assert all(re.search(rf"^  {name} ", out, re.MULTILINE) for name in COMMANDS)
+
+
+def test_version(eadp):
+    assert re.fullmatch(r"eadp \d+\.\d+\.\d+\n", eadp("--version").out)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_starts_with_an_example_that_works(eadp, tmp_path, name):
+    out = eadp(name, "--help").out
+    body = out.split("\n\n", 1)[1].lstrip()
+    assert body.startswith("Example: eadp ")
+    example = " ".join(body.split("\n\n", 1)[0].removeprefix("Example: ").split())
+    example = re.sub(r"- (?=\w)", "-", example)  # a word that the help has folded at its hyphen
+    words = [word.replace("runs/", f"{tmp_path}/") for word in shlex.split(example)]
+    assert eadp(*words[1:]).code == 0
+
+
+@pytest.mark.parametrize(
+    "arguments", [("nosuch",), ("plan",), ("plan", "--bogus", "x"), ("plan", "x", "--format", "yaml"), ("schema", "x")]
+)
+def test_bad_usage_is_exit_2_with_empty_stdout(eadp, arguments):
+    answer = eadp(*arguments)
+    assert answer.code == 2
+    assert answer.out == ""
+    assert "error" in answer.err
+    assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("plan", "--help"), ("simulate", "--help")])
+def test_help_imports_nothing_slow(arguments):
+    code = (
+        "import sys; from eadp.cli.main import main; main(sys.argv[1:]);"
+        "slow = {'sympy', 'scipy', 'osqp', 'matplotlib'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_bug_is_70_and_says_so_without_a_traceback(eadp, monkeypatch):
+    def broken(_path):
+        raise RuntimeError("the unexpected")
+
+    monkeypatch.setattr("eadp.io.streams.read_text", broken)
+    answer = eadp("plan", "plans/survey.plan")
+    assert answer.code == 70
+    assert "bug" in answer.err
+    assert "the unexpected" in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_an_interrupt_is_130(eadp, monkeypatch):
+    def interrupted(_path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eadp.io.streams.read_text", interrupted)
+    assert eadp("plan", "plans/survey.plan").code == cli.INTERRUPTED
+
+
+def test_a_closed_pipe_ends_quietly(root):
+    command = f"{shlex.quote(sys.executable)} -m eadp schema scenario | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=root, check=False)
+    assert done.stdout == "{\n"
+    assert done.stderr == ""
+
+
+def test_debug_shows_the_traceback(eadp, monkeypatch):
+    monkeypatch.setenv("EADP_DEBUG", "1")
+    assert "Traceback" in eadp("plan", "nosuch.plan").err
+
+
+def test_schemas(eadp):
+    import json
+
+    for name in ("scenario", "profile", "energy"):
+        answer = eadp("schema", name)
+        assert answer.code == 0
+        assert "properties" in json.loads(answer.out)

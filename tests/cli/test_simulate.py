@@ -1,0 +1,294 @@
+"""`eadp simulate` as its users meet it: answers, result folder, refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import pytest
+
+PLAN = "plans/survey.plan"
+SCENARIO = "scenarios/paper-i-dynamic.yaml"
+LINE = "0.1; 90; x\n0, 400\n"
+SHORT = ("--set", "time_limit_s=20")
+
+
+@pytest.fixture
+def line_plan(tmp_path):
+    """A line without parameters."""
+    path = tmp_path / "line.plan"
+    path.write_text(LINE)
+    return path
+
+
+def refused(answer, *words):
+    """One clear error, exit 2, nothing on stdout."""
+    assert answer.code == 2
+    assert answer.out == ""
+    assert "Traceback" not in answer.err
+    for word in words:
+        assert word in answer.err
+    return True
+
+
+def test_a_plan_without_parameters_flies_as_it_stands(eadp, line_plan):
+    answer = eadp("simulate", line_plan, "--format", "json")
+    assert answer.code == 0
+    summary = json.loads(answer.out)
+    assert summary["completed"]
+    assert summary["quality"] is None
+    assert summary["parameters"] == {}
+    # from 100 m before the trigger to 20 m before it, at 15 m/s
+    assert summary["duration_s"] == pytest.approx(80 / 15, abs=0.02)
+    assert summary["distance_m"] == pytest.approx(80, abs=0.3)
+
+
+def test_the_summary_has_the_documented_keys(eadp):
+    summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)
+    expected = {"schema", "completed", "reserve_kept", "reason", "duration_s", "distance_m", "energy_wh", "soc_final"}
+    expected |= {"soc_reserve", "period_s", "parameters", "quality", "paper_metric", "replans", "solver", "seed"}
+    assert expected <= set(summary)
+    assert summary["schema"] == "eadp.flight/1"
+    assert {"mean", "first", "last", "changes"} <= set(summary["parameters"]["c1"])
+    assert {"solves", "failures", "median_ms", "max_ms"} <= set(summary["solver"])
+
+
+def test_a_flight_that_does_not_complete_is_a_no(eadp):
+    answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT)
+    assert answer.code == 1
+    summary = json.loads(answer.out)
+    assert not summary["completed"]
+    assert not summary["reserve_kept"]
+    assert summary["reason"] == "time limit"
+    assert summary["duration_s"] == pytest.approx(20)
+
+
+def test_the_result_folder(eadp, tmp_path):
+    folder = tmp_path / "results/deep/i"
+    answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", folder, *SHORT)
+    assert answer.code == 1
+    assert sorted(item.name for item in folder.iterdir()) == [
+        "flight.csv",
+        "flight.png",
+        "flight.svg",
+        "inputs",
+        "summary.json",
+    ]
+    with (folder / "flight.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    head = "time_s,stage,x_m,y_m,altitude_m,heading_rad,power_w,power_forecast_w,soc,c1,c2"
+    assert list(rows[0]) == head.split(",")
+    times = [float(row["time_s"]) for row in rows]
+    assert times == pytest.approx([0.1 * (i + 1) for i in range(200)])
+    assert all(math.isfinite(float(cell)) for row in rows for cell in row.values())
+    names = sorted(item.name for item in (folder / "inputs").iterdir())
+    assert names == ["overrides.txt", "paper-i-dynamic.yaml", "pednet-letter.yaml", "survey.plan"]
+    assert [item.name for item in folder.parent.iterdir()] == ["i"], "no temporary folder is left"
+
+
+def test_same_inputs_same_bytes(eadp, tmp_path):
+    gusts = ("--set", "wind.gust_std_mps=1", "--seed", "7")
+    for name in ("a", "b"):
+        eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", tmp_path / name, *gusts, "--set", "time_limit_s=120")
+    eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", tmp_path / "c", *gusts[:2], "--seed", "8", *SHORT)
+    a, b = ((tmp_path / name / "flight.csv").read_bytes() for name in "ab")
+    assert a == b
+    assert a[:2000] != (tmp_path / "c" / "flight.csv").read_bytes()[:2000], "another seed, another flight"
+    summaries = []
+    for name in "ab":
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        summary["solver"] = {key: value for key, value in summary["solver"].items() if not key.endswith("_ms")}
+        summaries.append(summary)
+    assert summaries[0] == summaries[1]
+
+
+def test_an_existing_folder_is_refused_unless_forced(eadp, tmp_path, line_plan):
+    folder = tmp_path / "taken"
+    folder.mkdir()
+    (folder / "mine.txt").write_text("mine")
+    assert refused(eadp("simulate", line_plan, "-o", folder), f"{folder}:1:1: error:", "--force")
+    assert (folder / "mine.txt").exists()
+    assert eadp("simulate", line_plan, "-o", folder, "--force").code == 0
+    assert (folder / "summary.json").exists()
+    assert not (folder / "mine.txt").exists()
+
+
+def test_without_a_folder_nothing_is_written(eadp, line_plan, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    assert eadp("simulate", line_plan).code == 0
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
+    low = ("--set", "reserve_soc=0.9999")
+    assert eadp("simulate", line_plan, *low).code == 0
+    assert eadp("simulate", line_plan, *low, "--require-reserve").code == 1
+
+
+def test_a_plan_on_standard_input(eadp, monkeypatch):
+    import io
+
+    class Stdin:
+        buffer = io.BytesIO(LINE.encode())
+
+    monkeypatch.setattr("sys.stdin", Stdin())
+    assert eadp("simulate", "-").code == 0
+
+
+def test_overrides(eadp, line_plan):
+    slow = eadp("simulate", line_plan, "--format", "json", "--set", "wind={speed_mps: 5, towards_deg: 270}")
+    assert json.loads(slow.out)["duration_s"] == pytest.approx(80 / 10, abs=0.02)
+
+
+# --- what is refused
+
+BAD_SETS = [
+    ("wind.speed_mps=-1", "wind.speed_mps"),
+    ("wind.speed_mps=true", "a number"),
+    ("wind.speed_mps=.nan", "not a finite number"),
+    ("wind.speed_mps=1e999", "too large"),
+    ("wind.speed=3", "unknown key wind.speed"),
+    ("nosuch=1", "unknown key nosuch"),
+    ("planner.name=joint", "unknown planner joint"),
+    ("vehicle.model=fixed-wing", "vehicle.model"),
+    ("step_s=0", "step_s"),
+    ("parameters.c7=1", "no parameter c7"),
+    ("c1=-2000", "outside its set"),
+    ("c2=11", "outside its set"),
+    ("bounds={c1: [0, 1]}", "carry sets"),
+    ("faults=[{at_s: 3}]", "faults.0.soc_drop"),
+    ("seed=1.5", "a whole number"),
+    ("battery.prescribed=[[5, 1], [4, 1]]", "times that go back"),
+    ("battery.prescribed=[]", "an empty trace"),
+    ("planner.weights={c5: 1}", "no parameter c5"),
+    ("=3", "--set:1:1"),
+    ("wind", "--set:1:1"),
+    ("wind.speed_mps=[1", "--set:1:"),
+    ("wind.speed_mps=*x", "alias"),
+    ("time_limit_s=1e9", "steps"),
+    ("planner.delta={c1: 0}", "planner.delta.c1"),
+]
+
+
+@pytest.mark.parametrize(("override", "word"), BAD_SETS)
+def test_bad_overrides(eadp, tmp_path, override, word):
+    folder = tmp_path / "out"
+    answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", override, "-o", folder)
+    assert refused(answer, word, "error:")
+    assert not folder.exists()
+
+
+BAD_SCENARIOS = [
+    ("wind: {speed_mps: 5}\n", ":1:1: error: has no key schema"),
+    ("schema: eadp.scenario/2\n", ":1:1: error: schema"),
+    ("schema: eadp.scenario/1\nwind:\n  speed_mps: 5\n  speed_mps: 6\n", ":4:3: error: the key speed_mps stands twice"),
+    ("schema: eadp.scenario/1\nwimd: {}\n", ":2:1: error: unknown key wimd"),
+    ("schema: eadp.scenario/1\nwind: &a {speed_mps: 5}\n", ":2:7: error: a YAML alias"),
+    ("schema: eadp.scenario/1\nwind: !!python/object:os.system {}\n", ":2:7: error: a YAML tag"),
+    ("schema: eadp.scenario/1\nwind: {speed_mps: 1:30}\n", ":2:8: error: wind.speed_mps cannot be '1:30'"),
+    ("schema: eadp.scenario/1\nwind: [\n", ": error: is not YAML"),
+    ("- a\n", ":1:1: error: is no mapping of keys"),
+    ("schema: eadp.scenario/1\nprofile: nosuch.yaml\n", "nosuch.yaml:1:1: error: cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_SCENARIOS)
+def test_bad_scenarios(eadp, tmp_path, text, message):
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text(text)
+    assert refused(eadp("simulate", PLAN, "--scenario", scenario), message)
+
+
+def test_all_faults_of_a_scenario_at_once(eadp, tmp_path):
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("schema: eadp.scenario/1\nwind: {speed_mps: -1}\nbattery: {soc: 2}\nnosuch: 1\n")
+    answer = eadp("simulate", PLAN, "--scenario", scenario)
+    assert refused(answer, ":2:8:", ":3:11:", ":4:1:")
+    assert answer.err.count(": error:") == 3
+
+
+def test_a_null_key_is_an_absent_key(eadp, line_plan, tmp_path):
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("schema: eadp.scenario/1\nwind: {speed_mps: null}\nprofile:\nstart: ~\n")
+    assert eadp("simulate", line_plan, "--scenario", scenario).code == 0
+
+
+def test_a_plan_with_computations_needs_a_profile(eadp):
+    assert refused(eadp("simulate", PLAN), "survey.plan:", "profile")
+
+
+def test_a_profile_of_something_else_is_refused(eadp, tmp_path):
+    profile = tmp_path / "p.csv"
+    profile.write_text("frames,power_w\n2,5\n10,9\n")
+    assert refused(eadp("simulate", PLAN, "--profile", profile), "p.csv:1:1: error:", "fps", "frames")
+    profile.write_text("fps,power_w\n2,5\n8,9\n")
+    assert refused(eadp("simulate", PLAN, "--profile", profile), "stage 1")
+
+
+def test_a_battery_that_cannot_deliver_is_refused_with_its_place(eadp):
+    answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", "battery.resistance_ohm=5")
+    assert refused(answer, "level flight", "exceeds the 11.0 W")
+
+
+def test_a_battery_that_fails_in_flight_ends_it(eadp, line_plan):
+    # 26 W is level flight; the climb from 20 m to 25 m takes more than the 28 W this battery can give
+    climb = ("--set", "battery.resistance_ohm=1.95", "--set", "start.altitude_m=20")
+    answer = eadp("simulate", line_plan, *climb, "--format", "json")
+    assert answer.code == 1
+    assert json.loads(answer.out)["reason"].startswith("the battery cannot deliver")
+
+
+def test_an_empty_battery_ends_the_flight(eadp, line_plan):
+    answer = eadp("simulate", line_plan, "--set", "battery.capacity_ah=0.001", "--format", "json")
+    assert answer.code == 1
+    summary = json.loads(answer.out)
+    assert summary["reason"] == "battery empty"
+    assert summary["soc_final"] == 0
+    # 26 W from 14.8 V: 1.77 A through 0.05 ohm, 3.6 C in all
+    assert summary["duration_s"] == pytest.approx(3.6 / 1.767, abs=0.02)
+
+
+UNFLYABLE = [
+    ("0.1; 90; x^2+y^2+1\n0, 400\n", "radius"),
+    ("0.1; 90; x^4+y^4+1\n0, 400\n", "no point near"),
+    ("0.1; 90; sqrt(x)-1\n-10, 4\n", "stage 1"),
+    ("0.1; 90; log(c1)*x\n0, 400\n[-1, 2]\n", "c1 = -1"),
+    ("0.1; 90; x*0\n0, 400\n", "stage 1"),
+]
+
+
+@pytest.mark.parametrize(("text", "word"), UNFLYABLE)
+def test_a_plan_that_cannot_be_joined_is_refused(eadp, tmp_path, text, word):
+    path = tmp_path / "bad.plan"
+    path.write_text(text)
+    assert refused(eadp("simulate", path), "bad.plan:1:1: error:", word)
+
+
+def test_a_start_where_the_path_has_no_value_is_refused(eadp, tmp_path):
+    path = tmp_path / "root.plan"
+    path.write_text("0.1; 90; sqrt(x)-10\n100, 400\n")
+    assert refused(eadp("simulate", path, "--set", "start.position_m=[-5, 0]"), "start.position_m", "no value")
+
+
+def test_a_plan_without_sets_needs_bounds(eadp, tmp_path):
+    path = tmp_path / "free.plan"
+    path.write_text("0.1; 90; x-c1\nc1, 400\n")
+    assert refused(eadp("simulate", path), "free.plan:1:1: error:", "no sets")
+    answer = eadp("simulate", path, "--set", "bounds={c1: [-10, 5]}", "--format", "json")
+    assert answer.code == 0
+    assert json.loads(answer.out)["parameters"]["c1"]["first"] == 5
+    assert refused(eadp("simulate", path, "--set", "bounds={c2: [-10, 5]}"), "no bounds for c1")
+    assert refused(eadp("simulate", path, "--set", "bounds={c1: [5, -10]}"), "above")
+
+
+def test_a_mission_that_never_ends_meets_the_time_limit(eadp, tmp_path):
+    path = tmp_path / "endless.plan"
+    path.write_text("0.006; 90; x^2+y^2-100^2\n500, 0\n%: trigger-radius 5\n")
+    answer = eadp("simulate", path, "--set", "time_limit_s=100", "--set", "vehicle.published_triggers=true")
+    assert answer.code == 1
+    assert "time limit" in answer.out
+
+
+def test_unknown_planner_on_the_command_line(eadp):
+    assert refused(eadp("simulate", PLAN, "--planner", "joint"), "joint")

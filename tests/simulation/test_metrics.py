@@ -1,0 +1,58 @@
+"""Means and the quality U, by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from eadp.io.plan_text import read_plan
+from eadp.io.streams import Text
+from eadp.models.plan import Box
+from eadp.simulation.metrics import ParameterLog
+
+PLAN, _ = read_plan(Text("p", "0.1; 90; x-c1\nc1, 400\n[-1000, 0]\n[2, 10]\n"))
+SETS = (Box(-1000, 0), Box(2, 10))
+
+
+def logged():
+    log = ParameterLog(PLAN, (0.0, 10.0), SETS)
+    log.change(10.0, (-500.0, 10.0), SETS)
+    log.change(30.0, (-500.0, 4.0), SETS)
+    log.close(40.0)
+    return log
+
+
+def test_means_are_over_time():
+    log = logged()
+    assert log.mean(0) == pytest.approx(-500 * 30 / 40)
+    assert log.mean(1) == pytest.approx((10 * 30 + 4 * 10) / 40)
+    assert [record.changes for record in log.records] == [1, 1]
+    assert log.records[0].history == [(10.0, -500.0)]
+
+
+def test_quality_is_the_mean_share():
+    log = logged()
+    c1, c2 = (10 * 1 + 30 * 0.5) / 40, (30 * 1 + 10 * 0.25) / 40
+    assert log.quality({}) == pytest.approx((c1 + c2) / 2)
+    assert log.quality({"c1": 3, "c2": 1}) == pytest.approx((3 * c1 + c2) / 4)
+    assert log.quality({"c1": 1}) == pytest.approx(c1)
+    assert log.paper_metric(0.25) == pytest.approx((c1 + c2) / 2 / 0.25)
+    assert log.paper_metric(0.0) is None
+
+
+def test_time_without_a_choice_is_left_out():
+    log = ParameterLog(PLAN, (0.0, 10.0), SETS)
+    log.change(10.0, (0.0, 0.0), (Box(-1000, 0), Box(0, 0)))
+    log.close(50.0)
+    assert log.mean_share(1) == 1.0
+    assert log.mean(1) == pytest.approx(2.0), "the mean of the value counts all the time"
+
+
+def test_no_free_parameter_no_quality():
+    log = ParameterLog(PLAN, (0.0, 10.0), (Box(0, 0), Box(10, 10)))
+    log.close(5.0)
+    assert log.quality({}) is None
+    assert log.paper_metric(0.5) is None
+
+
+def test_a_weight_of_nothing_that_is_free_gives_no_quality():
+    assert logged().quality({"c1": 0.0, "c2": 0.0}) is None
