@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eadp.cli.output import emit, emit_json, warn
+from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eadp.errors import Fault
     from eadp.models.plan import Finding, Plan, PointExpression, Stage
+    from eadp.planning.check import Report
 
 
 class PlanFormat(str, enum.Enum):
@@ -28,33 +30,123 @@ def command(
     format_: Annotated[
         PlanFormat, typer.Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
     ] = PlanFormat.text,
+    check: Annotated[
+        bool, typer.Option("--check", help="Check the geometry over the whole range of every path parameter.")
+    ] = False,
+    min_radius: Annotated[
+        float | None, typer.Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE"),
+    ] = None,
+    trace: Annotated[
+        float | None,
+        typer.Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
+    ] = None,
+    plot: Annotated[str | None, typer.Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
 ) -> int:
-    """Example: eadp plan plans/survey.plan --format json
+    """Example: eadp plan plans/survey.plan --check
 
     Parse a plan into its stages.
 
-    Exit code 0 if the plan can be read, 2 if not.
+    Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
-    from eadp.errors import Fault
+    from eadp.errors import Fault, InputError, PathUndefined
     from eadp.io.plan_text import plan_text, read_plan
     from eadp.io.streams import read_text
 
+    if trace is not None and not trace > 0:
+        raise usage_fault("--trace", f"{trace:g}", "a step that is not above 0", "metres, as in --trace 1")
     text = read_text(file)
     plan, findings = read_plan(text)
-    if format_ is PlanFormat.json:
-        emit_json(document(plan, findings))
-        return 0
-    warn(Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings)
-    emit(plan_text(plan) if format_ is PlanFormat.plan else _table(plan))
-    return 0
+    report = None
+    if check:
+        from eadp.planning.check import check_plan
+
+        report = check_plan(plan, min_radius_m=min_radius)
+        findings = [*findings, *report.findings]
+    lines = [Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings]
+    try:
+        if plot is not None:
+            from eadp.io.figures import write_plan_figure
+
+            write_plan_figure(plot, plan, _parameters(plan, set_))
+        points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None
+    except PathUndefined as error:
+        raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
+    if points is not None:
+        warn(lines)
+        emit(points)
+    elif format_ is PlanFormat.json:
+        emit_json(document(plan, findings, report))
+    elif format_ is PlanFormat.plan:
+        warn(lines)
+        emit(plan_text(plan))
+    elif report is not None:
+        emit(_check_text(plan, lines, report))
+    else:
+        warn(lines)
+        emit(_table(plan))
+    return 1 if report is not None and report.has_errors else 0
 
 
-def document(plan: Plan, findings: Sequence[Finding]) -> dict[str, Any]:
+def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
+    """Parameters as set, else as at take-off: each at its maximum, or 0 where it has no set."""
+    import math
+
+    values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
+    for raw in overrides or []:
+        name, _, number = raw.partition("=")
+        if name.strip() not in plan.names:
+            expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
+            raise usage_fault("--set", raw, f"no parameter {name.strip()}", expected)
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise usage_fault("--set", raw, f"{number or 'nothing'} is not a number", "as in c1=-500", len(name) + 2)
+        index = plan.names.index(name.strip())
+        if plan.has_sets and plan.hull(index).clip(value) != value:
+            box = plan.hull(index)
+            message = f"{name} = {value:g} is outside its set"
+            raise usage_fault("--set", raw, message, f"a value in [{box.lo:g}, {box.hi:g}]", len(name) + 2)
+        values[index] = value
+    return values
+
+
+def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
+    """The nominal path as CSV, with latitude and longitude where the plan has an origin."""
+    from eadp.core.geodesy import to_geodetic_deg
+    from eadp.models.nominal import TracePoint, trace
+
+    origin = plan.origin_deg
+    header = ",".join([*TracePoint._fields, *(["latitude_deg", "longitude_deg"] if origin else [])])
+    lines = [header]
+    for point in trace(plan, parameters, step_m):
+        cells = [str(point.stage), point.kind, *(repr(value) for value in point[2:])]
+        if origin:
+            cells += [f"{value:.9f}" for value in to_geodetic_deg(point.x_m, point.y_m, origin)]
+        lines.append(",".join(cells))
+    return "\n".join(lines)
+
+
+def _check_text(plan: Plan, lines: Sequence[Fault], report: Report) -> str:
+    """A check for people: the findings, then what they add up to."""
+    errors = sum(line.severity == "error" for line in lines)
+    leads = sum(parameters is not None for parameters in report.witness)
+    total = f"{len(plan.stages)} stages: {errors} errors, {len(lines) - errors} warnings; "
+    total += f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"
+    return "\n".join([*(str(line) for line in lines), total])
+
+
+def document(plan: Plan, findings: Sequence[Finding], report: Report | None = None) -> dict[str, Any]:
     """`eadp.plan/1`: a plan as other programs read it."""
-    return {
+    result: dict[str, Any] = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
-        "repeats": plan.repeats,
+        "repeats": plan.whole_laps,
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan.final_point),
@@ -75,6 +167,12 @@ def document(plan: Plan, findings: Sequence[Finding]) -> dict[str, Any]:
             for item in findings
         ],
     }
+    if report is not None:
+        result["valid"] = report.valid
+        result["leads_on"] = [
+            None if values is None else dict(zip(plan.names, values, strict=False)) for values in report.witness
+        ]
+    return result
 
 
 def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
@@ -91,6 +189,15 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
             for item, box in zip(plan.parameters, stage.sets, strict=False)
         ],
     }
+
+
+def _structure(plan: Plan) -> str:
+    """What is known of laps, as the end of a sentence."""
+    if plan.repeats:
+        return ", repeated lap by lap"
+    if plan.primitive_stages is None:
+        return ""
+    return f": laps of {plan.primitive_stages}" + ("" if plan.whole_laps else ", not all whole or alike")
 
 
 def _point(point: PointExpression) -> dict[str, Any]:
@@ -110,7 +217,7 @@ def _table(plan: Plan) -> str:
     from eadp.core.expressions import number_text
 
     n = len(plan.stages)
-    lines = [f"{n} stage{'s' if n != 1 else ''}" + (", repeated lap by lap" if plan.repeats else "")]
+    lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")

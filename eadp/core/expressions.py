@@ -188,6 +188,16 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
     return Expression(build(expression.node), places, size, rough)
 
 
+def total(a: Expression, b: Expression) -> Expression:
+    """a + b."""
+    return Expression(Sum(((False, a.node), (False, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
+
+
+def difference(a: Expression, b: Expression) -> Expression:
+    """a − b."""
+    return Expression(Sum(((False, a.node), (True, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
+
+
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
     """A term of a sum where a symbol has become −b: a − (−b) is written a + b."""
     if minus and isinstance(old, Symbol) and isinstance(new, Negative):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eadp.core.expressions import number_text
-from eadp.models.plan import COMPUTATION, point_at
+from eadp.errors import InputError, PathUndefined
+from eadp.io.streams import write_bytes
+from eadp.models.nominal import Leg, leg_points, nominal_legs
+from eadp.models.plan import COMPUTATION, Plan, point_at
 from eadp.simulation.loop import Step, World
 
 if TYPE_CHECKING:
@@ -158,3 +162,90 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
     axes.set_title("Parameters", loc="left", fontsize=10)
     if plan.parameters:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> None:
+    """Draw a plan: lines and turns, triggers with their radius, arrows, and the band that the parameters allow.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither .svg nor .png, or the place cannot be written to.
+    PathUndefined
+        If the plan has no nominal path at these parameters.
+    """
+    import tempfile
+
+    ending = Path(path).suffix.lower()
+    if ending not in (".svg", ".png"):
+        raise InputError.at(path, 1, 1, "is no picture's name", "a name that ends in .svg or .png")
+    legs = nominal_legs(plan, parameters)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "plan"
+        with _figure(draft, 8.5, 7.5) as figure:
+            _draw_plan(figure.add_subplot(), plan, parameters, legs)
+        write_bytes(path, draft.with_suffix(ending).read_bytes())
+
+
+def _draw_plan(axes: Axes, plan: Plan, parameters: Sequence[float], legs: Sequence[Leg]) -> None:
+    scale = max(math.dist(leg.start_m, leg.end_m) for leg in legs)
+    step = max(scale / 100, 0.1)
+    _draw_band(axes, plan, parameters, step)
+    n = len(plan.stages)
+    named = set()
+    for leg in legs:
+        points = list(leg_points(leg, step))
+        index = leg.stage.index
+        colour = COLOURS[(index - 1) % len(COLOURS)]
+        label = f"stage {index} ({leg.stage.kind})" if n <= len(COLOURS) and index not in named else None
+        named.add(index)
+        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=label)
+        middle = points[len(points) // 2]
+        reach = scale / 50
+        axes.annotate(
+            "",
+            xy=(middle.x_m + reach * math.cos(middle.heading_rad), middle.y_m + reach * math.sin(middle.heading_rad)),
+            xytext=(middle.x_m, middle.y_m),
+            arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0},
+        )
+    _draw_triggers(axes, plan, legs)
+    axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
+    axes.plot(*point_at(plan.final_point, parameters, "the final point"), "*", color="black", markersize=11, label="final point")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x, east [m]")
+    axes.set_ylabel("y, north [m]")
+    at = ", ".join(f"{name} = {value:g}" for name, value in zip(plan.names[: plan.path_count], parameters, strict=False))
+    length = sum(leg.distance_m for leg in legs)
+    axes.set_title(f"Nominal path, {length / 1000:.2f} km" + (f", at {at}" if at else ""), loc="left", fontsize=10)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, frameon=False, fontsize=8)
+
+
+def _draw_band(axes: Axes, plan: Plan, parameters: Sequence[float], step: float) -> None:
+    """In grey, the first laps at parameters across their sets: the area the letter's Fig. 2 shows."""
+    if not plan.has_sets or not plan.path_count:
+        return
+    shares = np.linspace(0.0, 1.0, 25)
+    label: str | None = "what the parameters allow, first lap"
+    for share in shares:
+        values = list(parameters)
+        for i in range(plan.path_count):
+            box = plan.hull(i)
+            values[i] = box.lo + float(share) * (box.hi - box.lo)
+        try:
+            legs = nominal_legs(plan, values)
+        except PathUndefined:
+            continue
+        begun = [leg for leg in legs if leg.lap == 0][: 2 * len(COLOURS)]
+        points = [point for leg in begun for point in leg_points(leg, step)]
+        axes.plot([p.x_m for p in points], [p.y_m for p in points], color="#d9dce1", linewidth=3.0, label=label, zorder=0)
+        label = None
+
+
+def _draw_triggers(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle
+
+    discs = [Circle(leg.end_m, plan.trigger_radius_m) for leg in legs]
+    axes.add_collection(PatchCollection(discs, facecolor="#00000008", edgecolor=GREY, linewidth=0.6, linestyle=":"))
+    x, y = zip(*(leg.end_m for leg in legs), strict=True)
+    axes.plot(x, y, "x", color="#444", markersize=4, linewidth=0, label=f"trigger, radius {plan.trigger_radius_m:g} m")

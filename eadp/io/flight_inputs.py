@@ -17,7 +17,8 @@ from eadp.io.scenario_file import Scenario, read_scenario
 from eadp.io.streams import Text, read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.energy import EnergyModel
-from eadp.models.itinerary import Vector, default_start
+from eadp.models.itinerary import Vector
+from eadp.models.nominal import default_start
 from eadp.models.plan import Plan, Stage
 from eadp.planning.planners import Mission, Planner, make_planner
 from eadp.simulation.loop import World
@@ -65,7 +66,7 @@ def load_flight(
     texts = {"plan": plan_text}
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
-    plan = _with_sets(plan, plan_text, scenario)
+    plan = _with_sets(plan, plan_text, scenario).laps()
     computing = _computing(plan, plan_text, scenario, profile_path, warnings, texts)
     energy = _energy(energy_path, texts)
     parameters = _take_off(plan, scenario)

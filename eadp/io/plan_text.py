@@ -13,17 +13,17 @@ from typing import TypeVar
 
 from eadp.core.expressions import (
     Expression,
-    Sum,
     constant,
+    difference,
     evaluate,
     is_zero,
     number_text,
     read_expression,
     read_expressions,
-    simplified,
     substituted,
+    total,
 )
-from eadp.errors import EadpError, ExpressionError, Fault, InputError, PathUndefined, printable
+from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
 from eadp.io.streams import Text
 from eadp.models.plan import (
     ROTATIONS,
@@ -35,6 +35,7 @@ from eadp.models.plan import (
     ShortForm,
     Stage,
 )
+from eadp.models.structure import find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -93,6 +94,7 @@ class _Reader:
         self._drafts: list[_Draft] = []
         self._headers: dict[str, tuple[_Line, int]] = {}
         self._header_shift: PointExpression | None = None
+        self._header_shift_line = 1
         self._sectioned = False
         self._section = ""
         self._coordinates: dict[str, tuple[Expression, Expression, _Line]] = {}
@@ -165,6 +167,7 @@ class _Reader:
             if self._header_shift is not None or self._sectioned:
                 self._fault(line, 0, "neither a stage nor a header", STAGE_EXPECTED)
             else:
+                self._header_shift_line = line.number
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
         elif self._drafts[-1].trigger_line:
             self._fault(line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage")
@@ -401,7 +404,21 @@ class _Reader:
             header_shift=self._header_shift,
         )
         self._check_smoothness(plan)
-        return self._repeating(plan) if self._sectioned else plan
+        return self._repeating(plan) if self._sectioned else self._structured(plan)
+
+    def _structured(self, plan: Plan) -> Plan:
+        """An explicit plan with the structure that its stages show."""
+        found = find_structure(plan)
+        if found is None:
+            return plan
+        plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
+        if header_disagrees(plan) and plan.header_shift is not None:
+            message = (
+                f"the shift ({_point_text(plan.header_shift)}) is neither what the stages do, "
+                f"({_point_text(found.shift)}), nor its opposite"
+            )
+            self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
+        return plan
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...]) -> Stage:
         assert draft.gain is not None
@@ -480,13 +497,13 @@ class _Reader:
         Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
         paths (letter, Eq. 2).
         """
-        moved = {name: _sum(first, shift) for name, (first, shift, _) in self._coordinates.items()}
+        moved = {name: total(first, shift) for name, (first, shift, _) in self._coordinates.items()}
         shift: PointExpression | None = None
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             path, trigger = self._placed(draft, moved)
-            d = (_difference(trigger[0], stage.trigger[0]), _difference(trigger[1], stage.trigger[1]))
+            d = (difference(trigger[0], stage.trigger[0]), difference(trigger[1], stage.trigger[1]))
             if shift is None:
-                shift = (_tidy(d[0]), _tidy(d[1]))
+                shift = (tidy(d[0]), tidy(d[1]))
             expected = f"a shift of ({shift[0].text}, {shift[1].text})"
             if not (_equal(d[0], shift[0]) and _equal(d[1], shift[1])):
                 message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
@@ -562,28 +579,9 @@ class _Reader:
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
 
 
-def _sum(a: Expression, b: Expression) -> Expression:
-    return Expression(Sum(((False, a.node), (False, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
-
-
-def _difference(a: Expression, b: Expression) -> Expression:
-    return Expression(Sum(((False, a.node), (True, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
-
-
-def _tidy(expression: Expression) -> Expression:
-    """A number where it is one, else as simple as sympy makes it."""
-    if expression.names:
-        try:
-            return simplified(expression)
-        except EadpError:
-            return expression
-    value = round(expression.at(), 12)
-    return constant(value)
-
-
 def _equal(a: Expression, b: Expression) -> bool:
-    difference = _difference(a, b)
-    return is_zero(difference.node) if difference.names else abs(difference.at()) < 1e-9
+    gap = difference(a, b)
+    return is_zero(gap.node) if gap.names else abs(gap.at()) < 1e-9
 
 
 def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:
@@ -601,7 +599,7 @@ def _shifts(first: Expression, later: Expression, shift: PointExpression) -> boo
         except PathUndefined:
             continue
         scale = max(size for _, size in differences) + 1
-        values = [difference for difference, _ in differences]
+        values = [gap for gap, _ in differences]
         if max(values) - min(values) > 1e-9 * scale:
             return False
     return True

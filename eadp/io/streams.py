@@ -64,22 +64,25 @@ def read_text(path: str) -> Text:
 
 
 def write_text(path: str, body: str) -> None:
-    """Write a text file whole or not at all; `-` is standard output.
+    """Write a text file whole or not at all; `-` is standard output. Raises as `write_bytes`."""
+    if path == "-":
+        sys.stdout.write(body)
+    else:
+        write_bytes(path, body.encode("utf-8"))
+
+
+def write_bytes(path: str, body: bytes) -> None:
+    """Write a file whole or not at all.
 
     Raises
     ------
     InputError
         If the place cannot be written to.
     """
-    if path == "-":
-        sys.stdout.write(body)
-        return
     target = Path(path)
     temporary = ""
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", newline="\n", dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as stream:
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as stream:
             temporary = stream.name
             stream.write(body)
         os.chmod(temporary, 0o666 & ~_umask())

@@ -21,7 +21,6 @@ from eadp.core.geometry import (
     line_of,
     project,
     tangent,
-    walk,
 )
 from eadp.errors import PathUndefined
 from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
@@ -75,6 +74,7 @@ class Itinerary:
         self._join: Point | None = None
         self._fires: Callable[[float, float], bool] = _never
         self._ends: Callable[[float, float], bool] = _never
+        self._final_lap = False
         self.lap = 0
         self.stages_begun = 1
         self.complete = False
@@ -124,7 +124,7 @@ class Itinerary:
             if self._ends(x, y):
                 self.complete = True
             return False
-        if self._ends(x, y) or not (self._plan.repeats or self.stage.index < len(self._plan.stages)):
+        if self._ends(x, y) or (self._last() and (self._final_lap or not self._plan.repeats)):
             self.complete = True
             return False
         self._join = self.trigger_m
@@ -192,6 +192,7 @@ class Itinerary:
     def _end_test(self) -> Callable[[float, float], bool]:
         """The end of a plan that repeats: beyond the final point along the shift, in a lap that reaches so far."""
         plan = self._plan
+        self._final_lap = False
         if not plan.repeats:
             return _never
         final = point_at(plan.final_point, self.parameters, "the final point")
@@ -201,7 +202,10 @@ class Itinerary:
             last = (x + self.offset_m[0], y + self.offset_m[1])
             if not reaches(last, final, shift, plan.trigger_radius_m):
                 return _never
-        return _beyond(final, shift, plan.trigger_radius_m)
+            if plan.ends_at_trigger:
+                self._final_lap = True
+                return _never
+        return beyond(final, shift, plan.trigger_radius_m)
 
     def _disc_trigger(self, position: Point, radius: float) -> Callable[[float, float], bool]:
         join = self._join or position
@@ -248,16 +252,17 @@ def _box_trigger(trigger: Point, radius: float) -> Callable[[float, float], bool
     return lambda x, y: abs(x - tx) <= radius and abs(y - ty) <= radius
 
 
-def _beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
+def beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
+    """A test whether a position is strictly beyond the final point along the shift, and within the radius across it."""
     (fx, fy), (dx, dy) = final, shift
     sx = 0 if abs(dx) < 1e-9 else math.copysign(1, dx)
     sy = 0 if abs(dy) < 1e-9 else math.copysign(1, dy)
 
-    def beyond(x: float, y: float) -> bool:
+    def is_beyond(x: float, y: float) -> bool:
         in_x = (x - fx) * sx > 0 if sx else abs(x - fx) <= radius
         return in_x and ((y - fy) * sy > 0 if sy else abs(y - fy) <= radius)
 
-    return beyond
+    return is_beyond
 
 
 def _armed_disc(
@@ -339,93 +344,3 @@ def _passing_curve(
         return progress >= length
 
     return passed
-
-
-# --- the nominal flight -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Leg:
-    """One stage of the nominal flight: from where it is joined to its trigger."""
-
-    lap: int
-    stage: Stage
-    path: PathFunction
-    offset_m: Point
-    start_m: Point
-    end_m: Point
-    length_m: float
-
-
-LAP_LIMIT = 10_000
-
-
-def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> list[Leg]:
-    """The stages as flown exactly, at fixed parameters, lap by lap to the end of the plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    parameters : sequence of float
-    start : (float, float), optional
-        Where the flight begins [m]; `default_start` without.
-
-    Raises
-    ------
-    PathUndefined
-        If a path or trigger has no value, or the plan never reaches its final point.
-    """
-    legs: list[Leg] = []
-    begin = start or default_start(plan, parameters)[0]
-    shift = shift_at(plan, parameters)
-    final = point_at(plan.final_point, parameters, "the final point")
-    bound = [(stage, stage.path_at(parameters), stage.trigger_at(parameters)) for stage in plan.stages]
-    lengths: dict[int, float] = {}
-    for lap in range(LAP_LIMIT):
-        offset = (lap * shift[0], lap * shift[1])
-        for stage, path, trigger in bound:
-            end = (trigger[0] + offset[0], trigger[1] + offset[1])
-            local = (begin[0] - offset[0], begin[1] - offset[1])
-            if lap > 1:  # the same stage, one shift further
-                length = lengths[stage.index]
-            else:
-                length = lengths[stage.index] = leg_length_m(stage, path, local, trigger)
-            legs.append(Leg(lap, stage, path, offset, begin, end, length))
-            begin = end
-        if not plan.repeats or reaches(begin, final, shift, plan.trigger_radius_m):
-            return legs
-    raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
-
-
-def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
-    """Length of a stage's path from where it is joined to its trigger [m]."""
-    if stage.kind == LINE:
-        return abs(line_of(path, trigger, stage.sense).progress_m(join))
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        return circle.radius_m * circle.sweep_rad(join, trigger)
-    return curve_length_m(path, project(path, join), trigger, stage.sense)
-
-
-def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
-    """Position [m] and heading [rad] to begin from: on the first path, 100 m (circle: a quarter) before its trigger.
-
-    Raises
-    ------
-    PathUndefined
-        If the first path has no point or no direction there.
-    """
-    stage = plan.stages[0]
-    path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-    if stage.kind == LINE:
-        line = line_of(path, trigger, stage.sense)
-        point = (line.point_m[0] - 100 * line.direction[0], line.point_m[1] - 100 * line.direction[1])
-    elif stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
-    else:
-        for steps, point in enumerate(walk(path, trigger, -stage.sense, 1.0)):
-            if steps == 100:
-                break
-    direction = tangent(path, point, stage.sense)
-    return point, math.atan2(direction[1], direction[0])

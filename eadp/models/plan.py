@@ -146,7 +146,8 @@ class Plan:
     """A plan: the stages in order, or the n primitive ones of a plan that repeats.
 
     `shift` is the letter's d, which moves the stages from one lap to the next; a plan that repeats is flown lap by lap
-    until it is beyond the final point. `header_shift` is what the file's first line says, with its own sign.
+    until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
+    `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the file's first line says, with its own sign.
     """
 
     name: str
@@ -162,6 +163,7 @@ class Plan:
     origin_deg: tuple[float, float] | None = None
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
+    ends_at_trigger: bool = False
 
     @property
     def has_sets(self) -> bool:
@@ -188,6 +190,31 @@ class Plan:
     def final_point(self) -> PointExpression:
         """The final point: as stated, or the last stage's trigger."""
         return self.final or self.stages[-1].trigger
+
+    @property
+    def whole_laps(self) -> bool:
+        """Whether the plan is laps of the same stages, moved: given as such, or found in explicit stages.
+
+        Found stages are laps where they are whole ones, and agree in gains and sets too.
+        """
+        n = self.primitive_stages
+        if self.repeats or n is None:
+            return self.repeats
+        if len(self.stages) % n:
+            return False
+        pairs = zip(self.stages, self.stages[n:], strict=False)
+        return all(a.gain == b.gain and a.sets == b.sets for a, b in pairs)
+
+    def laps(self) -> Plan:
+        """The plan as it is flown: laps found in explicit stages become a plan that repeats.
+
+        Its final point is the last stage's trigger, so it ends there.
+        """
+        if self.repeats or not self.whole_laps:
+            return self
+        final = self.stages[-1].trigger
+        first = self.stages[: self.primitive_stages]
+        return replace(self, stages=first, repeats=True, final=final, ends_at_trigger=True)
 
     def hull(self, index: int) -> Box:
         """The smallest box that holds a parameter's sets of all stages; stages that inhibit it are left out.

@@ -1,0 +1,68 @@
+"""The local frame on the earth: a tangent plane at an origin on the WGS-84 ellipsoid.
+
+Source: the usual conversions between geodetic coordinates, earth-centred ones and a local east-north-up frame (NIMA
+TR8350.2 for the ellipsoid's constants; Bowring's start and Newton-like steps for the latitude).
+"""
+
+from __future__ import annotations
+
+import math
+
+SEMI_MAJOR_M = 6_378_137.0
+FLATTENING = 1 / 298.257223563
+_E2 = FLATTENING * (2 - FLATTENING)
+
+
+def to_geodetic_deg(east_m: float, north_m: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
+    """Latitude and longitude of a point of the tangent plane.
+
+    Parameters
+    ----------
+    east_m, north_m : float
+        In the plane that touches the ellipsoid at the origin [m].
+    origin_deg : (float, float)
+        Latitude and longitude of the origin [°].
+
+    Returns
+    -------
+    latitude, longitude : float
+        Of the point of the ellipsoid below it [°].
+    """
+    x0, y0, z0 = _earth_centred_m(*origin_deg)
+    lat, lon = (math.radians(value) for value in origin_deg)
+    # the plane's axes, east and north, in earth-centred coordinates
+    x = x0 - math.sin(lon) * east_m - math.sin(lat) * math.cos(lon) * north_m
+    y = y0 + math.cos(lon) * east_m - math.sin(lat) * math.sin(lon) * north_m
+    z = z0 + math.cos(lat) * north_m
+    return _latitude_deg(math.hypot(x, y), z), math.degrees(math.atan2(y, x))
+
+
+def to_local_m(latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
+    """East and north of a point of the ellipsoid in the tangent plane at the origin [m]."""
+    x0, y0, z0 = _earth_centred_m(*origin_deg)
+    x, y, z = _earth_centred_m(latitude_deg, longitude_deg)
+    dx, dy, dz = x - x0, y - y0, z - z0
+    lat, lon = (math.radians(value) for value in origin_deg)
+    east = -math.sin(lon) * dx + math.cos(lon) * dy
+    north = -math.sin(lat) * math.cos(lon) * dx - math.sin(lat) * math.sin(lon) * dy + math.cos(lat) * dz
+    return east, north
+
+
+def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
+    lat, lon = math.radians(latitude_deg), math.radians(longitude_deg)
+    radius = SEMI_MAJOR_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)
+    across = radius * math.cos(lat)
+    return across * math.cos(lon), across * math.sin(lon), radius * (1 - _E2) * math.sin(lat)
+
+
+def _latitude_deg(across_m: float, z_m: float) -> float:
+    """Geodetic latitude [°] of a point `across_m` from the axis and `z_m` above the equator, by fixed-point steps."""
+    lat = math.atan2(z_m, across_m * (1 - _E2))
+    for _ in range(20):
+        radius = SEMI_MAJOR_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)
+        # tan φ = (z + e² N sin φ) / p: converges by a factor of e² each step, at any latitude
+        new = math.atan2(z_m + _E2 * radius * math.sin(lat), across_m)
+        if abs(new - lat) < 1e-15:
+            break
+        lat = new
+    return math.degrees(lat)

@@ -1,0 +1,210 @@
+"""The nominal flight: every stage followed exactly, as legs and as points, lap by lap to the end of the plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from eadp.core.derivatives import PathFunction
+from eadp.core.geometry import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent, walk
+from eadp.errors import PathUndefined
+from eadp.models.itinerary import beyond, reaches, shift_at
+from eadp.models.plan import Plan, Stage, point_at
+
+POINTS_LIMIT = 5_000_000
+LAP_LIMIT = 10_000
+END_STEP_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One stage of the nominal flight: from where it is joined to its trigger.
+
+    `flown_m` is less than `length_m` for the leg on which the plan ends.
+    """
+
+    lap: int
+    stage: Stage
+    path: PathFunction
+    offset_m: Point
+    start_m: Point
+    end_m: Point
+    length_m: float
+    flown_m: float = math.inf
+
+    @property
+    def distance_m(self) -> float:
+        """How far the leg is flown [m]."""
+        return min(self.length_m, self.flown_m)
+
+
+def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> list[Leg]:
+    """The stages as flown exactly, at fixed parameters, lap by lap to the end of the plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    parameters : sequence of float
+    start : (float, float), optional
+        Where the flight begins [m]; `default_start` without.
+
+    Raises
+    ------
+    PathUndefined
+        If a path or trigger has no value, or the plan never reaches its final point.
+    """
+    legs: list[Leg] = []
+    begin = start or default_start(plan, parameters)[0]
+    shift = shift_at(plan, parameters)
+    final = point_at(plan.final_point, parameters, "the final point")
+    is_over = beyond(final, shift, plan.trigger_radius_m)
+    bound = [(stage, stage.path_at(parameters), stage.trigger_at(parameters)) for stage in plan.stages]
+    lengths: dict[int, float] = {}
+    for lap in range(LAP_LIMIT):
+        offset = (lap * shift[0], lap * shift[1])
+        last = (bound[-1][2][0] + offset[0], bound[-1][2][1] + offset[1])
+        ends = plan.repeats and reaches(last, final, shift, plan.trigger_radius_m)
+        for stage, path, trigger in bound:
+            end = (trigger[0] + offset[0], trigger[1] + offset[1])
+            local = (begin[0] - offset[0], begin[1] - offset[1])
+            if lap <= 1:  # from then on the same stage, one shift further
+                lengths[stage.index] = leg_length_m(stage, path, local, trigger)
+            leg = Leg(lap, stage, path, offset, begin, end, lengths[stage.index])
+            if ends and not plan.ends_at_trigger:
+                over_m = _first_beyond_m(leg, is_over)
+                if over_m is not None:
+                    return [*legs, replace(leg, flown_m=over_m)]
+            legs.append(leg)
+            begin = end
+        if not plan.repeats or (ends and plan.ends_at_trigger):
+            return legs
+    raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+
+
+def _first_beyond_m(leg: Leg, is_over: Callable[[float, float], bool]) -> float | None:
+    """How far along a leg the plan is over [m], to a millimetre; None where it is not."""
+    if not math.isfinite(leg.length_m):
+        return None
+    points = list(leg_points(leg, END_STEP_M))
+    for i, point in enumerate(points):
+        if not is_over(point.x_m, point.y_m):
+            continue
+        if i == 0:
+            return 0.0
+        before, step = points[i - 1], leg.length_m / (len(points) - 1)
+        low, high = 0.0, 1.0
+        while high - low > 1e-3 / max(step, 1e-3):
+            middle = (low + high) / 2
+            x = before.x_m + middle * (point.x_m - before.x_m)
+            y = before.y_m + middle * (point.y_m - before.y_m)
+            low, high = (low, middle) if is_over(x, y) else (middle, high)
+        return (i - 1 + high) * step
+    return None
+
+
+def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
+    """Length of a stage's path from where it is joined to its trigger [m]."""
+    if stage.kind == LINE:
+        return abs(line_of(path, trigger, stage.sense).progress_m(join))
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        return circle.radius_m * circle.sweep_rad(join, trigger)
+    return curve_length_m(path, project(path, join), trigger, stage.sense)
+
+
+def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
+    """Position [m] and heading [rad] to begin from: on the first path, 100 m (circle: a quarter) before its trigger.
+
+    Raises
+    ------
+    PathUndefined
+        If the first path has no point or no direction there.
+    """
+    stage = plan.stages[0]
+    path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+    if stage.kind == LINE:
+        line = line_of(path, trigger, stage.sense)
+        point = (line.point_m[0] - 100 * line.direction[0], line.point_m[1] - 100 * line.direction[1])
+    elif stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
+    else:
+        for steps, point in enumerate(walk(path, trigger, -stage.sense, 1.0)):
+            if steps == 100:
+                break
+    direction = tangent(path, point, stage.sense)
+    return point, math.atan2(direction[1], direction[0])
+
+
+class TracePoint(NamedTuple):
+    """A point of the nominal path [m] with its direction of travel [rad]."""
+
+    stage: int
+    kind: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+def trace(plan: Plan, parameters: Sequence[float], step_m: float, start: Point | None = None) -> list[TracePoint]:
+    """Points at most `step_m` [m] apart along the nominal path at fixed parameters.
+
+    The first and the last point of every stage are there exactly; both are points of the stage's own path, so that a
+    trigger off its path leaves a gap to the next stage.
+
+    Raises
+    ------
+    PathUndefined
+        If a path or trigger has no value, a trigger is not met, or there are more than 5,000,000 points.
+    """
+    legs = nominal_legs(plan, parameters, start)
+    for leg in legs:
+        if not math.isfinite(leg.length_m):
+            raise PathUndefined(f"the path of stage {leg.stage.index} does not lead to its trigger")
+    if sum(leg.distance_m / step_m + 2 for leg in legs) > POINTS_LIMIT:
+        raise PathUndefined(f"a trace of more than {POINTS_LIMIT} points")
+    return [point for leg in legs for point in leg_points(leg, step_m)]
+
+
+def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
+    """The points of one stage, to where the plan ends on it; see `trace`."""
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
+    end = (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
+    for (x, y), heading in _local_points(leg, start, end, count):
+        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
+
+
+def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tuple[Point, float]]:
+    stage, path = leg.stage, leg.path
+    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
+    if stage.kind == LINE:
+        line = line_of(path, start, stage.sense)
+        (x, y), (dx, dy) = line.point_m, line.direction
+        length = line.progress_m(end) * share
+        heading = math.atan2(dy, dx)
+        for i in range(count + 1):
+            along = length * i / count
+            yield (x + along * dx, y + along * dy), heading
+    elif stage.kind == CIRCLE:
+        circle = circle_of(path, end, stage.sense)
+        first = circle.angle_rad(start)
+        sweep = leg.distance_m / circle.radius_m
+        for i in range(count + 1):
+            angle = first + circle.turn * sweep * i / count
+            yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
+    else:
+        points = walk(path, start, stage.sense, leg.distance_m / count or 1.0)
+        for _ in range(count):
+            point = next(points)
+            yield point, _heading(leg, point)
+        last = project(path, end) if leg.distance_m == leg.length_m else next(points)
+        yield last, _heading(leg, last)
+
+
+def _heading(leg: Leg, point: Point) -> float:
+    x, y = tangent(leg.path, point, leg.stage.sense)
+    return math.atan2(y, x)
