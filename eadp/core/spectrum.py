@@ -52,11 +52,11 @@ _SCAN_ORDER = 3
 _SCAN_STRIDE = 3
 _OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
 _PEAKS = 6
+_NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
 _TEST_BINS = 256
 _TEST_BINS_PER_PERIOD = 12  # or 3 for each harmonic
-_PART_CHANCE = 1e-3  # what a longer period adds to a part of it must be less likely than this to be noise
 _COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
 
 
@@ -342,8 +342,10 @@ def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
     last = max(first, math.floor(1 / shortest_s / grid.step_hz))
     peaks = _peaks(samples, grid, np.arange(first, last + 1, _SCAN_STRIDE))
     related = sorted({round(peak * factor) for peak in peaks for factor in _RELATED})
-    near = [np.clip(np.arange(k - 4, k + 5), first, last) for k in related if first - 4 <= k <= last + 4]
-    candidates = [_best_near(samples, grid, np.unique(indices)) for indices in near]
+    near = [k for k in related if first - _NEAR <= k <= last + _NEAR]
+    apart = [k for k, before in zip(near, [-_NEAR, *near], strict=False) if k - before > 1]
+    windows = [np.unique(np.clip(np.arange(k - _NEAR, k + _NEAR + 1), first, last)) for k in apart]
+    candidates = list({c.index: c for c in (_best_near(samples, grid, window) for window in windows)}.values())
     best = min(candidates, key=lambda candidate: candidate.total)
     by_length = sorted(candidates, key=lambda candidate: -candidate.index)
     shortest = next((c for c in by_length if _suffices(samples, c, best, grid.step_hz)), best)
@@ -364,7 +366,7 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
     if part.total > (total + best.total) / 2:
         return False
     evidence = _evidence(samples, 1 / (best.index * step_hz), best.order, part=round(part.index / best.index))
-    return evidence.chance > _PART_CHANCE
+    return evidence.chance > MAX_CHANCE
 
 
 def _is_part(index: int, of: int) -> bool:

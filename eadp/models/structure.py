@@ -73,10 +73,11 @@ def _repeats(values: FloatArray, triggers: FloatArray, scale: FloatArray, n: int
 def _signature(plan: Plan) -> tuple[FloatArray, FloatArray] | None:
     """Each stage's path round its trigger with its sense, shape (L, ·), and its triggers, shape (L, ·)."""
     values, triggers = [], []
+    samples = _samples(plan)
     for stage in plan.stages:
         row: list[float] = [100.0 * stage.sense]
         points: list[float] = []
-        for parameters in _samples(plan):
+        for parameters in samples:
             try:
                 path = stage.path_at(parameters)
                 x, y = stage.trigger_at(parameters)

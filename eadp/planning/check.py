@@ -102,7 +102,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     findings: list[Finding] = []
     witness: list[Parameters | None] = []
     for joint in _joints(plan):
-        measured = _measured(plan, joint)
+        measured = _measured(plan, joint, least)
         findings += _stage_findings(plan, joint, measured, least)
         witness.append(_leads_on(plan, measured))
     findings += _sets_findings(plan)
@@ -160,21 +160,25 @@ def _grid(boxes: Sequence[Box]) -> list[Parameters]:
     return list(dict.fromkeys(points))
 
 
-def _measured(plan: Plan, joint: _Joint) -> list[tuple[Parameters, _Measures]]:
-    """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius."""
+def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Parameters, _Measures]]:
+    """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
+
+    What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
+    """
     boxes = _boxes(plan, joint)
-    measured = [(point, _measure(plan, joint, point)) for point in _grid(boxes)]
-    if len(measured) == 1:
-        return measured
-    for badness in (
-        lambda m: m.own_m,
-        lambda m: m.next_m,
-        lambda m: m.turn_deg,
-        lambda m: -m.radius_m,
-        lambda m: -m.ahead_m,
-    ):
+    points = _grid(boxes)
+    measured = [(point, _measure(plan, joint, point)) for point in points]
+    corners = set(itertools.product(*((box.lo, box.hi) for box in boxes)))
+    searched: list[tuple[Callable[[_Measures], float], float]] = [
+        (lambda m: m.own_m, POSITION_WARNING_M / 10),
+        (lambda m: m.next_m, POSITION_WARNING_M / 10),
+        (lambda m: m.turn_deg, DIRECTION_WARNING_DEG / 10),
+        (lambda m: -m.radius_m, math.inf if least is None else -2 * least),
+        (lambda m: -m.ahead_m, -2 * plan.trigger_radius_m),
+    ]
+    for badness, small in searched:
         start = max(measured, key=lambda item: _finite(badness(item[1])))
-        if _finite(badness(start[1])) > -math.inf:
+        if start[0] not in corners and _finite(badness(start[1])) > small:
             measured.append(_refined(plan, joint, boxes, start, badness))
     return measured
 
@@ -205,7 +209,7 @@ def _refined(
                     point, best, moved = trial, measures, True
         if not moved:
             step = [size / 2 for size in step]
-            if max(step) < 1e-6 * max((box.hi - box.lo for box in boxes), default=1.0):
+            if max(step) < 1e-8 * max((box.hi - box.lo for box in boxes), default=1.0):
                 break
     return point, best
 

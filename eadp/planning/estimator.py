@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eadp.core.harmonics import forecast_w, output_row, rotation_matrix
+from eadp.core.harmonics import output_row, rotation_matrix
 from eadp.core.kalman import predict, update
 
 FloatArray = NDArray[np.float64]
@@ -125,7 +126,7 @@ class ExactEstimator:
         """C e^{At} q; see `Estimator.forecast`."""
         if self.period_s is None:
             return np.full(len(ahead_s), self._state[0])
-        return forecast_w(self._state, self.period_s, ahead_s)
+        return _forecast_w(self._state, self.period_s, ahead_s)
 
     def _transition(self, step_s: float) -> tuple[FloatArray, FloatArray]:
         period_s = self.period_s or 1.0
@@ -203,4 +204,18 @@ class PublishedEstimator:
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
         assert self.period_s is not None
-        return forecast_w(np.array(self._state), self.period_s, ahead_s)
+        return _forecast_w(np.array(self._state), self.period_s, ahead_s)
+
+
+def _forecast_w(state_w: FloatArray, period_s: float, ahead_s: FloatArray) -> FloatArray:
+    """`eadp.core.harmonics.forecast_w`, for planners that ask for the same instants again and again."""
+    power: FloatArray = state_w[0] + _waves(len(state_w) // 2, period_s, ahead_s.tobytes()) @ state_w[1:]
+    return power
+
+
+@lru_cache(maxsize=16)
+def _waves(order: int, period_s: float, ahead: bytes) -> FloatArray:
+    """Cosine and sine of each harmonic at instants ahead [s], given as bytes: what the state is multiplied by."""
+    ahead_s = np.frombuffer(ahead)
+    angle = 2 * math.pi / period_s * ahead_s[:, None] * np.arange(1, order + 1)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(len(ahead_s), 2 * order)

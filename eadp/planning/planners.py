@@ -22,7 +22,8 @@ from eadp.errors import EadpError, Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
-from eadp.models.itinerary import Vector, nominal_legs
+from eadp.models.itinerary import Vector
+from eadp.models.nominal import nominal_legs
 from eadp.models.plan import Plan
 from eadp.planning.estimator import (
     PUBLISHED,
@@ -214,6 +215,7 @@ class PaperPlanner(StaticPlanner):
         self._times = _coverage_times_s(settings, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
         self._ahead_w: FloatArray = np.zeros(0)
+        self._instants_s: FloatArray = np.zeros(0)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
@@ -329,12 +331,14 @@ class PaperPlanner(StaticPlanner):
 
     def _outlook(self, o: Observation, steps: int) -> Outlook:
         every_s = self._settings.every_s
-        fine = np.arange(1, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
-        motion = self._estimator.forecast(fine).reshape(steps, SAMPLES_PER_STEP)
+        if len(self._instants_s) != steps * SAMPLES_PER_STEP:
+            self._instants_s = np.arange(1, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
+        motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if self._settings.constraint_at == "worst" else motion[:, -1]
+        mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         state = self._estimator.state_w
         ripple = float(state[1:] @ state[1:])
-        return Outlook(limit, np.maximum(motion.mean(axis=1), 0.0), o.soc, every_s, float(state[0]), ripple)
+        return Outlook(limit, mean, o.soc, every_s, float(state[0]), ripple)
 
     # --- path
 
@@ -466,8 +470,8 @@ def _nominal_lap_s(mission: Mission) -> float | None:
         legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
     except PathUndefined:
         return None
-    last = [leg.length_m for leg in legs if leg.lap == legs[-1].lap]
-    length = sum(last)
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first begins anywhere
+    length = sum(leg.length_m for leg in legs if leg.lap == whole)
     return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None
 
 
@@ -488,7 +492,7 @@ def _coverage_times_s(settings: PlannerSettings, mission: Mission) -> tuple[floa
             continue
         corner = (*(getattr(plan.hull(i), end) for i in range(rho)), *mission.parameters[rho:])
         try:
-            length = sum(leg.length_m for leg in nominal_legs(plan, corner, mission.start_m))
+            length = sum(leg.distance_m for leg in nominal_legs(plan, corner, mission.start_m))
         except PathUndefined:
             return None
         if not math.isfinite(length):

@@ -1,10 +1,10 @@
-"""The only door to OSQP: a quadratic program that is built once, updated, warm-started, and whose status is always read.
+"""The only door to OSQP: a quadratic program that is built once, updated, warm-started, its status always read.
 
 minimise ½ zᵀ P z + qᵀ z  subject to  l ≤ A z ≤ u, with P = ε I.
 
-Traps of OSQP 1.1 that this door guards: an infeasible problem returns huge numbers as its solution; NaN in the data is
-accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old data; messages
-go to standard output.
+Traps of OSQP 1.1 that this door guards: an infeasible problem returns huge numbers as its solution; NaN in the
+data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
+data; messages go to standard output.
 """
 
 from __future__ import annotations
@@ -39,7 +39,15 @@ class Pattern:
 
 
 class QuadraticProgram:
-    """A problem of fixed pattern; see the module."""
+    """A problem of fixed pattern; see the module.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Of A.
+    proximal : float
+        ε, above 0.
+    """
 
     def __init__(self, pattern: Pattern, proximal: float) -> None:
         self._pattern = pattern
@@ -66,44 +74,55 @@ class QuadraticProgram:
         Raises
         ------
         Infeasible
-            If the solver proves that no z satisfies the rows.
+            If a lower bound is above its upper bound, or the solver proves that no z satisfies the rows.
         SolverFailed
             On data that are not finite or do not fit, and on any status but "solved".
         """
-        p = self._pattern
-        shapes = (linear.shape, entries.shape, lower.shape, upper.shape)
-        if shapes != ((p.columns,), (len(p.indices),), (p.rows,), (p.rows,)):
-            raise SolverFailed(f"data of shapes {shapes} do not fit the problem")
-        if not np.isfinite(linear.sum() + entries.sum() + lower.sum() + upper.sum()):
-            raise SolverFailed("data that are not finite")
-        if (lower > upper).any():
-            raise Infeasible("a row whose lower bound is above its upper bound")
+        self._check(linear, entries, lower, upper, warm)
         if self._solver is None or self._failed:
+            self._failed = True  # until it has solved
             self._build(linear, entries, lower, upper)
         else:
             self._solver.update(q=linear, Ax=entries, l=lower, u=upper)
         self._solver.warm_start(x=warm)
-        result = self._solver.solve(raise_error=False)
-        return self._checked(result)
+        return self._checked(self._solver.solve(raise_error=False))
+
+    def _check(self, *data: FloatArray) -> None:
+        """Refuse what OSQP would take without a word."""
+        p = self._pattern
+        shapes = tuple(array.shape for array in data)
+        if shapes != ((p.columns,), (len(p.indices),), (p.rows,), (p.rows,), (p.columns,)):
+            raise SolverFailed(f"data of shapes {shapes} do not fit the problem")
+        if not np.isfinite(np.concatenate(data)).all():
+            raise SolverFailed("data that are not finite")
+        _, _, lower, upper, _ = data
+        if (lower > upper).any():
+            raise Infeasible("a row whose lower bound is above its upper bound")
 
     def _build(self, linear: FloatArray, entries: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
         p = self._pattern
         identity = csc_matrix((np.full(p.columns, self._proximal), (range(p.columns), range(p.columns))))
         rows = csc_matrix((entries, p.indices, p.indptr), shape=(p.rows, p.columns))
         self._solver = osqp.OSQP()
-        self._solver.setup(
-            identity,
-            linear,
-            rows,
-            lower,
-            upper,
-            verbose=False,
-            eps_abs=TOLERANCE,
-            eps_rel=TOLERANCE,
-            max_iter=ITERATIONS,
-            polishing=True,
-            warm_starting=True,
-        )
+        try:
+            self._solver.setup(
+                identity,
+                linear,
+                rows,
+                lower,
+                upper,
+                verbose=False,
+                eps_abs=TOLERANCE,
+                eps_rel=TOLERANCE,
+                max_iter=ITERATIONS,
+                scaling=0,  # rows come scaled
+                rho=3.0,
+                adaptive_rho_tolerance=2.0,
+                polishing=True,
+                warm_starting=True,
+            )
+        except osqp.OSQPException as error:
+            raise SolverFailed(f"OSQP: set-up refused, error {error}") from None
 
     def _checked(self, result: Any) -> FloatArray:
         status = result.info.status_val
