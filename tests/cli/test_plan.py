@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 
 def test_the_survey_as_json(eadp):
     answer = eadp("plan", "plans/survey.plan", "--format", "json")
@@ -82,3 +84,133 @@ def test_an_unknown_header_is_a_warning(eadp, tmp_path):
     assert f"{path}:1:3: warning: unknown header colour" in answer.err
     findings = json.loads(eadp("plan", path, "--format", "json").out)["findings"]
     assert [item["code"] for item in findings] == ["unknown-header"]
+
+
+# --- check, trace, plot
+
+
+def test_check_of_the_survey_passes_with_warnings(eadp):
+    answer = eadp("plan", "plans/survey.plan", "--check")
+    assert answer.code == 0
+    assert answer.out.count("warning:") == 6
+    assert answer.out.endswith("4 stages: 0 errors, 6 warnings; 4 of 4 stages lead to the next for some parameters\n")
+    assert "plans/survey.plan:23:1: warning: the trigger of stage 2 lies 3.16 m off" in answer.out
+
+
+def test_check_that_finds_an_error_is_a_no(eadp, tmp_path):
+    path = tmp_path / "off.plan"
+    path.write_text("0.1; 90; x\n30, 200\n")
+    answer = eadp("plan", path, "--check", "--format", "json")
+    assert answer.code == 1
+    document = json.loads(answer.out)
+    assert document["valid"] is False
+    assert document["leads_on"] == [None]
+    assert [(item["severity"], item["code"], item["stage"]) for item in document["findings"]] == [
+        ("error", "trigger-off-path", 1)
+    ]
+    assert eadp("plan", path).code == 0, "without --check it is only read"
+
+
+def test_min_radius_on_the_command_line(eadp):
+    assert eadp("plan", "plans/survey.plan", "--check", "--min-radius", "62").code == 0
+    answer = eadp("plan", "plans/survey.plan", "--check", "--min-radius", "65")
+    assert answer.code == 1
+    # √(4900 − 1000)
+    assert "radius of 62.45 m, 2.55 m less" in answer.out
+
+
+def rows(text):
+    lines = text.splitlines()
+    assert lines[0].startswith("stage,kind,x_m,y_m,heading_rad")
+    return [line.split(",") for line in lines[1:]]
+
+
+def test_trace_is_the_nominal_path(eadp):
+    import math
+
+    points = [
+        (int(r[0]), r[1], float(r[2]), float(r[3]), float(r[4]))
+        for r in rows(eadp("plan", "plans/survey.plan", "--trace", "5", "--set", "c1=-500").out)
+    ]
+    r2 = math.sqrt(4400)
+    lap = 0
+    before = 0
+    for stage, kind, x, y, heading in points:
+        if stage < before:
+            lap += 1
+        before = stage
+        ox, oy = lap * (150 - 2 * r2), lap * (75 - r2) / 5
+        if stage == 1:
+            assert kind == "circle"
+            assert math.hypot(x - (r2 - 115) - ox, y - 146 - oy) == pytest.approx(r2)
+        if stage == 2:
+            assert (kind, x) == ("line", pytest.approx(-115 + ox))
+            assert heading == pytest.approx(-math.pi / 2)
+    steps = [math.dist(a[2:4], b[2:4]) for a, b in zip(points, points[1:], strict=False) if a[0] == b[0]]
+    assert max(steps) <= 5 + 1e-9
+    x, y = points[-1][2:4]
+    assert x > 175
+    assert y > 161
+    assert math.hypot(x - 175, y - 161) < 25, "it ends where the flight would"
+
+
+def test_trace_ends_of_stages_are_exact(eadp, tmp_path):
+    path = tmp_path / "two.plan"
+    path.write_text("0.1; 90; x\n0, 203\n0.006; 90; (x+75)^2+(y-203)^2-75^2\n-150, 203\n")
+    points = rows(eadp("plan", path, "--trace", "7").out)
+    line = [row for row in points if row[0] == "1"]
+    circle = [row for row in points if row[0] == "2"]
+    assert (float(line[0][2]), float(line[0][3])) == (0, 103)
+    assert (float(line[-1][2]), float(line[-1][3])) == (0, 203)
+    assert (float(circle[0][2]), float(circle[0][3])) == (0, 203)
+    assert (float(circle[-1][2]), float(circle[-1][3])) == pytest.approx((-150, 203), abs=1e-9)
+
+
+def test_trace_of_a_curve_keeps_to_it(eadp, tmp_path):
+    import math
+
+    path = tmp_path / "wave.plan"
+    path.write_text("0.1; 270; y - 20*sin(x/40)\n400, 20*sin(10)\n")
+    points = [(float(r[2]), float(r[3])) for r in rows(eadp("plan", path, "--trace", "2").out)]
+    assert all(y == pytest.approx(20 * math.sin(x / 40), abs=1e-6) for x, y in points)
+    assert points[-1][0] == pytest.approx(400)
+
+
+def test_trace_with_an_origin_tells_latitude_and_longitude(eadp, tmp_path):
+    path = tmp_path / "map.plan"
+    path.write_text("%: origin 55.37 10.43\n0.1; 90; x\n0, 100\n")
+    answer = eadp("plan", path, "--trace", "50")
+    assert answer.out.splitlines()[0] == "stage,kind,x_m,y_m,heading_rad,latitude_deg,longitude_deg"
+    first = rows(answer.out)[0]
+    assert float(first[5]) == pytest.approx(55.37)
+    assert float(first[6]) == pytest.approx(10.43)
+
+
+def test_plots(eadp, tmp_path):
+    for name, start in (("plan.svg", b"<?xml"), ("plan.png", b"\x89PNG")):
+        assert eadp("plan", "plans/survey.plan", "--plot", tmp_path / name).code == 0
+        assert (tmp_path / name).read_bytes().startswith(start)
+    twice = (tmp_path / "plan.svg").read_bytes()
+    eadp("plan", "plans/survey.plan", "--plot", tmp_path / "plan.svg")
+    assert (tmp_path / "plan.svg").read_bytes() == twice
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("--set", "c9=1", "--trace", "1"), "no parameter c9"),
+        (("--set", "c1=x", "--trace", "1"), "not a number"),
+        (("--set", "c1=nan", "--trace", "1"), "not a number"),
+        (("--set", "c1=5", "--trace", "1"), "outside its set"),
+        (("--trace", "0"), "--trace"),
+        (("--trace", "nan"), "--trace"),
+        (("--trace", "1e-9"), "more than 5000000 points"),
+        (("--plot", "plan.pdf"), ".svg or .png"),
+        (("--plot", "nosuch/folder/plan.svg"), "cannot be written"),
+    ],
+)
+def test_what_is_refused(eadp, arguments, word):
+    answer = eadp("plan", "plans/survey.plan", *arguments)
+    assert answer.code == 2
+    assert answer.out == ""
+    assert word in answer.err
