@@ -10,6 +10,7 @@ the seconds per thousand stages, which stay level where the cost is linear.
 from __future__ import annotations
 
 import argparse
+import itertools
 import subprocess
 import sys
 import tempfile
@@ -50,7 +51,7 @@ def measured(stages: int) -> tuple[float, float, float]:
     marks.append(time.process_time())
     check_plan(plan)
     marks.append(time.process_time())
-    read_s, print_s, check_s = (later - earlier for earlier, later in zip(marks, marks[1:], strict=False))
+    read_s, print_s, check_s = (later - earlier for earlier, later in itertools.pairwise(marks))
     return read_s, print_s, check_s
 
 
@@ -78,7 +79,9 @@ def main() -> None:
     for stages in sizes:
         read_s, print_s, check_s = measured(stages)
         per = 1000 / stages
-        print(f"{stages:>7} {read_s:>8.2f} {print_s:>8.2f} {check_s:>8.2f} {read_s * per:>12.2f} {check_s * per:>13.2f}")
+        print(
+            f"{stages:>7} {read_s:>8.2f} {print_s:>8.2f} {check_s:>8.2f} {read_s * per:>12.2f} {check_s * per:>13.2f}"
+        )
     runs = sorted(whole_command_s(60) for _ in range(5))
     print(f"eadp plan of 60 stages, imports included: {runs[2]:.2f} CPU s (median of 5)")
 

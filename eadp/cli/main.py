@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -27,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-COMMANDS = {
+COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
     "plan": (plan.command, "Parse a plan into its stages."),
     "profile": (profile.command, "Build the computation energy model from measurements."),
     "fit": (fit.command, "Estimate period, order and Fourier coefficients from a power log."),
@@ -53,7 +54,7 @@ def _options(
     pass
 
 
-# typer brings a click of its own in some versions and uses the installed one in others: its errors are found by ancestry
+# typer brings a click of its own in some versions, and uses the installed one in others: errors are found by ancestry
 _UsageFault = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 

@@ -6,13 +6,13 @@ import json
 import sys
 import time
 from collections.abc import Iterable
-from enum import Enum
+from enum import Enum, StrEnum
 from typing import Any
 
 from eadp.errors import Fault, InputError
 
 
-class Format(str, Enum):
+class Format(StrEnum):
     """Output formats that most commands share."""
 
     text = "text"

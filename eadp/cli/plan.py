@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from eadp.planning.check import Report
 
 
-class PlanFormat(str, enum.Enum):
+class PlanFormat(enum.StrEnum):
     """Output formats of `eadp plan`."""
 
     text = "text"
@@ -227,7 +227,9 @@ def _table(plan: Plan) -> str:
     for stage in plan.stages:
         direction = "counter-clockwise" if stage.rotation_deg == 90 else "clockwise"
         turn = f" {direction}" if stage.kind == "circle" else f" rotation {stage.rotation_deg}"
-        lines.append(f"stage {stage.index:<4} {stage.kind}{turn}, gain {number_text(stage.gain)}: {stage.path.text} = 0")
+        lines.append(
+            f"stage {stage.index:<4} {stage.kind}{turn}, gain {number_text(stage.gain)}: {stage.path.text} = 0"
+        )
         lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text})")
         if stage.sets:
             sets = [

@@ -40,9 +40,7 @@ def command(
     ] = "",
     interpolation: Annotated[
         Interpolation | None,
-        typer.Option(
-            "--interpolation", help="Between configurations; the default is linear, or the model's."
-        ),
+        typer.Option("--interpolation", help="Between configurations; the default is linear, or the model's."),
     ] = None,
     clamp: Annotated[
         bool, typer.Option("--clamp", help="Outside the measured range, take the nearest inside.")

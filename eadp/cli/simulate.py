@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-class PlannerName(str, enum.Enum):
+class PlannerName(enum.StrEnum):
     """Planners by name."""
 
     static = "static"
@@ -29,7 +29,8 @@ def command(
     energy: Annotated[str | None, typer.Option(help="Energy model made by eadp fit.", metavar="FILE")] = None,
     planner: Annotated[PlannerName | None, typer.Option(help="Which planner flies.")] = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE")
+        list[str] | None,
+        typer.Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of gusts and noise.")] = None,
     out: Annotated[str | None, typer.Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
@@ -58,9 +59,7 @@ def command(
         overrides["seed"] = seed
     if out is not None:
         check_new_folder(out, force=force)
-    inputs = load_flight(
-        plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides
-    )
+    inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
     world, pilot, outcome = inputs.world, inputs.planner(), Outcome()
     progress = Progress("flying")
@@ -74,7 +73,11 @@ def command(
         world, pilot, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
     )
     if out is not None:
-        used = [*(set_ or []), *([f"planner.name={planner.value}"] if planner else []), *([f"seed={seed}"] if seed else [])]
+        used = [
+            *(set_ or []),
+            *([f"planner.name={planner.value}"] if planner else []),
+            *([f"seed={seed}"] if seed else []),
+        ]
         write_flight(out, world, steps, summary, inputs.texts, used, force=force)
     if format_ is Format.json:
         emit_json(summary)
@@ -100,7 +103,9 @@ def _text(summary: Mapping[str, Any], out: str | None) -> str:
             f"{values['changes']} changes"
         )
     if summary["quality"] is not None:
-        lines.append(f"quality    U = {summary['quality']:.3f} (weighted share of the parameters' sets, averaged over time)")
+        lines.append(
+            f"quality    U = {summary['quality']:.3f} (weighted share of the parameters' sets, averaged over time)"
+        )
     lines.append(
         f"planner    {summary['planner']}: {summary['replans']} re-plannings, {solver['solves']} solves, "
         f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"

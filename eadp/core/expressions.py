@@ -1,8 +1,8 @@
 """Expressions of plan files: text → checked tree → canonical text, values, sympy.
 
 The text is data. It is cut into tokens and read by a recursive-descent reader of our own; nothing in it is ever handed
-to `eval`, `sympify` or `parse_expr`, which run code. Limits keep a hostile text from costing time or memory. Derivatives
-are the business of `eadp.core.derivatives`; sympy is imported here, late, and nowhere else.
+to `eval`, `sympify` or `parse_expr`, which run code. Limits keep a hostile text from costing time or memory.
+Derivatives are the business of `eadp.core.derivatives`; sympy is imported here, late, and nowhere else.
 
 Grammar (the longest match wins; case matters):
 
@@ -240,9 +240,7 @@ def read_expression(text: str, names: Collection[str] = ()) -> Expression:
     return read_expressions(text, names, count=1)[0]
 
 
-def read_expressions(
-    text: str, names: Collection[str] = (), *, count: int | None = None
-) -> list[Expression]:
+def read_expressions(text: str, names: Collection[str] = (), *, count: int | None = None) -> list[Expression]:
     """Read expressions with commas between them.
 
     Parameters
@@ -381,12 +379,12 @@ class _Reader:
             return self._number(self.advance())
         if token.kind == "name":
             return self._name(self.advance())
-        if token.text == "(":
-            self._deeper()
-            part = self._sum()
-            self._close()
-            return part
-        self.fail("a number, a name or a bracket")
+        if token.text != "(":
+            self.fail("a number, a name or a bracket")
+        self._deeper()
+        part = self._sum()
+        self._close()
+        return part
 
     def _number(self, token: _Token) -> _Part:
         if sum(c.isdigit() for c in token.text) > DIGITS_LIMIT:
@@ -499,7 +497,10 @@ def _raise(base: float, exponent: float) -> float:
 
 
 _OPERATIONS: dict[str, Callable[..., float]] = {
-    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")},
+    **{
+        name: getattr(math, name)
+        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")
+    },
     "abs": abs,
     "min": min,
     "max": max,
@@ -674,7 +675,11 @@ def to_sympy(node: Node) -> Any:
 
     functions = {
         **{name: getattr(sympy, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-        **{"abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "exp": sympy.exp, "log": sympy.log},
+        "abs": sympy.Abs,
+        "min": sympy.Min,
+        "max": sympy.Max,
+        "exp": sympy.exp,
+        "log": sympy.log,
     }
 
     def build(part: Node) -> Any:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
 GREY = "#8a8f98"
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -210,11 +210,19 @@ def _draw_plan(axes: Axes, plan: Plan, parameters: Sequence[float], legs: Sequen
         )
     _draw_triggers(axes, plan, legs)
     axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
-    axes.plot(*point_at(plan.final_point, parameters, "the final point"), "*", color="black", markersize=11, label="final point")
+    axes.plot(
+        *point_at(plan.final_point, parameters, "the final point"),
+        "*",
+        color="black",
+        markersize=11,
+        label="final point",
+    )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, east [m]")
     axes.set_ylabel("y, north [m]")
-    at = ", ".join(f"{name} = {value:g}" for name, value in zip(plan.names[: plan.path_count], parameters, strict=False))
+    at = ", ".join(
+        f"{name} = {value:g}" for name, value in zip(plan.names[: plan.path_count], parameters, strict=False)
+    )
     length = sum(leg.distance_m for leg in legs)
     axes.set_title(f"Nominal path, {length / 1000:.2f} km" + (f", at {at}" if at else ""), loc="left", fontsize=10)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, frameon=False, fontsize=8)
@@ -237,7 +245,9 @@ def _draw_band(axes: Axes, plan: Plan, parameters: Sequence[float], step: float)
             continue
         begun = [leg for leg in legs if leg.lap == 0][: 2 * len(COLOURS)]
         points = [point for leg in begun for point in leg_points(leg, step)]
-        axes.plot([p.x_m for p in points], [p.y_m for p in points], color="#d9dce1", linewidth=3.0, label=label, zorder=0)
+        axes.plot(
+            [p.x_m for p in points], [p.y_m for p in points], color="#d9dce1", linewidth=3.0, label=label, zorder=0
+        )
         label = None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import statistics
 from collections.abc import Mapping, Sequence
@@ -76,7 +77,7 @@ def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
     if not n:
         return []
     begins = outcome.stage_times_s[n - 1 :: n]
-    return [round(later - earlier, 9) for earlier, later in zip(begins, begins[1:], strict=False)]
+    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(begins)]
 
 
 def write_flight(

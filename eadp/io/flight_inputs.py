@@ -59,8 +59,7 @@ def load_flight(
     plan_text = read_text(plan_path)
     plan, findings = read_plan(plan_text)
     warnings = [
-        Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning")
-        for finding in findings
+        Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
     ]
     scenario = read_scenario(scenario_path, overrides)
     texts = {"plan": plan_text}
@@ -77,7 +76,9 @@ def load_flight(
     try:
         battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))
     except Infeasible as error:
-        raise InputError(scenario.place("battery.resistance_ohm", f"level flight: {error}", "a battery that can")) from None
+        raise InputError(
+            scenario.place("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
+        ) from None
     keys = scenario.keys
     altitude = keys.start.altitude_m
     world = World(
@@ -139,7 +140,9 @@ def _computing(
         return join_profile(plan, profile)
     except EadpError as error:
         if path is None:
-            raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario") from None
+            raise InputError.at(
+                text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
+            ) from None
         raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
@@ -193,7 +196,7 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
 
 
 def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
-    """Every stage has a path and a trigger, at take-off's parameters and at every corner of the path parameters' sets."""
+    """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
     rho = plan.path_count
     corners: list[Sequence[float]] = [parameters]
     if plan.has_sets and rho <= CORNERS_LIMIT:
@@ -249,4 +252,3 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tu
         dy = stage.sense * gx - stage.gain * phi * gy
         heading = math.atan2(dy, dx) if dx or dy else usual_heading
     return start, heading
-

@@ -145,7 +145,9 @@ class _Reader:
         section = _SECTION.match(line.text)
         if section:
             if self._drafts and not self._sectioned:
-                self._fault(line, 0, f"a section {section[1]}: after stages without sections", "sections from the start")
+                self._fault(
+                    line, 0, f"a section {section[1]}: after stages without sections", "sections from the start"
+                )
             self._sectioned = True
             self._section = section[1]
         elif self._section == "init":
@@ -170,7 +172,9 @@ class _Reader:
                 self._header_shift_line = line.number
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
         elif self._drafts[-1].trigger_line:
-            self._fault(line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage")
+            self._fault(
+                line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage"
+            )
         else:
             self._read_trigger(line)
 
@@ -187,7 +191,11 @@ class _Reader:
         starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
         draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
         rotation = self._number(
-            line, parts[1], starts[1], "a rotation of 90 or 270 (or 0 for 90, 1 for 270)", lambda r: r in (0, 1, 90, 270)
+            line,
+            parts[1],
+            starts[1],
+            "a rotation of 90 or 270 (or 0 for 90, 1 for 270)",
+            lambda r: r in (0, 1, 90, 270),
         )
         if rotation is not None:
             draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
@@ -209,7 +217,9 @@ class _Reader:
             return
         draft = self._drafts[-1]
         if not draft.trigger_line:
-            self._fault(line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146")
+            self._fault(
+                line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146"
+            )
             draft.trigger_line = -1
         draft.sets.append(self._box(line, line.text, 0))
         draft.set_lines.append(line)
@@ -230,7 +240,9 @@ class _Reader:
             self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
             return None
         if values[0] > values[1]:
-            message = f"a set whose lower bound {number_text(values[0])} is above its upper bound {number_text(values[1])}"
+            message = (
+                f"a set whose lower bound {number_text(values[0])} is above its upper bound {number_text(values[1])}"
+            )
             self._fault(line, offset, message, "lower bound first")
             return None
         return Box(*values)
@@ -268,7 +280,7 @@ class _Reader:
 
     def _read_header(self, line: _Line) -> None:
         stripped = line.text.strip()
-        key, _, rest = stripped.partition(" ")
+        key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         value = line.text[start:]
         known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
@@ -460,11 +472,11 @@ class _Reader:
             return
         named: list[tuple[str, Expression | None, int, int]] = []
         for name, (first, shift, line) in self._coordinates.items():
-            named += [(f"the coordinate {name}", part, line.number, line.column) for part in (first, shift)]
+            named += [(f"the coordinate {name}", value, line.number, line.column) for value in (first, shift)]
         for index, draft in enumerate(self._drafts, 1):
             named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
-            for part in draft.trigger or ():
-                named.append((f"stage {index}", part, draft.trigger_line, draft.trigger_columns[0]))
+            for value in draft.trigger or ():
+                named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
         for who, part, number, column in named:
             if part is not None and part.highest_parameter > count:
                 name = f"c{part.highest_parameter}"
@@ -486,7 +498,8 @@ class _Reader:
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             if stage.path.rough:
-                message = f"the path of stage {stage.index} uses {stage.path.rough}, which is not twice differentiable everywhere"
+                used = stage.path.rough
+                message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
                 self._findings.append(
                     Finding("warning", stage.index, stage.line, "not-smooth", message, draft.path_column)
                 )
@@ -609,7 +622,7 @@ def _shifts(first: Expression, later: Expression, shift: PointExpression) -> boo
 
 
 def plan_text(plan: Plan) -> str:
-    """Canonical text of a plan; reading it again gives the same plan. """
+    """Canonical text of a plan; reading it again gives the same plan."""
     lines = []
     if plan.computations:
         names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]

@@ -48,9 +48,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[Profile, list[Fa
     return parse_profile(read_text(path), names, is_model=is_model)
 
 
-def parse_profile(
-    text: Text, names: Sequence[str] = (), *, is_model: bool = False
-) -> tuple[Profile, list[Fault]]:
+def parse_profile(text: Text, names: Sequence[str] = (), *, is_model: bool = False) -> tuple[Profile, list[Fault]]:
     """`read_profile` of a text: a model if said so, or if it begins with a `schema` key or a brace."""
     _check_names(names)
     is_model = is_model or _MODEL.match(text.body) is not None

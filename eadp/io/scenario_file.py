@@ -5,6 +5,7 @@ The schema here is the contract with users; `Scenario` hands out the domain's ow
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -56,8 +57,10 @@ class VehicleKeys(_Strict):
     cruise_altitude_m: Finite = 25.0
     idle_power_w: NotNegative = 16.0
     throttle_power_w: NotNegative = 20.0
-    wind_in_lift: bool = Field(False, description="add the wind along the heading to the speed that lifts (unphysical)")
-    published_triggers: bool = Field(False, description="box triggers, neither armed nor passed")
+    wind_in_lift: bool = Field(
+        default=False, description="add the wind along the heading to the speed that lifts (unphysical)"
+    )
+    published_triggers: bool = Field(default=False, description="box triggers, neither armed nor passed")
 
 
 class WindKeys(_Strict):
@@ -78,14 +81,16 @@ class BatteryKeys(_Strict):
     k_b_per_s: Positive = 1 / 3600
     soc: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
     crate_per_h: Positive = 10.0
-    prescribed: list[tuple[NotNegative, Share]] | None = Field(None, description="[[t_s, soc], …] replayed instead")
+    prescribed: list[tuple[NotNegative, Share]] | None = Field(
+        default=None, description="[[t_s, soc], …] replayed instead"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> BatteryKeys:
         times = [t for t, _ in self.prescribed or []]
         if self.prescribed is not None and not times:
             raise ValueError("prescribed: an empty trace")
-        if any(later < earlier for earlier, later in zip(times, times[1:], strict=False)):
+        if any(later < earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError("prescribed: times that go back")
         return self
 
@@ -141,7 +146,7 @@ class PlannerKeys(_Strict):
     delta: dict[ParameterName, Positive] = {}
     levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}
     cost: Literal["control", "power", "quadratic", "output"] = "control"
-    cost_weights: tuple[NotNegative, NotNegative] = Field((1.0, 1.0), description="Q and R of cost quadratic")
+    cost_weights: tuple[NotNegative, NotNegative] = Field(default=(1.0, 1.0), description="Q and R of cost quadratic")
     constraint_at: Literal["end", "worst"] = "worst"
     remaining_time: Literal["corrected", "published"] = "corrected"
     path_search: Literal["delta", "largest"] = "delta"
@@ -157,8 +162,8 @@ class PlannerKeys(_Strict):
 class ScenarioKeys(_Strict):
     """A scenario file."""
 
-    schema_: Literal["eadp.scenario/1"] = Field("eadp.scenario/1", alias="schema")
-    profile: str | None = Field(None, description="model or measurements, relative to this file")
+    schema_: Literal["eadp.scenario/1"] = Field(default="eadp.scenario/1", alias="schema")
+    profile: str | None = Field(default=None, description="model or measurements, relative to this file")
     vehicle: VehicleKeys = VehicleKeys()
     wind: WindKeys = WindKeys()
     battery: BatteryKeys = BatteryKeys()
@@ -349,7 +354,7 @@ def _drop_nulls(value: Any) -> None:
 
 
 def _tuples(value: Any) -> Any:
-    """Lists of numbers as tuples where the strict schema wants them: pydantic's strict mode takes no list for a tuple."""
+    """Lists as tuples where the schema wants those: pydantic's strict mode takes no list for a tuple."""
     if not isinstance(value, dict):
         return value
     result = dict(value)
@@ -417,4 +422,3 @@ def _check(keys: ScenarioKeys, document: Document) -> None:
         faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
     if faults:
         raise InputError(*faults)
-

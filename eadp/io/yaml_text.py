@@ -1,4 +1,4 @@
-"""YAML read strictly: the scalars of YAML 1.2's core schema, no aliases, no duplicate keys, and a place for every value."""
+"""YAML read strictly: YAML 1.2's core scalars, no aliases, no duplicate keys, and a place for every value."""
 
 from __future__ import annotations
 
@@ -95,8 +95,9 @@ def _refuse_references(body: str, fail: Any) -> None:
         at = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise fail(*at, "a YAML alias or anchor", "the value written out")
-        if getattr(event, "tag", None):
-            raise fail(*at, f"a YAML tag {printable(str(event.tag))}", "a plain value")
+        tag = getattr(event, "tag", None)
+        if tag:
+            raise fail(*at, f"a YAML tag {printable(str(tag))}", "a plain value")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > NESTING_LIMIT:
             raise fail(*at, f"nested deeper than {NESTING_LIMIT} levels")

@@ -10,7 +10,7 @@ from eadp.core.battery import current_a, soc_rate_per_s
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """A Rint battery. `crate_per_h` bounds the power by b · Q_c · V · crate (letter, Def. III.3, with its missing unit)."""
+    """A Rint battery. `crate_per_h` bounds the power by b Q_c V crate (letter, Def. III.3, with its missing unit)."""
 
     voltage_v: float = 14.8
     resistance_ohm: float = 0.05

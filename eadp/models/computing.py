@@ -68,7 +68,9 @@ def join_profile(plan: Plan, profile: Profile | None) -> Computing:
     order = tuple(range(len(titles)))
     if all(titles):
         if sorted(titles) != sorted(profile.names):
-            raise EadpError(f"the plan's computations are {', '.join(titles)}, the profile's {', '.join(profile.names)}")
+            raise EadpError(
+                f"the plan's computations are {', '.join(titles)}, the profile's {', '.join(profile.names)}"
+            )
         order = tuple(titles.index(name) for name in profile.names)
     for column, i in enumerate(order):
         unit, measured = computations[i].unit, profile.units[column]

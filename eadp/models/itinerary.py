@@ -22,7 +22,6 @@ from eadp.core.geometry import (
     project,
     tangent,
 )
-from eadp.errors import PathUndefined
 from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
 
 Vector = tuple[float, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -131,9 +132,7 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
         circle = circle_of(path, trigger, stage.sense)
         point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
     else:
-        for steps, point in enumerate(walk(path, trigger, -stage.sense, 1.0)):
-            if steps == 100:
-                break
+        point = next(itertools.islice(walk(path, trigger, -stage.sense, 1.0), 100, None))
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 

@@ -145,9 +145,10 @@ class ShortForm:
 class Plan:
     """A plan: the stages in order, or the n primitive ones of a plan that repeats.
 
-    `shift` is the letter's d, which moves the stages from one lap to the next; a plan that repeats is flown lap by lap
+    `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
-    `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the file's first line says, with its own sign.
+    `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
+    file's first line says, with its own sign.
     """
 
     name: str

@@ -20,7 +20,16 @@ FloatArray = NDArray[np.float64]
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Where in their sets the parameters are looked at, as shares; without sets, the parameters themselves."""
 
-OFFSETS_M = ((0.0, 0.0), (31.7, 8.9), (-23.3, 41.1), (5.3, -37.9), (-47.7, -13.1), (67.1, 61.3), (11.9, 83.3), (-71.3, 29.9))
+OFFSETS_M = (
+    (0.0, 0.0),
+    (31.7, 8.9),
+    (-23.3, 41.1),
+    (5.3, -37.9),
+    (-47.7, -13.1),
+    (67.1, 61.3),
+    (11.9, 83.3),
+    (-71.3, 29.9),
+)
 """Where round its trigger a path is looked at: more points than a quadratic has coefficients."""
 
 TOLERANCE = 1e-9
@@ -37,8 +46,8 @@ class Structure:
 def find_structure(plan: Plan) -> Structure | None:
     """The smallest n for which every stage is the one n before it, moved by the same d(c); None without.
 
-    Two whole laps are needed. φ_{i+n}(p + d) = φ_i(p) is required without the letter's constant e_j: with it, the stages
-    of a lap would not be those of the last one moved. The travel's direction must agree, and triggers move by d.
+    Two whole laps are needed. φ_{i+n}(p + d) = φ_i(p) is required without the letter's constant e_j: with it, the
+    stages of a lap would not be those of the last one moved. The travel's direction must agree, and triggers move by d.
 
     Compared at sample parameters and points; the answer's d(c) is symbolic.
     """
@@ -128,4 +137,3 @@ def tidy(expression: Expression) -> Expression:
         except EadpError:
             return expression
     return constant(round(expression.at(), 12))
-

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class PaperVehicle:
     """The aircraft of the published flights: a heading, a throttle that holds the altitude, and power from throttle.
 
-    Source: the letter's published flights (docs/reproduction.md); `wind_in_lift` and `published_triggers` are theirs too.
+    Source: the letter's published flights (docs/reproduction.md); `wind_in_lift` and `published_triggers` are theirs.
     """
 
     mass_kg: float = 1.0
@@ -40,8 +40,8 @@ class PaperVehicle:
 class Guidance:
     """How the vehicle follows a path. k_e is the plan's gain per stage.
 
-    `normalised` follows φ/‖∇φ‖ with the one gain `gain_per_m` instead; `wind_corrected` turns the heading as much faster
-    as the course needs in wind.
+    `normalised` follows φ/‖∇φ‖ with the one gain `gain_per_m` instead; `wind_corrected` turns the heading as much
+    faster as the course needs in wind.
     """
 
     k_d: float = 1.0

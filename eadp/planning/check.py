@@ -146,11 +146,11 @@ def _grid(boxes: Sequence[Box]) -> list[Parameters]:
     """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
     free = [i for i, box in enumerate(boxes) if not box.fixed]
     fixed = [box.lo for box in boxes]
-    shares: list[Sequence[float]] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
+    shares: list[Parameters] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
     if len(free) in GRID:
-        shares += list(itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free)))
+        shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
     elif free:
-        shares += np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist()
+        shares += map(tuple, np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist())
     points = []
     for share in shares:
         point = list(fixed)
@@ -282,7 +282,7 @@ def radius_of_curvature_m(path: PathFunction, point: Point) -> float:
 
 
 def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> tuple[float, float]:
-    """How far along the path the trigger lies from where it is joined [m], and the turn of a circle as a share of a whole one.
+    """How far along the path the trigger lies from where it is joined [m], and the share of a whole turn it takes.
 
     Negative for a trigger that lies behind; a curve whose trigger is not met is infinitely far behind.
     """
@@ -312,15 +312,19 @@ def _stage_findings(
         parameters, measures = troubles[0]
         yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {measures.trouble}", parameters)
     fine = [item for item in measured if not item[1].trouble] or measured
-    for code, what, value in (
-        ("trigger-off-path", "its path", lambda m: m.own_m),
-        ("trigger-off-next", "the path of the next stage", lambda m: m.next_m),
+    for code, what, name in (
+        ("trigger-off-path", "its path", "own_m"),
+        ("trigger-off-next", "the path of the next stage", "next_m"),
     ):
-        parameters, measures = max(fine, key=lambda item: _finite(value(item[1])))
-        gap = value(measures)
+        parameters, measures = max(fine, key=lambda item: _finite(getattr(item[1], name)))
+        gap = getattr(measures, name)
         if gap > POSITION_WARNING_M:
             severity = ERROR if gap > limit else WARNING
-            right = f"; its path passes ({measures.foot_m[0]:.6g}, {measures.foot_m[1]:.6g})" if code.endswith("path") else ""
+            right = (
+                f"; its path passes ({measures.foot_m[0]:.6g}, {measures.foot_m[1]:.6g})"
+                if code.endswith("path")
+                else ""
+            )
             message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{right}"
             yield finding(severity, code, message, parameters)
     parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
@@ -423,7 +427,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
     if plan.whole_laps or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
-        worst = (0.0, (), ())
+        worst: tuple[float, Parameters, Parameters] = (0.0, (), ())
         corners = [
             corner[: plan.path_count]
             for corner in itertools.product(*((box.lo, box.hi) for box in stage.sets[: plan.path_count]))
@@ -439,7 +443,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
         gap, old, new = worst
         if gap > plan.trigger_radius_m:
             message = (
-                f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the path "
-                f"of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
+                f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
+                f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
             )
             yield Finding(WARNING, after.index, after.line, "rejoin", message)

@@ -41,9 +41,7 @@ class PaperAircraft:
         )
         self.vx, self.vy = self.air_x + wind_mps[0], self.air_y + wind_mps[1]
 
-    def step(
-        self, path: PathFunction, offset: Point, gain: float, sense: int, wind_mps: Point, step_s: float
-    ) -> float:
+    def step(self, path: PathFunction, offset: Point, gain: float, sense: int, wind_mps: Point, step_s: float) -> float:
         """Fly one step along a path; return the motion power over it [W].
 
         Parameters

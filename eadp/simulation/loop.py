@@ -1,4 +1,4 @@
-"""One flight: aircraft → observation → planner → decision → aircraft, until it is over. No files, no plots, no clock."""
+"""One flight: aircraft → observation → planner → decision → aircraft, to its end. No files, no plots, no clock."""
 
 from __future__ import annotations
 
@@ -123,7 +123,9 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             motion_w = fly_step(path, offset, gain, sense, next_wind(), step_s)
         except (ArithmeticError, ValueError):
             if k == 0:
-                what = f"the path of stage 1 has no finite value at the start ({world.start_m[0]:g}, {world.start_m[1]:g})"
+                what = (
+                    f"the path of stage 1 has no finite value at the start ({world.start_m[0]:g}, {world.start_m[1]:g})"
+                )
                 raise PathUndefined(what) from None
             reason = f"the path of stage {stage.index} has no value at ({aircraft.x_m:.1f}, {aircraft.y_m:.1f})"
             break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import pytest
@@ -146,7 +147,7 @@ def test_trace_is_the_nominal_path(eadp):
         if stage == 2:
             assert (kind, x) == ("line", pytest.approx(-115 + ox))
             assert heading == pytest.approx(-math.pi / 2)
-    steps = [math.dist(a[2:4], b[2:4]) for a, b in zip(points, points[1:], strict=False) if a[0] == b[0]]
+    steps = [math.dist(a[2:4], b[2:4]) for a, b in itertools.pairwise(points) if a[0] == b[0]]
     assert max(steps) <= 5 + 1e-9
     x, y = points[-1][2:4]
     assert x > 175

@@ -84,8 +84,7 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     code, out, err = run("profile", PEDNET, "--at", "fps=5", "--at", "fps=12", "-o", str(model))
     assert (code, out) == (2, "")
     assert err.splitlines()[0] == (
-        "--at:1:1: error: fps=12 is outside the measured 2 to 10; "
-        "expected a value inside, or --clamp for the nearest"
+        "--at:1:1: error: fps=12 is outside the measured 2 to 10; expected a value inside, or --clamp for the nearest"
     )
     assert list(tmp_path.iterdir()) == []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -60,11 +61,9 @@ def test_it_ends_where_the_position_is_beyond_the_final_point(c1):
 
 def test_it_joins_itself():
     points = trace(plan(ON_CIRCLE), (-777.0,), 2.0)
-    gaps = [math.dist(a[2:4], b[2:4]) for a, b in zip(points, points[1:], strict=False)]
+    gaps = [math.dist(a[2:4], b[2:4]) for a, b in itertools.pairwise(points)]
     assert max(gaps) <= 2.0 + 1e-9
-    turns = [
-        abs(math.remainder(b.heading_rad - a.heading_rad, 2 * math.pi)) for a, b in zip(points, points[1:], strict=False)
-    ]
+    turns = [abs(math.remainder(b.heading_rad - a.heading_rad, 2 * math.pi)) for a, b in itertools.pairwise(points)]
     assert max(turns) <= 2.0 / math.sqrt(4900 - 777) + 1e-6
 
 

@@ -109,9 +109,7 @@ def test_levels_of_one_value_and_of_none() -> None:
 
 
 def test_levels_of_the_second_parameter() -> None:
-    grid = Profile(
-        ("fps", "scale"), ("", ""), np.array([[2, 0], [2, 1.5], [4, 0], [4, 1.5]]), np.array([1, 2, 2, 3])
-    )
+    grid = Profile(("fps", "scale"), ("", ""), np.array([[2, 0], [2, 1.5], [4, 0], [4, 1.5]]), np.array([1, 2, 2, 3]))
     assert grid.levels(0, 2, 4) == (2, 3, 4)
     assert grid.levels(1, 0, 2) == (0, 1.5)
 
@@ -139,9 +137,7 @@ def test_levels_are_within_the_bounds_and_hold_what_is_measured(lo: float, hi: f
 # findings
 
 
-@pytest.mark.parametrize(
-    "powers_w", [[1, 2, 3, 3], [3, 2, 2, 1], [2, 2, 2, 2]], ids=["rises", "falls", "is constant"]
-)
+@pytest.mark.parametrize("powers_w", [[1, 2, 3, 3], [3, 2, 2, 1], [2, 2, 2, 2]], ids=["rises", "falls", "is constant"])
 def test_monotone_power_has_no_findings(powers_w: list[float]) -> None:
     assert profile(dict(zip([1, 2, 3, 4], powers_w, strict=True))).findings() == ()
 

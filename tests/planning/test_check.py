@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eadp.core.derivatives import bind
+from eadp.core.expressions import read_expression
 from eadp.io.plan_text import read_plan
 from eadp.io.streams import Text, read_text
 from eadp.planning.check import check_plan, radius_of_curvature_m
-from eadp.core.derivatives import bind
-from eadp.core.expressions import read_expression
 
 R = "sqrt(4900 + c1)"
 

@@ -70,7 +70,9 @@ def test_a_tailwind_lifts_only_where_that_is_asked_for():
 
 
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (5.0, 0.0), (0.0, -8.0)])
-@pytest.mark.parametrize(("path", "gain", "sense", "start"), [(LINE, 0.1, -1, (30.0, 0.0)), (CIRCLE, 0.006, 1, (100.0, 0.0))])
+@pytest.mark.parametrize(
+    ("path", "gain", "sense", "start"), [(LINE, 0.1, -1, (30.0, 0.0)), (CIRCLE, 0.006, 1, (100.0, 0.0))]
+)
 def test_the_path_is_followed_in_wind(wind, path, gain, sense, start):
     track, _, _ = fly(path, gain, sense, wind, start, 90, 60)
     off = [abs(path(x, y)[0]) / math.hypot(*path(x, y)[1:3]) for x, y in track[-1500:]]
