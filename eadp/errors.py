@@ -11,7 +11,7 @@ EadpError
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 class EadpError(Exception):
@@ -62,11 +62,22 @@ class InputError(EadpError):
         super().__init__("\n".join(str(fault) for fault in self.faults))
 
     @classmethod
-    def at(
-        cls, file: str, line: int, column: int, message: str, expected: str = "", source: str = ""
-    ) -> InputError:
+    def at(cls, file: str, line: int, column: int, message: str, expected: str = "", source: str = "") -> InputError:
         """An error with a single fault."""
         return cls(Fault(file, line, column, message, expected, source))
+
+
+FAULTS_SHOWN = 20
+
+
+def capped(faults: Sequence[Fault]) -> InputError:
+    """An error of the first `FAULTS_SHOWN` faults by line; the rest are counted."""
+    ordered = sorted(faults, key=lambda fault: (fault.line, fault.column))
+    shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
+    if hidden:
+        count = f"{len(hidden)} more faults from here on"
+        shown.append(replace(hidden[0], message=count, expected="", source=""))
+    return InputError(*shown)
 
 
 class ExpressionError(EadpError):

@@ -6,15 +6,14 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from eadp.errors import Fault, Infeasible, InputError, printable
+from eadp.errors import Fault, Infeasible, InputError, capped, printable
 from eadp.io.streams import Text
 from eadp.models.profile import Profile
 
-FAULTS_SHOWN = 20
 """Most faults of one file that are reported one by one."""
 
 SPREAD_LIMIT = 0.2
@@ -48,16 +47,6 @@ class Places:
 
     of_point: dict[tuple[float, ...], Fault]
     warnings: Sequence[Fault] = ()
-
-
-def capped(faults: Sequence[Fault]) -> InputError:
-    """An error of the first `FAULTS_SHOWN` faults by line; the rest are counted."""
-    ordered = sorted(faults, key=lambda fault: (fault.line, fault.column))
-    shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
-    if hidden:
-        count = f"{len(hidden)} more faults from here on"
-        shown.append(replace(hidden[0], message=count, expected="", source=""))
-    return InputError(*shown)
 
 
 def read_measurements(text: Text, names: Sequence[str]) -> tuple[Profile, Places]:

@@ -9,10 +9,11 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from eadp.errors import Fault, Infeasible, InputError, printable
-from eadp.io.profile_csv import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, Places, capped, read_measurements
+from eadp.errors import Fault, Infeasible, InputError, capped, printable
+from eadp.io.profile_csv import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, Places, read_measurements
+from eadp.io.schema_faults import validated
 from eadp.io.streams import Text, read_text
 from eadp.io.yaml_text import Document, read_yaml
 from eadp.models.profile import Profile
@@ -150,28 +151,7 @@ def _validated(document: Document) -> ProfileFile:
     value = document.value
     if not isinstance(value, dict) or value.get("schema") != SCHEMA:
         raise InputError(document.fault(("schema",), "not the model of a profile", f"schema: {SCHEMA}"))
-    try:
-        return ProfileFile.model_validate(value)
-    except ValidationError as error:
-        raise capped([_schema_fault(document, problem) for problem in error.errors()]) from None
-
-
-def _schema_fault(document: Document, problem: Any) -> Fault:
-    """What pydantic found, in this project's words, at its place in the document."""
-    path, kind, value = problem["loc"], problem["type"], problem["input"]
-    key = printable(str(path[-1]), 80)
-    if kind == "missing":
-        return document.fault(path, f"the key {key} is missing")
-    if kind == "extra_forbidden":
-        return document.fault(path, f"the key {key} is not known")
-    expected = re.sub(r"^\w+ should (be|have) ", "", problem["msg"]).partition(" after validation")[0]
-    if kind == "model_type":
-        expected = "a mapping"
-    shown = printable(repr(value), 80)
-    if isinstance(value, dict | list):
-        shown = f"a list of {len(value)}" if isinstance(value, list) else "a mapping"
-    what = f"item {int(key) + 1} of {path[-2]}" if isinstance(path[-1], int) else key
-    return document.fault(path, f"{what} is {shown}", expected)
+    return validated(ProfileFile, document, value)
 
 
 def _faults(document: Document, content: ProfileFile) -> list[Fault]:

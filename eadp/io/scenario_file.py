@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from eadp.core.geometry import Point
 from eadp.errors import Fault, InputError, printable
+from eadp.io.schema_faults import validated
 from eadp.io.streams import Text, read_text
 from eadp.io.yaml_text import Document, read_yaml
 from eadp.models.battery import Battery
@@ -296,11 +297,7 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
     for key, value in (overrides or {}).items():
         _put(document, key, value)
     _drop_nulls(document.value)
-    try:
-        keys = ScenarioKeys.model_validate(_tuples(document.value))
-    except ValidationError as error:
-        raise InputError(*(_fault(document, detail) for detail in error.errors())) from None
-    _check(keys, document)
+    keys = validated(ScenarioKeys, document, _tuples(document.value), lambda keys: _faults(keys, document))
     return Scenario(keys, document)
 
 
@@ -371,44 +368,7 @@ def _tuples(value: Any) -> Any:
     return result
 
 
-_EXPECTED = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "bool_type": "true or false",
-    "string_type": "a text",
-    "dict_type": "a mapping of keys",
-    "model_type": "a mapping of keys",
-    "list_type": "a list",
-    "tuple_type": "a pair [a, b]",
-}
-
-
-def _fault(document: Document, detail: Any) -> Fault:
-    """One of pydantic's complaints in our words, at its place."""
-    path = tuple(part for part in detail["loc"] if part not in ("float", "literal['period']", "[key]"))
-    key = ".".join(str(part) for part in path)
-    kind = detail["type"]
-    if kind == "extra_forbidden":
-        known = _keys_beside(path)
-        return document.fault(path, f"unknown key {printable(key)}", f"one of {known}" if known else "")
-    message = printable(str(detail["msg"]).removeprefix("Value error, "))
-    if kind in _EXPECTED:
-        return document.fault(path, f"{key} cannot be {printable(repr(detail['input']), 60)}", _EXPECTED[kind])
-    given = "" if kind in ("missing", "value_error") else f", not {printable(repr(detail['input']), 60)}"
-    return document.fault(path, f"{key}: {message[:1].lower()}{message[1:]}{given}".lstrip(": "))
-
-
-def _keys_beside(path: tuple[str | int, ...]) -> str:
-    model: Any = ScenarioKeys
-    for part in path[:-1]:
-        inner = model.model_fields.get(part) if isinstance(part, str) else None
-        if inner is None or not (isinstance(inner.annotation, type) and issubclass(inner.annotation, BaseModel)):
-            return ""
-        model = inner.annotation
-    return ", ".join(item.alias or name for name, item in model.model_fields.items())
-
-
-def _check(keys: ScenarioKeys, document: Document) -> None:
+def _faults(keys: ScenarioKeys, document: Document) -> list[Fault]:
     """What the schema alone cannot say."""
     faults = []
     if keys.planner.name not in PLANNERS:
@@ -420,5 +380,4 @@ def _check(keys: ScenarioKeys, document: Document) -> None:
     if keys.time_limit_s / keys.step_s > LONGEST_STEPS:
         message = f"more than {LONGEST_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
         faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
-    if faults:
-        raise InputError(*faults)
+    return faults

@@ -1,0 +1,135 @@
+"""The energy model of a power log: its period and harmonics, or its mean alone. Source: letter, Sec. III-A."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eadp.core.harmonics import coefficients_of_state, signal_w, state_of_phases
+
+if TYPE_CHECKING:
+    from eadp.core.spectrum import Spectrum
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
+
+    amplitude_w: float
+    phase_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficients:
+    """The papers' coefficients [W s]: a0..ar and b1..br. Source: letter, Eq. 3."""
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class EnergyModel:
+    """power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample kept.
+
+    Attributes
+    ----------
+    period_s : float or None
+        The period [s]; None where the log has none, and then there are no harmonics.
+    mean_w : float
+        Mean power [W].
+    harmonics : tuple of Harmonic
+    noise_std_w : float
+        Standard deviation of what the model leaves [W].
+    period_std_s : float or None
+        Standard deviation of the period [s].
+    cv_r2 : float
+        Part of the variance that the model explains of what its fit has not seen.
+    samples : int
+    span_s : float
+        Time from the first sample to the last [s].
+    """
+
+    period_s: float | None
+    mean_w: float
+    harmonics: tuple[Harmonic, ...] = ()
+    noise_std_w: float = 0.0
+    period_std_s: float | None = None
+    cv_r2: float = 0.0
+    samples: int = 0
+    span_s: float = 0.0
+
+    @property
+    def periodic(self) -> bool:
+        """Whether there is a period."""
+        return self.period_s is not None
+
+    @property
+    def order(self) -> int:
+        """r, the number of harmonics."""
+        return len(self.harmonics)
+
+    @property
+    def coefficients(self) -> Coefficients:
+        """The papers' coefficients; none without a period, which their scaling needs."""
+        if self.period_s is None:
+            return Coefficients((), ())
+        a, b = coefficients_of_state(self.state_w(), self.period_s)
+        return Coefficients(tuple(a.tolist()), tuple(b.tolist()))
+
+    def state_w(self, order: int | None = None) -> FloatArray:
+        """The energy state q at t = 0.
+
+        Parameters
+        ----------
+        order : int, optional
+            Number of harmonics of the result: the model's are cut off or filled up with zeros. Default: the model's.
+
+        Returns
+        -------
+        array, shape (2·order + 1,)
+            q [W].
+
+        Source: letter, Lemma III.1, corrected.
+        """
+        amplitude = [harmonic.amplitude_w for harmonic in self.harmonics]
+        state = state_of_phases(self.mean_w, amplitude, [harmonic.phase_rad for harmonic in self.harmonics])
+        result = np.zeros(2 * (self.order if order is None else order) + 1)
+        size = min(len(result), len(state))
+        result[:size] = state[:size]
+        return result
+
+    def power_w(self, times_s: ArrayLike) -> FloatArray:
+        """The model's power [W] at times [s] from the first sample, the same shape."""
+        times = np.asarray(times_s, dtype=float)
+        if self.period_s is None:
+            return np.full(times.shape, self.mean_w)
+        return signal_w(times, self.coefficients.a, self.coefficients.b, self.period_s)
+
+
+def energy_model(spectrum: Spectrum) -> EnergyModel:
+    """The model that an analysis of samples makes; a period that does not count is left out.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+
+    Returns
+    -------
+    EnergyModel
+    """
+    terms = zip(spectrum.amplitude_w.tolist(), spectrum.phase_rad.tolist(), strict=True)
+    return EnergyModel(
+        period_s=spectrum.period_s if spectrum.periodic else None,
+        mean_w=spectrum.mean_w,
+        harmonics=tuple(Harmonic(amplitude, phase) for amplitude, phase in terms),
+        noise_std_w=spectrum.noise_std_w,
+        period_std_s=spectrum.period_std_s if spectrum.periodic else None,
+        cv_r2=spectrum.cv_r2,
+        samples=spectrum.samples,
+        span_s=spectrum.span_s,
+    )
