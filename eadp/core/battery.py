@@ -60,9 +60,17 @@ def currents_a(power_w: FloatArray, voltage_v: float, resistance_ohm: float) -> 
 def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float) -> Any:
     """dI/dy of `current_a` [A/W] at a power or an array of powers [W]: 1/√(V² − 4 R y).
 
+    Raises
+    ------
+    Infeasible
+        At the largest power that can be delivered, where the slope is infinite, and beyond it.
+
     Source: derivative of letter, Eq. 22.
     """
-    return 1.0 / np.sqrt(voltage_v**2 - 4 * resistance_ohm * power_w)
+    discriminant = voltage_v**2 - 4 * resistance_ohm * power_w
+    if np.any(discriminant <= 0):
+        raise Infeasible(undeliverable(float(np.max(power_w)), voltage_v, resistance_ohm))
+    return 1.0 / np.sqrt(discriminant)
 
 
 def terminal_voltage_v(current: float, voltage_v: float, resistance_ohm: float) -> float:

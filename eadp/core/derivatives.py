@@ -23,7 +23,6 @@ from eadp.core.expressions import (
     Expression,
     Negative,
     Node,
-    Number,
     Power,
     Product,
     Sum,
@@ -269,9 +268,7 @@ class _Writer:
             return self.add(self.times(f2, self.times(ua, ub)), self.times(f1, uab))
 
         first_x, first_y = self.times(f1, u.x), self.times(f1, u.y)
-        return _Jet(
-            f, first_x, first_y, second(u.x, u.x, u.xx), second(u.x, u.y, u.xy), second(u.y, u.y, u.yy)
-        )
+        return _Jet(f, first_x, first_y, second(u.x, u.x, u.xx), second(u.x, u.y, u.xy), second(u.y, u.y, u.yy))
 
     def _reciprocal(self, u: _Jet) -> _Jet:
         f = self.let(f"1.0 / {u.v.text}", u.v)
@@ -339,7 +336,12 @@ class _Writer:
             return self.add(self.times(fa, da), self.times(fb, db))
 
         def second(
-            a1: _Value | None, a2: _Value | None, a12: _Value | None, b1: _Value | None, b2: _Value | None, b12: _Value | None
+            a1: _Value | None,
+            a2: _Value | None,
+            a12: _Value | None,
+            b1: _Value | None,
+            b2: _Value | None,
+            b12: _Value | None,
         ) -> _Value | None:
             total = self.times(faa, self.times(a1, a2))
             total = self.add(total, self.times(fab, self.add(self.times(a1, b2), self.times(a2, b1))))

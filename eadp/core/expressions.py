@@ -185,7 +185,48 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
             return Call(node.function, tuple([build(argument) for argument in node.arguments]))
         return node
 
-    return Expression(build(expression.node), places, size, rough)
+    node = build(expression.node)
+    _check_constants(node, min(expression.places.values(), default=0))
+    return Expression(node, places, size, rough)
+
+
+def _check_constants(node: Node, place: int) -> float | None:
+    """The value of a constant tree, or None; the reader's checks, for constants that arise by substitution.
+
+    Raises
+    ------
+    ExpressionError
+        At `place`, if a constant part has no finite real value, is too large, or is too large an exponent.
+    """
+    if isinstance(node, Number):
+        return node.value
+    if isinstance(node, Symbol):
+        return math.pi if node.name == "pi" else None
+    values = []
+    for part in children(node):
+        values.append(_check_constants(part, place))
+    if isinstance(node, Power) and values[1] is not None and abs(values[1]) > EXPONENT_LIMIT:
+        message = f"a constant exponent of {values[1]:g}"
+        raise ExpressionError(place, message, f"an exponent from -{EXPONENT_LIMIT} to {EXPONENT_LIMIT}")
+    known = [value for value in values if value is not None]
+    try:
+        if isinstance(node, Sum):
+            signed = zip((minus for minus, _ in node.terms), values, strict=True)
+            value = _add([-part if minus else part for minus, part in signed if part is not None])
+        elif isinstance(node, Product):
+            signed = zip((divides for divides, _ in node.factors), values, strict=True)
+            value = _multiply([(divides, part) for divides, part in signed if part is not None])
+        elif len(known) < len(values):
+            return None
+        elif isinstance(node, Power):
+            value = _raise(known[0], known[1])
+        else:
+            value = -known[0] if isinstance(node, Negative) else _OPERATIONS[node.function](*known)
+    except (ArithmeticError, ValueError):
+        raise ExpressionError(place, "a constant part without a finite real value", "a finite real number") from None
+    if not abs(value) <= CONSTANT_LIMIT:
+        raise ExpressionError(place, "a constant part that is too large", f"at most {CONSTANT_LIMIT:g}")
+    return value if len(known) == len(values) else None
 
 
 def total(a: Expression, b: Expression) -> Expression:
@@ -313,7 +354,7 @@ class _Reader:
         if len(terms) == 1:
             return terms[0][1]
         known = [(-1.0 if minus else 1.0) * part.value for minus, part in terms if part.value is not None]
-        total = self._checked(offset, math.fsum, known) if known else 0.0
+        total = self._checked(offset, _add, known) if known else 0.0
         return _Part(
             Sum(tuple((minus, part.node) for minus, part in terms)),
             total if len(known) == len(terms) else None,
@@ -482,6 +523,14 @@ def _tokens(text: str) -> list[_Token]:
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
+
+
+def _add(terms: Sequence[float]) -> float:
+    # one by one, as the tree is evaluated: another order may round to another value
+    total = 0.0
+    for term in terms:
+        total += term
+    return total
 
 
 def _multiply(factors: Sequence[tuple[bool, float]]) -> float:
@@ -711,7 +760,7 @@ def simplified(expression: Expression) -> Expression:
 
     try:
         simple = from_sympy(sympy.expand(to_sympy(expression.node)))
-    except ExpressionError:
+    except (ExpressionError, ArithmeticError, ValueError, TypeError):  # what sympy makes of atan2(0, 0), for one
         return expression
     return simple if len(simple.text) < len(expression.text) else expression
 

@@ -56,7 +56,10 @@ def path_kind(expression: Expression) -> str:
     Decided symbolically: the expression is multiplied out as a polynomial in x and y of degree 2 or less, with exact
     rational and symbolic coefficients. What is no such polynomial is a curve.
     """
-    polynomial = _polynomial(expression.node)
+    try:
+        polynomial = _polynomial(expression.node)
+    except ArithmeticError:  # a divisor that is zero, a coefficient beyond any float
+        return CURVE
     if polynomial is None:
         return CURVE
     xx, xy, yy = (polynomial.get(key, Fraction(0)) for key in ((2, 0), (1, 1), (0, 2)))
@@ -145,7 +148,8 @@ def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return a + b
     if a == 0 or b == 0:
         return b if a == 0 else a
-    return Sum(((False, _node(a)), (False, _node(b))))
+    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)  # flat: a long sum must not become a deep one
+    return Sum((*first, (False, _node(b))))
 
 
 def _minus(a: _Coefficient) -> _Coefficient:
@@ -159,7 +163,8 @@ def _multiply(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return Fraction(0)
     if a == 1 or b == 1:
         return b if a == 1 else a
-    return Product(((False, _node(a)), (False, _node(b))))
+    first = a.factors if isinstance(a, Product) else ((False, _node(a)),)
+    return Product((*first, (False, _node(b))))
 
 
 def _inverse(a: _Coefficient) -> _Coefficient:
@@ -208,9 +213,9 @@ class Circle:
     def sweep_rad(self, start: Point, end: Point) -> float:
         """Angle travelled from one point to another [rad], in (0, 2π]: the same point is a whole turn."""
         sweep = math.fmod(self.turn * (self.angle_rad(end) - self.angle_rad(start)), 2 * math.pi)
-        if sweep <= 1e-9:
+        if sweep < 0:
             sweep += 2 * math.pi
-        return sweep
+        return sweep if sweep > 1e-9 else sweep + 2 * math.pi
 
     def point_at(self, angle_rad: float) -> Point:
         """The point on the circle in a direction from the centre [m]."""

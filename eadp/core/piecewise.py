@@ -169,9 +169,7 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
         raise Infeasible("there is one configuration only: nothing to interpolate between")
     slack = EDGE * np.where(span > 0, span, np.abs(lower))
     piece = _piece(points[:, varying], measured, kind)
-    return Interpolant(
-        _floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece
-    )
+    return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
 
 
 def _checked(configurations: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -38,9 +38,9 @@ MIN_SAMPLES = 20
 """Fewer samples than this are not analysed."""
 MIN_PERIODS = 1.9
 """A period must fit twice into the log, less a little: the last sample of two laps is one step short of them."""
-MIN_SAMPLES_PER_PERIOD = 8
+MIN_SAMPLES_PER_PERIOD = 4
 MAX_PERIODS = 400
-"""The shortest period looked for is this part of the log, or 8 mean sampling steps if that is longer."""
+"""The shortest period looked for is this part of the log, or 4 mean sampling steps if that is longer."""
 MAX_ORDER = 12
 MIN_CV_R2 = 0.05
 """A period must explain this part of the variance of what it has not seen."""
@@ -104,7 +104,7 @@ def analyse(
 ) -> Spectrum:
     """Find the period of a sampled power and fit its Fourier series.
 
-    Periods are searched from 8 mean sampling steps, or a 400th of the log, up to a half of the log. A signal counts
+    Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log. A signal counts
     as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, and (b) a likelihood-ratio test
     of harmonics in coloured noise against coloured noise alone gives a chance of `MAX_CHANCE` or less, counted over
     all the frequencies searched. The coloured noise of (b) is an exponential or a Matérn-3/2 correlation of any length,
@@ -141,8 +141,6 @@ def analyse(
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
     samples = _Samples(times - times[0], power - power.mean())
     shortest_s, longest_s = _range_s(samples, period_prior_s)
-    if order is not None and order > _max_order(samples, longest_s, order):
-        raise Infeasible(f"order {order} needs more than {len(times)} samples")
     mean_w, spread_w = float(power.mean()), float(power.std(ddof=1))
     if spread_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
         return _aperiodic(samples, mean_w, spread_w, cv_r2=0.0)
@@ -154,6 +152,9 @@ def analyse(
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
     if free_r2 < MIN_CV_R2 or chance > MAX_CHANCE:
         return _aperiodic(samples, mean_w, spread_w, cv_r2=free_r2, period_s=1 / frequency_hz, chance=chance)
+    if order is not None and order > (highest := _max_order(samples, 1 / frequency_hz, order)):
+        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / frequency_hz:.4g} s"
+        raise Infeasible(f"order {order} is too high: {least} to order {highest} at most")
     return _periodic(samples, frequency_hz, order or free_order, mean_w, evidence, chance)
 
 
@@ -284,8 +285,8 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
 class _Grid:
     """Normal equations at every frequency k · `step_hz`, from one FFT of each block of the samples' times.
 
-    All the sums of harmonic least squares are sums of e^{2πi f t} and y e^{2πi f t} over the samples, at multiples of the
-    frequency: the grid holds them all. Times are rounded to ticks, a 16th of the shortest period.
+    Harmonic least squares needs nothing but sums of e^{2πi f t} and y e^{2πi f t} over the samples, at multiples of
+    the frequency: the grid holds them all. Times are rounded to ticks, a 16th of the shortest period.
     """
 
     def __init__(self, samples: _Samples, shortest_s: float) -> None:
@@ -304,7 +305,7 @@ class _Grid:
         return np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
 
     def _at(self, transform: ComplexArray, index: IntArray) -> ComplexArray:
-        """Values at any index, shape (k, blocks, j) for indices of shape (k, j): the transform of reals is Hermitian."""
+        """Values at indices of shape (k, j), shape (k, blocks, j): the transform of reals is Hermitian."""
         index = index % self._length
         mirrored = index > self._length // 2
         values = transform[:, np.where(mirrored, self._length - index, index)]
@@ -326,7 +327,7 @@ class _Grid:
 
 
 class _Candidate(NamedTuple):
-    index: int
+    place: int  # on the grid
     order: int
     error: FloatArray  # of each block at its best order
 
@@ -345,11 +346,11 @@ def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
     near = [k for k in related if first - _NEAR <= k <= last + _NEAR]
     apart = [k for k, before in zip(near, [-_NEAR, *near], strict=False) if k - before > 1]
     windows = [np.unique(np.clip(np.arange(k - _NEAR, k + _NEAR + 1), first, last)) for k in apart]
-    candidates = list({c.index: c for c in (_best_near(samples, grid, window) for window in windows)}.values())
+    candidates = list({c.place: c for c in (_best_near(samples, grid, window) for window in windows)}.values())
     best = min(candidates, key=lambda candidate: candidate.total)
-    by_length = sorted(candidates, key=lambda candidate: -candidate.index)
+    by_length = sorted(candidates, key=lambda candidate: -candidate.place)
     shortest = next((c for c in by_length if _suffices(samples, c, best, grid.step_hz)), best)
-    return shortest.index * grid.step_hz
+    return shortest.place * grid.step_hz
 
 
 def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
@@ -358,14 +359,14 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
     It forecasts no worse; or it explains half of what the best does and more, and the rest may well be noise: a long
     period at a high order follows slow noise a little way even over a held-out block.
     """
-    if not _is_part(part.index, best.index):
+    if not _is_part(part.place, best.place):
         return False
     total = float(samples.square.sum())
     if _no_worse(part.error, best.error, total):
         return True
     if part.total > (total + best.total) / 2:
         return False
-    evidence = _evidence(samples, 1 / (best.index * step_hz), best.order, part=round(part.index / best.index))
+    evidence = _evidence(samples, 1 / (best.place * step_hz), best.order, part=round(part.place / best.place))
     return evidence.chance > MAX_CHANCE
 
 
@@ -376,9 +377,11 @@ def _is_part(index: int, of: int) -> bool:
 
 def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
     """The best local minima of the held-out error over a scan of the whole range."""
-    order = _max_order(samples, 1 / (grid.step_hz * index[-1]), _SCAN_ORDER)
-    chunks = np.array_split(index, max(1, len(index) // 500))  # a few MB at a time
-    error = np.concatenate([_held_out(grid.sums(chunk, order), order).sum(axis=-1) for chunk in chunks])
+    errors = []
+    for chunk in np.array_split(index, 8 + len(index) // 300):  # a few MB, and one order, at a time
+        order = _max_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
+        errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
+    error = np.concatenate(errors)
     padded = np.pad(error, 1, constant_values=np.inf)
     lowest = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
     return index[lowest[np.argsort(error[lowest], kind="stable")[:_PEAKS]]]
@@ -434,7 +437,9 @@ def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
 def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
     """Coefficients [W] and the squared error that remains [W²]."""
     columns = _columns(samples.times_s, frequency_hz, order)
-    fitted = np.linalg.solve(columns.T @ columns, columns.T @ samples.power_w)
+    # least squares of the normal equations: samples in bursts may leave a harmonic undetermined
+    solution, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ samples.power_w, rcond=None)
+    fitted = np.asarray(solution, dtype=np.float64)
     residual = samples.power_w - columns @ fitted
     return fitted, float(residual @ residual)
 
@@ -460,23 +465,25 @@ class _Evidence(NamedTuple):
 def _evidence(samples: _Samples, period_s: float, order: int, part: int = 0) -> _Evidence:
     """Likelihood ratio of harmonics in coloured noise against coloured noise alone.
 
-    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long. On at most
-    256 bins, at least 12 to a period and 3 to a harmonic: the middle of a log that is longer than that.
+    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long. On at
+    most 256 bins, at least 12 to a period and 3 to a harmonic: the middle of a log that is longer than that.
     """
     per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
     width_s = max(samples.step_s, min(samples.span_s / _TEST_BINS, period_s / per_period))
-    middle = np.abs(samples.times_s - samples.span_s / 2) <= width_s * _TEST_BINS / 2
+    middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
     times, power, per_bin = _binned(samples.times_s[middle], samples.power_w[middle], width_s)
     columns = _columns(times, 1 / period_s, order)
     harmonic = (np.arange(2 * order + 1) + 1) // 2
     granted = harmonic % part == 0 if part else harmonic == 0
+    if len(times) <= len(granted) + 1:
+        return _Evidence(1.0, times, _Noise(0.0, np.eye(len(times)), float(np.var(power))), per_bin)
     alone, periodic = _best_noise(times, power, width_s, samples.span_s, (columns[:, granted], columns))
     # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
     # samples it is larger by about n/(n − m)
     few = max(0.0, 1 - len(granted) / len(times))
     half_ratio = few * max(0.0, periodic.log_likelihood - alone.log_likelihood)
-    chance = special.gammaincc(np.count_nonzero(~granted) / 2, half_ratio)
-    return _Evidence(float(chance), times, periodic, per_bin)
+    chance = float(special.gammaincc(int(np.count_nonzero(~granted)) / 2, float(half_ratio)))
+    return _Evidence(chance, times, periodic, per_bin)
 
 
 def _binned(times_s: FloatArray, power_w: FloatArray, width_s: float) -> tuple[FloatArray, FloatArray, float]:
@@ -524,7 +531,7 @@ def _profile(columns: FloatArray, power_w: FloatArray, spread: FloatArray) -> tu
     fitted, *_ = np.linalg.lstsq(white, target, rcond=None)
     residual = target - white @ fitted
     # rounding is no noise: a clean signal keeps a billionth of its variance
-    error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w))
+    error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w), 1e-200)
     return -0.5 * (n * math.log(error / n) + float(np.log(spread).sum())), error / max(1, n - m)
 
 

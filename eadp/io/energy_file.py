@@ -125,18 +125,19 @@ def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) 
             document.fault(("order",), f"order is {content.order}", f"{model.order}, the number of harmonics")
         )
     if content.coefficients is not None:
-        for key, expected in asdict(model.coefficients).items():
-            if not _agree(getattr(content.coefficients, key), expected):
+        known = asdict(model.coefficients)
+        tolerance = AGREEMENT * max(map(abs, (*known["a"], *known["b"])), default=0.0)
+        for key, expected in known.items():
+            if not _agree(getattr(content.coefficients, key), expected, tolerance):
                 shown = json.dumps([float(f"{value:.6g}") for value in expected])
                 message = f"{key} is not that of the harmonics"
                 faults.append(document.fault(("coefficients", key), message, f"{shown}, or no coefficients"))
     return faults
 
 
-def _agree(given: list[float], expected: tuple[float, ...]) -> bool:
-    scale = max(map(abs, expected), default=0.0)
+def _agree(given: list[float], expected: tuple[float, ...], tolerance: float) -> bool:
     pairs = zip_longest(given, expected, fillvalue=math.inf)
-    return all(abs(one - other) <= AGREEMENT * scale for one, other in pairs)
+    return all(abs(one - other) <= tolerance for one, other in pairs)
 
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -22,7 +23,7 @@ _EXPECTED = {
     "model_type": "a mapping of keys",
     "dict_type": "a mapping of keys",
 }
-_INNER = re.compile(r"[a-z]+(\[.*\])?\Z")  # pydantic's own names of union members in a path: float, literal['period']
+_INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
 
 
 def validated(
@@ -38,11 +39,22 @@ def validated(
     try:
         content = model.model_validate(value)
     except ValidationError as error:
-        raise capped([schema_fault(document, problem, model) for problem in error.errors()]) from None
+        raise capped(_merged([schema_fault(document, problem, model) for problem in error.errors()])) from None
     faults = check(content) if check is not None else []
     if faults:
         raise capped(faults)
     return content
+
+
+def _merged(faults: list[Fault]) -> list[Fault]:
+    """Faults of one value that fits no member of a union, as one: each member is what was expected."""
+    merged: dict[tuple[str, int, int, str], Fault] = {}
+    for fault in faults:
+        key = (fault.file, fault.line, fault.column, fault.message)
+        before = merged.get(key)
+        both = f"{before.expected} or {fault.expected}" if before and before.expected else fault.expected
+        merged[key] = replace(fault, expected=both)
+    return list(merged.values())
 
 
 def schema_fault(document: Document, problem: Any, model: type[BaseModel]) -> Fault:
@@ -72,15 +84,21 @@ def _document_path(document: Document, location: tuple[str | int, ...]) -> tuple
     for part in location:
         if part == "[key]":
             continue
-        known = (*path, part) in document.places or (*path, part) in document.overrides
-        if isinstance(part, str) and not known and _INNER.match(part) and part is location[-1] and path in document.places:
-            inner = document.value
-            for step in path:
-                inner = inner[step] if isinstance(inner, dict | list) else None
-            if not isinstance(inner, dict):
-                continue  # the name of a member of a union
+        union = isinstance(part, str) and _INNER.match(part) and part is location[-1]
+        if union and not isinstance(_at(document.value, path), dict):
+            continue  # the name of a union's member
         path = (*path, part)
     return path
+
+
+def _at(value: Any, path: tuple[str | int, ...]) -> Any:
+    """The value at a path, or None."""
+    for part in path:
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return value
 
 
 def _keys_beside(model: Any, path: tuple[str | int, ...]) -> str:
