@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Iterable
-from enum import Enum, StrEnum
+from enum import StrEnum
 from typing import Any
 
 from eadp.errors import Fault, InputError

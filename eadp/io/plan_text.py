@@ -41,7 +41,7 @@ _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
 _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
-_COMPUTATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_ ]*?)\s*(?:\[([^\]]*)\])?\s*\Z")
+_COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -305,11 +305,14 @@ class _Reader:
         result: list[tuple[str, str]] = []
         offset = 0
         for part in line.text.split(","):
-            match = _COMPUTATION.match(part)
-            if not match or match[1] in [name for name, _ in result]:
+            # no pattern for the whole: one with several runs of spaces backtracks for minutes over a long line
+            name, bracket, unit = part.strip().partition("[")
+            name, unit = name.rstrip(), unit.removesuffix("]").strip()
+            closed = not bracket or part.rstrip().endswith("]")
+            if not _COMPUTATION.match(name) or not closed or name in [known for known, _ in result]:
                 self._fault(line, offset, "a computation without a name of its own", "names like fps, keysize [bit]")
                 return ()
-            result.append((match[1], (match[2] or "").strip()))
+            result.append((name, unit))
             offset += len(part) + 1
         return tuple(result)
 

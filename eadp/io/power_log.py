@@ -40,6 +40,8 @@ _STEMS = {
     "current": ("current", "curr", "amps"),
 }
 _STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-](\w+))?\Z", re.DOTALL)
+NAME_LIMIT = 200
+"""A longer name of a column is no name: its unit is not looked for, which would take the square of its length."""
 _BINARY = {b"ULog\x01\x12": "a PX4 ULog", b"\xa3\x95": "an ArduPilot DataFlash log"}
 _EXAMPLE = "time_s,power_w"
 
@@ -210,8 +212,10 @@ def _named(header: _Row, role: str) -> list[int]:
 
 def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
     """`time [ms]` and `time_ms` → time, ms; an ending that is no unit of the role belongs to the name."""
-    match = _STEM_AND_UNIT.match(name.strip().lower())
-    assert match is not None  # any text matches
+    name = name.strip()
+    match = _STEM_AND_UNIT.match(name.lower()) if len(name) <= NAME_LIMIT else None
+    if match is None:
+        return name.lower(), ""
     unit = match[2] or match[3] or ""
     return (match[1].strip(), unit) if unit in _PER_UNIT[role] or match[2] else (name.strip().lower(), "")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from eadp.models.profile import Profile
 
 SCHEMA = "eadp.profile/1"
 
-_MODEL = re.compile(r"""\s*(?:#.*\n\s*|---\s*\n\s*)*(?:\{|["']?schema["']?\s*:)""")
+_MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
 
 
 def read_profile(path: str, names: Sequence[str] = ()) -> tuple[Profile, list[Fault]]:
@@ -52,7 +53,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[Profile, list[Fa
 def parse_profile(text: Text, names: Sequence[str] = (), *, is_model: bool = False) -> tuple[Profile, list[Fault]]:
     """`read_profile` of a text: a model if said so, or if it begins with a `schema` key or a brace."""
     _check_names(names)
-    is_model = is_model or _MODEL.match(text.body) is not None
+    is_model = is_model or _begins_as_model(text.body)
     profile, places = _read_model(text) if is_model else read_measurements(text, names)
     if names:
         profile = _renamed(profile, names)
@@ -61,6 +62,15 @@ def parse_profile(text: Text, names: Sequence[str] = (), *, is_model: bool = Fal
         place = places.of_point[tuple(profile.configurations[found.point].tolist())]
         warnings.append(replace(place, severity="warning", message=found.message))
     return profile, sorted(warnings, key=lambda fault: (fault.line, fault.column))
+
+
+def _begins_as_model(body: str) -> bool:
+    """Whether the first line that is no comment, nor the mark of a document, begins a model."""
+    for line in io.StringIO(body):
+        stripped = line.strip()
+        if stripped and not stripped.startswith("#") and stripped != "---":
+            return _MODEL.match(stripped) is not None
+    return False
 
 
 def _check_names(names: Sequence[str]) -> None:
