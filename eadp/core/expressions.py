@@ -34,6 +34,9 @@ CONSTANT_LIMIT = 1e300
 SIZE_LIMIT = 20_000
 """Most nodes of one tree, after the names of coordinates have been put in."""
 
+DEPTH_LIMIT = 4 * NESTING_LIMIT
+"""Most nodes above each other once coordinates are put in: what a text of the deepest nesting has."""
+
 FUNCTIONS: dict[str, tuple[int, int]] = {
     **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "abs", "exp", "log"), (1, 1)),
     "atan2": (2, 2),
@@ -185,9 +188,23 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
             return Call(node.function, tuple([build(argument) for argument in node.arguments]))
         return node
 
+    place = min(expression.places.values(), default=0)
+    if _depth(expression.node) + max(_depth(value.node) for value in values.values()) > DEPTH_LIMIT:
+        raise ExpressionError(place, f"nested deeper than {NESTING_LIMIT} levels", f"at most {NESTING_LIMIT}")
     node = build(expression.node)
-    _check_constants(node, min(expression.places.values(), default=0))
+    _check_constants(node, place)
     return Expression(node, places, size, rough)
+
+
+def _depth(node: Node) -> int:
+    """How many nodes lie above each other in a tree."""
+    deepest = 0
+    waiting = [(node, 1)]
+    while waiting:
+        part, depth = waiting.pop()
+        deepest = max(deepest, depth)
+        waiting.extend((child, depth + 1) for child in children(part))
+    return deepest
 
 
 def _check_constants(node: Node, place: int) -> float | None:
@@ -300,7 +317,8 @@ def read_expressions(text: str, names: Collection[str] = (), *, count: int | Non
         finite real number.
     """
     if len(text) > LENGTH_LIMIT:
-        raise ExpressionError(0, f"an expression of {len(text)} characters", f"at most {LENGTH_LIMIT} characters")
+        start = len(text) - len(text.lstrip())
+        raise ExpressionError(start, f"an expression of {len(text)} characters", f"at most {LENGTH_LIMIT} characters")
     reader = _Reader(text, names)
     expressions = [reader.expression()]
     while reader.token.text == "," and (count is None or len(expressions) < count):
@@ -676,8 +694,9 @@ _LOOSE, _TERM, _FACTOR, _BASE = range(4)  # what may stand somewhere without bra
 
 
 def to_text(node: Node) -> str:
-    """Canonical text of a tree: reading it gives the tree again."""
-    return _text(node, _LOOSE)
+    """Canonical text of a tree: reading it gives the tree again. A text near the limit of characters has no spaces."""
+    text = _text(node, _LOOSE)
+    return text if len(text) <= LENGTH_LIMIT else text.replace(" ", "")
 
 
 def number_text(value: float) -> str:

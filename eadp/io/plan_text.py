@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from eadp.core.expressions import (
+    FUNCTIONS,
     Expression,
     constant,
     difference,
@@ -100,6 +101,7 @@ class _Reader:
         self._coordinates: dict[str, tuple[Expression, Expression, _Line]] = {}
         self._n: tuple[int, _Line] | None = None
         self._final: PointExpression | None = None
+        self._final_line = _Line(1, "", 1)
         self._numbered = 0
 
     # --- the whole file
@@ -155,6 +157,7 @@ class _Reader:
         elif self._section == "trig":
             if self._final is not None:
                 self._fault(line, 0, "a second final point", "one")
+            self._final_line = line
             self._final = self._point(line, "a final point like 175, 161")
         else:
             self._read_stage_line(line)
@@ -171,7 +174,7 @@ class _Reader:
             else:
                 self._header_shift_line = line.number
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
-        elif self._drafts[-1].trigger_line:
+        elif self._drafts[-1].trigger_line > 0:
             self._fault(
                 line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage"
             )
@@ -199,11 +202,12 @@ class _Reader:
         )
         if rotation is not None:
             draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
-        draft.path_column = line.column + starts[2]
-        draft.path = self._expression(line, parts[2], starts[2])
+        path = parts[2].lstrip()
+        start = starts[2] + len(parts[2]) - len(path)
+        draft.path_column = line.column + start
+        draft.path = self._expression(line, path, start)
         if draft.path is not None and not draft.path.names & {"x", "y"}:
-            offset = starts[2] + len(parts[2]) - len(parts[2].lstrip())
-            self._fault(line, offset, "a path that names neither x nor y", "a path function of x and y")
+            self._fault(line, start, "a path that names neither x nor y", "a path function of x and y")
 
     def _read_trigger(self, line: _Line) -> None:
         draft = self._drafts[-1]
@@ -234,7 +238,7 @@ class _Reader:
         try:
             values = [evaluate(part.node, {}) for part in read_expressions(stripped[1:-1], count=2)]
         except ExpressionError as error:
-            self._fault(line, offset + 1 + error.offset, error.message, expected)
+            self._fault(line, offset + 1 + error.offset, error.message, f"{error.expected} ({expected})")
             return None
         except PathUndefined:
             self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
@@ -263,17 +267,16 @@ class _Reader:
             if n is not None:
                 self._n = (int(n), line)
             return
-        if _RESERVED.match(name):
+        if _RESERVED.match(name) or name in FUNCTIONS:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in self._coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
         pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
-        if pair is None:
-            return
-        for part in pair:
-            if part.names & {"x", "y"}:
-                self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
-                return
+        if pair is not None and any(part.names & {"x", "y"} for part in pair):
+            self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
+            pair = None
+        if pair is None:  # the name is known all the same: one mistake is one fault
+            pair = list(_NOWHERE)
         self._coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
 
     # --- headers
@@ -282,14 +285,15 @@ class _Reader:
         stripped = line.text.strip()
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
-        value = line.text[start:]
+        value = line.text[start:].lstrip()
+        start = len(line.text) - len(value)
         known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
         if key not in known:
             message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
             self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
             return
         if key in self._headers:
-            self._fault(line, start, f"the header {key} stands twice", "it once")
+            self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
         self._headers[key] = (_Line(line.number, value, line.column + start), line.number)
 
     def _header_number(self, key: str, expected: str) -> float | None:
@@ -400,7 +404,7 @@ class _Reader:
         if count:
             self._check_indices(count, path_count)
         computations = self._header_computations()
-        if count and computations and len(computations) != count - path_count:
+        if count >= path_count and count and computations and len(computations) != count - path_count:
             line, _ = self._headers["computations"]
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(line, 0, message, "a name for each set after the paths'")
@@ -427,13 +431,18 @@ class _Reader:
         if found is None:
             return plan
         plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
-        if header_disagrees(plan) and plan.header_shift is not None:
-            message = (
-                f"the shift ({_point_text(plan.header_shift)}) is neither what the stages do, "
-                f"({_point_text(found.shift)}), nor its opposite"
-            )
-            self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
+        self._compare_header(plan)
         return plan
+
+    def _compare_header(self, plan: Plan) -> None:
+        """A finding where the first line's shift is neither what the stages do nor its opposite."""
+        if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
+            return
+        message = (
+            f"the shift ({_point_text(plan.header_shift)}) is neither what the stages do, "
+            f"({_point_text(plan.shift)}), nor its opposite"
+        )
+        self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...]) -> Stage:
         assert draft.gain is not None
@@ -480,6 +489,11 @@ class _Reader:
             named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
             for value in draft.trigger or ():
                 named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
+        for who, point, line in (
+            ("the final point", self._final, self._final_line),
+            ("the shift", self._header_shift, _Line(self._header_shift_line, "", 1)),
+        ):
+            named += [(who, value, line.number, line.column) for value in point or ()]
         for who, part, number, column in named:
             if part is not None and part.highest_parameter > count:
                 name = f"c{part.highest_parameter}"
@@ -533,7 +547,7 @@ class _Reader:
             tuple((name, first, move) for name, (first, move, _) in self._coordinates.items()),
             tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger),
         )
-        return replace(
+        plan = replace(
             plan,
             repeats=True,
             shift=shift,
@@ -541,6 +555,8 @@ class _Reader:
             primitive_stages=len(plan.stages),
             short_form=short,
         )
+        self._compare_header(plan)
+        return plan
 
     # --- reading parts of a line, with faults noted
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import shutil
 import sys
@@ -28,7 +29,7 @@ class Text:
 def limit_bytes() -> int:
     """The size limit in force [bytes]."""
     raw = os.environ.get("EADP_LIMIT_BYTES", "")
-    return int(raw) if raw.isdigit() else LIMIT_BYTES
+    return int(raw) if raw.isascii() and raw.isdigit() else LIMIT_BYTES
 
 
 def read_text(path: str) -> Text:
@@ -58,7 +59,9 @@ def read_text(path: str) -> Text:
     try:
         body = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        message = f"is not UTF-8 text: byte 0x{data[error.start]:02x} at offset {error.start}"
+        # the decoder counts from behind a byte order mark
+        offset = error.start + (3 if data.startswith(codecs.BOM_UTF8) else 0)
+        message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}"
         raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
     return Text(name, body.replace("\r\n", "\n").replace("\r", "\n"))
 

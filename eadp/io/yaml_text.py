@@ -132,10 +132,19 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
     return result
 
 
+def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
+    """A string whose escapes may have spelt a character as a pair of surrogates, as JSON does."""
+    try:
+        return raw.encode("utf-16", "surrogatepass").decode("utf-16")
+    except UnicodeDecodeError:
+        faults.append(document.fault(path, "half of a pair of surrogates", "a whole character"))
+        return ""
+
+
 def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault]) -> Any:
     raw = node.value
     if node.style is not None:  # quoted or block: a string
-        return raw
+        return _without_surrogates(raw, path, document, faults)
     if raw in _SPECIAL:
         return _SPECIAL[raw]
     if _NOT_FINITE.match(raw):
@@ -144,7 +153,7 @@ def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault
     number = _FLOAT.match(raw) or _INT.match(raw)
     if not number:
         return raw
-    if sum(c.isdigit() for c in raw) > DIGITS_LIMIT:
+    if sum(c.isdigit() for c in raw) > DIGITS_LIMIT or (raw[:2] == "0x" and len(raw) - 2 > DIGITS_LIMIT):
         faults.append(document.fault(path, f"a number of more than {DIGITS_LIMIT} digits"))
         return 0.0
     if _INT.match(raw):

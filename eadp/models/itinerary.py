@@ -15,6 +15,7 @@ from eadp.core.derivatives import PathFunction
 from eadp.core.geometry import (
     CIRCLE,
     LINE,
+    Circle,
     Point,
     circle_of,
     curve_length_m,
@@ -66,6 +67,8 @@ class Itinerary:
         self._plan = plan
         self._rules = rules
         self._latch = [_latch_stage(plan, index) for index in range(len(plan.parameters))]
+        self._bent = [_bent_stage(plan, parameter.name) for parameter in plan.parameters]
+        self._progress: _CircleProgress | None = None
         self._decided: Vector = tuple(parameters)
         self._waiting: Vector = tuple(parameters)
         self._base: Point = (0.0, 0.0)
@@ -139,19 +142,15 @@ class Itinerary:
         plan = self._plan
         self.stages_begun += 1
         if self._last():
-            self._latch_parameters(0)
             if self._rules.parameter_changes == LATCHED:
-                self._pending = True
+                self._base = self._shifted()  # with the parameters of the lap that ends
             self.lap += 1
             self.stage = plan.stages[0]
         else:
-            index = self.stage.index  # of the next stage, from 0
-            self._latch_parameters(index)
-            self.stage = plan.stages[index]
-        if self._pending and self._rules.parameter_changes == LATCHED:
-            self._base = self._shifted()
-            self._pending = False
+            self.stage = plan.stages[self.stage.index]
+        self._latch_parameters(self.stage.index - 1)
         self.parameters = self._clipped()
+        self._progress = None
         self._place(position)
         if self._rules.parameter_changes == LIVE and plan.repeats and self._last():
             # the shift to the next lap is taken here, and again with every change of a parameter until it is flown
@@ -165,7 +164,14 @@ class Itinerary:
         )
 
     def _shifted(self) -> Point:
-        dx, dy = shift_at(self._plan, self.parameters)
+        """Where the next lap lies: one shift further, its parameters clipped to the sets of the stages that they bend."""
+        values = self._waiting
+        if self.stage.sets:
+            stages = self._plan.stages
+            values = tuple(
+                stages[bent].sets[i].clip(value) for i, (bent, value) in enumerate(zip(self._bent, values, strict=True))
+            )
+        dx, dy = shift_at(self._plan, values)
         return self._base[0] + dx, self._base[1] + dy
 
     def _clipped(self) -> Vector:
@@ -211,6 +217,10 @@ class Itinerary:
         local_join = (join[0] - self.offset_m[0], join[1] - self.offset_m[1])
         local_trigger = (self.trigger_m[0] - self.offset_m[0], self.trigger_m[1] - self.offset_m[1])
         passed, length = _passing(self.stage, self.path, local_join, local_trigger, self.offset_m, position)
+        if isinstance(passed, _CircleProgress):
+            if self._progress is not None:  # the path has moved under the robot: whole turns flown stay flown
+                passed.resume(self._progress.angle_rad)
+            self._progress = passed
         return _armed_disc(self.trigger_m, radius, length, position, passed)
 
 
@@ -230,13 +240,19 @@ def reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
     return True
 
 
+def _bent_stage(plan: Plan, name: str) -> int:
+    """The first stage (from 0) whose path names a parameter; the first of all where none does."""
+    return next((stage.index - 1 for stage in plan.stages if name in stage.path.names), 0)
+
+
 def _latch_stage(plan: Plan, index: int) -> int | None:
     """The stage (from 0) at whose start a path parameter takes effect; None for at every start."""
     parameter = plan.parameters[index]
     if parameter.kind != PATH or not plan.repeats:
         return None
-    named = [stage.index - 1 for stage in plan.stages if parameter.name in stage.path.names]
-    return (named[0] - 1) % len(plan.stages) if named else 0
+    if not any(parameter.name in stage.path.names for stage in plan.stages):
+        return 0
+    return (_bent_stage(plan, parameter.name) - 1) % len(plan.stages)
 
 
 # --- tests of a position, built once per stage ------------------------------------------------------------------------
@@ -302,24 +318,33 @@ def _passing(
         return lambda x, y: (x - ox - tx) * lx + (y - oy - ty) * ly >= 0, length
     if stage.kind == CIRCLE:
         circle = circle_of(path, trigger, stage.sense)
-        sweep = circle.sweep_rad(join, trigger)
-        cx, cy = circle.centre_m
-        turn = circle.turn
-        last = circle.angle_rad(join)
-        angle = 0.0
-
-        def passed(x: float, y: float) -> bool:
-            nonlocal last, angle
-            now = math.atan2(y - oy - cy, x - ox - cx)
-            angle += turn * math.remainder(now - last, 2 * math.pi)
-            last = now
-            return angle >= sweep
-
-        passed(*position)  # from where the stage was joined in the plan to where the robot is
-        return passed, circle.radius_m * sweep
+        progress = _CircleProgress(circle, join, trigger, offset)
+        progress(*position)  # from where the stage was joined in the plan to where the robot is
+        return progress, circle.radius_m * progress.sweep_rad
     start = project(path, join)
     length = curve_length_m(path, start, trigger, stage.sense)
     return _passing_curve(path, stage.sense, length, offset, position, start), length
+
+
+class _CircleProgress:
+    """Progress round a circle from where it was joined, unwrapped; called, whether it has passed the trigger."""
+
+    def __init__(self, circle: Circle, join: Point, trigger: Point, offset: Point) -> None:
+        self.sweep_rad = circle.sweep_rad(join, trigger)
+        self.angle_rad = 0.0
+        self._cx, self._cy = circle.centre_m[0] + offset[0], circle.centre_m[1] + offset[1]
+        self._turn = circle.turn
+        self._last = circle.angle_rad(join)
+
+    def resume(self, angle_rad: float) -> None:
+        """Add the whole turns that bring the progress nearest to an earlier one [rad]."""
+        self.angle_rad += 2 * math.pi * round((angle_rad - self.angle_rad) / (2 * math.pi))
+
+    def __call__(self, x: float, y: float) -> bool:
+        now = math.atan2(y - self._cy, x - self._cx)
+        self.angle_rad += self._turn * math.remainder(now - self._last, 2 * math.pi)
+        self._last = now
+        return self.angle_rad >= self.sweep_rad
 
 
 def _passing_curve(

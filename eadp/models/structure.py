@@ -94,6 +94,8 @@ def _signature(plan: Plan) -> tuple[FloatArray, FloatArray] | None:
             except (PathUndefined, ArithmeticError, ValueError):
                 return None
             points += [x, y]
+        if not np.isfinite(row).all():
+            return None
         values.append(row)
         triggers.append(points)
     return np.array(values), np.array(triggers)

@@ -1,0 +1,81 @@
+"""Plans that cannot be read, each with the exact error that it must give. tests/regenerate.py rewrites those."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eadp.errors import InputError
+from eadp.io.plan_text import read_plan
+from eadp.io.streams import read_text
+
+ROOT = Path(__file__).resolve().parents[2]
+BAD = ROOT / "tests" / "bad"
+PLANS = sorted(path.stem for path in BAD.glob("*.plan"))
+PLACE = re.compile(r"(?P<file>[^:]+):(?P<line>[1-9][0-9]*):(?P<column>[1-9][0-9]*): error: (?P<message>.+)")
+
+
+def said(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(InputError) as caught:
+        read_plan(read_text(f"tests/bad/{name}.plan"))
+    return str(caught.value)
+
+
+def golden(name):
+    return (BAD / f"{name}.expected").read_text(encoding="utf-8")
+
+
+def test_there_are_plans_and_nothing_is_left_over():
+    assert len(PLANS) > 60
+    assert sorted(path.stem for path in BAD.glob("*.expected")) == PLANS
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_the_error_is_the_golden_one(name, monkeypatch):
+    assert said(name, monkeypatch) + "\n" == golden(name)
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_each_error_has_its_place_in_the_file(name, monkeypatch):
+    lines = (BAD / f"{name}.plan").read_bytes().decode("utf-8-sig", errors="replace").split("\n")
+    places = []
+    for line in said(name, monkeypatch).split("\n"):
+        assert line.isprintable()
+        if line.startswith("    "):  # the line itself, and a caret under the column
+            continue
+        match = PLACE.fullmatch(line)
+        assert match, f"no FILE:LINE:COL: error: at the start of {line}"
+        assert match["file"] == f"tests/bad/{name}.plan"
+        place = int(match["line"]), int(match["column"])
+        assert place[0] <= len(lines)
+        assert place[1] <= len(lines[place[0] - 1]) + 1
+        places.append(place)
+    assert places == sorted(places), "first by line"
+
+
+@pytest.mark.parametrize("name", ["stage-of-two-parts", "constant-not-real", "not-utf-8"])
+def test_the_command_says_it_on_stderr_alone(name, eadp):
+    answer = eadp("plan", f"tests/bad/{name}.plan")
+    assert (answer.code, answer.out, answer.err) == (2, "", golden(name))
+
+
+def test_the_script_rewrites_what_stands_here(tmp_path):
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "bad").mkdir()
+    script = (ROOT / "tests" / "regenerate.py").read_text(encoding="utf-8")
+    (tmp_path / "tests" / "regenerate.py").write_text(script, encoding="utf-8")
+    for name in PLANS:
+        (tmp_path / "tests" / "bad" / f"{name}.plan").write_bytes((BAD / f"{name}.plan").read_bytes())
+    subprocess.run([sys.executable, "tests/regenerate.py"], check=True, cwd=tmp_path)
+    for name in PLANS:
+        assert (tmp_path / "tests" / "bad" / f"{name}.expected").read_text(encoding="utf-8") == golden(name)
+    (tmp_path / "tests" / "bad" / "good.plan").write_text("1; 90; x\n0, 0\n", encoding="utf-8")
+    answer = subprocess.run(
+        [sys.executable, "tests/regenerate.py"], check=False, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (answer.returncode, answer.stdout) == (1, "tests/bad/good.plan can be read\n")
