@@ -61,6 +61,7 @@ def summarise(
         "replans": report.replans,
         "solver": {
             "solves": report.solves,
+            "qps": report.qps,
             "failures": report.failures,
             "infeasible": report.infeasible,
             "gap_max": max(report.gaps, default=None),

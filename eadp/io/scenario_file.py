@@ -148,6 +148,9 @@ class PlannerKeys(_Strict):
     levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}
     cost: Literal["control", "power", "quadratic", "output"] = "control"
     cost_weights: tuple[NotNegative, NotNegative] = Field(default=(1.0, 1.0), description="Q and R of cost quadratic")
+    solver: Literal["auto", "qp"] = Field(
+        default="auto", description="auto: a closed form where it is proven to be the best, else QPs; qp: always QPs"
+    )
     constraint_at: Literal["end", "worst"] = "worst"
     remaining_time: Literal["corrected", "published"] = "corrected"
     path_search: Literal["delta", "largest"] = "delta"

@@ -73,7 +73,8 @@ class Decision(NamedTuple):
 class PlannerSettings:
     """Settings of every planner; each uses those that concern it. Times in seconds.
 
-    `horizon_s` None is one period. `trade_offs` are rows (coefficient per parameter name, least value).
+    `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is proven, else QPs. `trade_offs`
+    are rows (coefficient per parameter name, least value).
     """
 
     name: str = PAPER
@@ -84,6 +85,7 @@ class PlannerSettings:
     levels: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     cost: str = CONTROL
     cost_weights: tuple[float, float] = (1.0, 1.0)
+    solver: str = "auto"
     constraint_at: str = "worst"
     remaining_time: str = "corrected"
     path_search: str = "delta"
@@ -99,7 +101,10 @@ class PlannerSettings:
 
 @dataclass
 class SolverReport:
-    """Counts of a planner's work: what is solved, what failed, what had no answer, and the gaps of integer answers."""
+    """Counts of a planner's work: what is solved, what failed, what had no answer, and the gaps of integer answers.
+
+    `solves` counts optimal control problems, `qps` what OSQP was given for them.
+    """
 
     replans: int = 0
     solves: int = 0
@@ -107,6 +112,7 @@ class SolverReport:
     infeasible: int = 0
     solve_ms: list[float] = field(default_factory=list)
     gaps: list[float] = field(default_factory=list)
+    qps: int = 0
 
 
 @dataclass(frozen=True)
@@ -286,6 +292,7 @@ class PaperPlanner(StaticPlanner):
         finally:
             self.report.solve_ms.append(1e3 * (time.perf_counter() - started))
         self.report.gaps.append(plan.gap)
+        self.report.qps += plan.passes
         return plan.chosen
 
     def _steps(self) -> int:
@@ -316,7 +323,13 @@ class PaperPlanner(StaticPlanner):
                 rest = sum(coefficients.get(name, 0.0) * o.parameters[i] for i, name in enumerate(names) if i not in free)
                 rows.append(([coefficients.get(names[i], 0.0) for i in free], least - rest))
             self._horizons[key] = Horizon(
-                computations, self._mission.battery, steps, settings.cost, rows, settings.cost_weights
+                computations,
+                self._mission.battery,
+                steps,
+                settings.cost,
+                rows,
+                settings.cost_weights,
+                closed_form=settings.solver == "auto",
             )
         return self._horizons[key]
 
@@ -332,7 +345,7 @@ class PaperPlanner(StaticPlanner):
     def _outlook(self, o: Observation, steps: int) -> Outlook:
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
-            self._instants_s = np.arange(1, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
+            self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if self._settings.constraint_at == "worst" else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
@@ -420,7 +433,7 @@ class PaperPlanner(StaticPlanner):
         step_s = LOOK_AHEAD_STEP_S
         head = max(1, round(len(self._ahead_w) * self._settings.every_s / step_s))
         period = max(1, round((self.period_s or step_s) / step_s))
-        motion = np.maximum(self._estimator.forecast((np.arange(head + period) + 0.5) * step_s), 0.0)
+        motion = np.maximum(self._estimator.forecast(np.arange(0.5, head + period) * step_s), 0.0)
         repeat = max(1, round(self._settings.every_s / step_s))
         computing = np.full(head + period, self._ahead_w[-1])
         early = np.repeat(self._ahead_w, repeat)[:head]

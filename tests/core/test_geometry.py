@@ -79,6 +79,7 @@ def near(point, metres=NANOMETRE):
         "0*y^2 + y",
         "x*(sin(c1)^2+cos(c1)^2-1) + y",
         "1e-9*x + 1e9",
+        "(0*x)*y^2 + x",
     ],
 )
 def test_lines(text):
@@ -106,6 +107,8 @@ def test_lines(text):
         "x^2+y^2",  # a point, but the form of a circle
         "0.1*x^2 + 0.3*y^2 - 0.2*y^2 - 1",  # exact, where floats leave 3e-17
         "x^2+x*y+y^2-y*x-1",
+        "x^2*y^0 + y^2 - 4",
+        "2*c1*x^2 + (c1 + c1)*y^2 - 1",
     ],
 )
 def test_circles(text):
