@@ -28,9 +28,7 @@ TARGET_MB = 300
 
 def ours() -> tuple[float, int, list[tuple[float, float]]]:
     """CPU seconds of the whole flight, its steps, and the logged positions."""
-    inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml")
-    )
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
     planner, outcome = inputs.planner(), Outcome()
     started = time.process_time()
     steps = list(fly(inputs.world, planner, outcome))

@@ -62,7 +62,7 @@ def command(
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
-    # the matrices are small: a second thread of the linear algebra only spins. Before numpy is loaded, or without effect
+    # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from eadp.io.energy_file import energy_document, energy_yaml
     from eadp.io.power_log import Columns, read_power_log

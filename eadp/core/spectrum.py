@@ -52,6 +52,7 @@ _SCAN_ORDER = 3
 _SCAN_STRIDE = 3
 _OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
 _PEAKS = 6
+_PATIENCE = 4
 _NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
@@ -233,6 +234,20 @@ def _held_out(sums: _Sums, order: int) -> FloatArray:
     return error
 
 
+def _by_order(sums: _Sums, highest: int) -> FloatArray:
+    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row have brought nothing."""
+    errors = [_held_out(sums, 1)]
+    least, at = float(errors[0].sum(axis=-1).min()), 1
+    for order in range(2, highest + 1):
+        errors.append(_held_out(sums, order))
+        error = float(errors[-1].sum(axis=-1).min())
+        if error < least:
+            least, at = error, order
+        if order >= at + _PATIENCE:
+            break
+    return np.array(errors)
+
+
 def _with_neighbours(blocks: FloatArray, axis: int) -> FloatArray:
     """Each block plus the one before and the one after it."""
     moved = np.moveaxis(blocks, axis, 0)
@@ -357,7 +372,8 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
     """Whether a whole part of the best period is as good as the best.
 
     It forecasts no worse; or it explains half of what the best does and more, and the rest may well be noise: a long
-    period at a high order follows slow noise a little way even over a held-out block.
+    period at a high order follows slow noise a little way even over a held-out block. A rest that gains little must be
+    surer by far: two laps that differ by chance are seen again in no third one.
     """
     if not _is_part(part.place, best.place):
         return False
@@ -367,7 +383,8 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
     if part.total > (total + best.total) / 2:
         return False
     evidence = _evidence(samples, 1 / (best.place * step_hz), best.order, part=round(part.place / best.place))
-    return evidence.chance > MAX_CHANCE
+    gains_little = part.total < 1.5 * best.total
+    return evidence.chance > (MAX_CHANCE**2 if gains_little else MAX_CHANCE)
 
 
 def _is_part(index: int, of: int) -> bool:
@@ -391,10 +408,9 @@ def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
     """The best of some neighbouring frequencies and all orders."""
     highest = _max_order(samples, 1 / (grid.step_hz * index[0]))
     sums = grid.sums(index, highest)
-    errors = np.array([_held_out(sums, order) for order in range(1, highest + 1)])
-    _, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
-    best = int(np.argmin(errors[:, k].sum(axis=-1)))
-    return _Candidate(int(index[k]), best + 1, errors[best, k])
+    errors = _by_order(sums, highest)
+    best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
+    return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
 
 
 # ---- 3: the refinement -------------------------------------------------------------------------------------------
@@ -413,8 +429,8 @@ def _choose_order(samples: _Samples, frequency_hz: float) -> int:
     """The smallest order that forecasts no worse than the best."""
     highest = _max_order(samples, 1 / frequency_hz)
     sums = _sums(samples, frequency_hz, highest)
-    errors = [_held_out(sums, order) for order in range(1, highest + 1)]
-    best = min(errors, key=lambda error: float(error.sum()))
+    errors = _by_order(sums, highest)
+    best = errors[np.argmin(errors.sum(axis=-1))]
     total = float(samples.square.sum())
     return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
 

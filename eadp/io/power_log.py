@@ -39,7 +39,7 @@ _STEMS = {
     "voltage": ("voltage", "volt", "volts"),
     "current": ("current", "curr", "amps"),
 }
-_STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-](\w+))?\Z", re.DOTALL)
+_STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-]([^\W_]+))?\Z", re.DOTALL)
 NAME_LIMIT = 200
 """A longer name of a column is no name: its unit is not looked for, which would take the square of its length."""
 _BINARY = {b"ULog\x01\x12": "a PX4 ULog", b"\xa3\x95": "an ArduPilot DataFlash log"}

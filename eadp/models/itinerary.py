@@ -164,7 +164,7 @@ class Itinerary:
         )
 
     def _shifted(self) -> Point:
-        """Where the next lap lies: one shift further, its parameters clipped to the sets of the stages that they bend."""
+        """Where the next lap lies: one shift further, parameters clipped to the sets of the stages that they bend."""
         values = self._waiting
         if self.stage.sets:
             stages = self._plan.stages

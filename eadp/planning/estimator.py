@@ -78,8 +78,8 @@ class LapClock:
 class ExactEstimator:
     """Kalman filter on q with the exact step, Joseph form and a gate; see `eadp.core.kalman`.
 
-    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate. Starts from the first reading in α0, zeros elsewhere
-    and a wide covariance, as draft 002's Thm. III.1 does not sum to the reading.
+    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate. Starts from the first reading in α0, zeros
+    elsewhere and a wide covariance, as draft 002's Thm. III.1 does not sum to the reading.
     """
 
     def __init__(self, settings: EstimatorSettings, period_s: float | None, state_w: FloatArray | None = None) -> None:
@@ -145,8 +145,8 @@ class ExactEstimator:
 class PublishedEstimator:
     """The filter as the published flights ran it.
 
-    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, a state of ones at the
-    start, and a period that grows with the running lap from 1 s on.
+    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, a state of ones at
+    the start, and a period that grows with the running lap from 1 s on.
 
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """

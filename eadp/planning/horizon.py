@@ -126,6 +126,11 @@ class Computations:
     def _table(self) -> tuple[FloatArray, FloatArray]:
         return np.array(self.knots), np.array(self.values)
 
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        """Of each linear piece [W per unit]."""
+        return np.diff(self.values) / np.diff(self.knots)
+
     @property
     def count(self) -> int:
         """σ."""
@@ -144,11 +149,9 @@ class Computations:
         """
         if self.count > 1:
             return self._differences(c, side)
-        knots, values = self._table
-        if len(knots) == 1:
-            return np.zeros_like(c)
-        slopes = np.diff(values) / np.diff(knots)
-        return np.full_like(c, slopes[0]) if len(slopes) == 1 else slopes[self.pieces(c, side), None]
+        if len(self._slopes) < 2:
+            return np.full_like(c, self._slopes[0] if len(self._slopes) else 0.0)
+        return self._slopes[self.pieces(c, side), None]
 
     def pieces(self, c: FloatArray, side: int = 1) -> NDArray[np.intp]:
         """One computation: which linear piece each step is on, shape (M,); at a knot, the one on a side."""
@@ -621,9 +624,9 @@ class Horizon:
         if np.abs(new - c).max() <= STILL * self._width.max():
             return c, value
         # the solver's tolerance and the battery's curvature are made up for by a little less power
-        trials = [new + share * (self._choices[0] - new) for share in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)]
-        trials += [c + share * (new - c) for share in (0.5, 0.2, 0.05, 0.01)]
-        for trial in trials:
+        less = (new + share * (self._choices[0] - new) for share in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4))
+        nearer = (c + share * (new - c) for share in (0.5, 0.2, 0.05, 0.01))
+        for trial in itertools.chain(less, nearer):
             found = worth(trial)
             if found > value and self.feasible(trial, outlook):
                 return np.asarray(trial), found

@@ -73,8 +73,8 @@ class Decision(NamedTuple):
 class PlannerSettings:
     """Settings of every planner; each uses those that concern it. Times in seconds.
 
-    `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is proven, else QPs. `trade_offs`
-    are rows (coefficient per parameter name, least value).
+    `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is proven, else QPs.
+    `trade_offs` are rows (coefficient per parameter name, least value).
     """
 
     name: str = PAPER
@@ -320,7 +320,9 @@ class PaperPlanner(StaticPlanner):
             names = plan.names
             rows = []
             for coefficients, least in settings.trade_offs:
-                rest = sum(coefficients.get(name, 0.0) * o.parameters[i] for i, name in enumerate(names) if i not in free)
+                rest = sum(
+                    coefficients.get(name, 0.0) * o.parameters[i] for i, name in enumerate(names) if i not in free
+                )
                 rows.append(([coefficients.get(names[i], 0.0) for i in free], least - rest))
             self._horizons[key] = Horizon(
                 computations,

@@ -26,7 +26,7 @@ def test_the_origin_is_the_origin():
 def test_there_and_back(latitude, longitude, east, north):
     origin = (latitude, longitude)
     back = to_local_m(*to_geodetic_deg(east, north, origin), origin)
-    # the plane lies d²/2R above the ellipsoid, and the way down leans by d/R: the way back is d³/2R² short, at most 4 mm
+    # the plane lies d²/2R above the ellipsoid and the way down leans by d/R: the way back is d³/2R² short, 4 mm here
     short = math.hypot(east, north) ** 3 / (2 * 6.33e6**2)
     assert back == pytest.approx((east, north), abs=1.02 * short + 1e-6)
 

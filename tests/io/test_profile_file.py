@@ -403,7 +403,10 @@ def changed(old: str, new: str) -> str:
             changed("samples: 3", "samples: 0"),
             ["9:52: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
         ),
-        (changed("samples: 3", "samples: 2.5"), ["9:52: error: points.1.samples cannot be 2.5; expected a whole number"]),
+        (
+            changed("samples: 3", "samples: 2.5"),
+            ["9:52: error: points.1.samples cannot be 2.5; expected a whole number"],
+        ),
         (
             changed("at: [10, 32]", "at: [10]"),
             ["10:6: error: 1 values for 2 parameters; expected one for each"],

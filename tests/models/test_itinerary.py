@@ -215,6 +215,64 @@ def test_published_triggers_are_a_box_and_can_be_missed():
     assert begun(plan_of(text), position=(0.0, 0.0), rules=rules).advance(0.0, 0.0), "not armed either"
 
 
+# --- the same in later laps -------------------------------------------------------------------------------------------
+
+WAVES = """\
+init:
+a = 0, 90
+b = 200, 90
+path:
+0.1; 270; y - 30*sin((x - a)/40) - (a - b + 200)
+b, 30*sin(5)
+0.1; 270; x - a - 90
+a + 90, 0
+trig:
+1000, 0
+"""
+
+
+def flown_laps(plan, laps, stages=0):
+    """An itinerary at the start of a stage of a lap, by its triggers."""
+    itinerary = begun(plan, (0.0,) * len(plan.parameters))
+    for _ in range(4 * laps + stages):
+        to_next(itinerary)
+    return itinerary
+
+
+@pytest.mark.parametrize("lap", [1, 7])
+@pytest.mark.parametrize("off_m", [-30, 30])
+def test_a_line_of_a_later_lap_past_its_trigger(lap, off_m):
+    itinerary = flown_laps(survey(), lap, 1)
+    x = -115 + 10 * lap + off_m
+    _, y = first_change(itinerary, polyline((x, 146 + lap), (x, -80)))
+    assert y == pytest.approx(-11 + lap, abs=STEP_M + NANOMETRE)
+
+
+@pytest.mark.parametrize("lap", [1, 7])
+@pytest.mark.parametrize("off_m", [-30, 30])
+def test_a_circle_of_a_later_lap_past_its_trigger(lap, off_m):
+    itinerary = flown_laps(survey(), lap)
+    centre = (-45 + 10 * lap, 146 + lap)
+    x, y = first_change(itinerary, arc(centre, 70 + off_m, -5, 300))
+    assert math.degrees(math.atan2(y - centre[1], x - centre[0])) % 360 == pytest.approx(180, abs=0.51)
+
+
+@pytest.mark.parametrize("off_m", [-24, 24])
+def test_a_curve_of_a_later_lap_past_its_trigger(off_m):
+    itinerary = begun(plan_of(WAVES), (), (0.0, 0.0))
+    to_next(itinerary)
+    to_next(itinerary)
+    assert (itinerary.lap, itinerary.offset_m) == (1, (90, 0))
+    beside = ((90 + x, 30 * math.sin(x / 40) + off_m) for x in (k / 4 for k in range(1600)))
+    x, _ = first_change(itinerary, beside)
+    assert x == pytest.approx(290, abs=15), "beside it, progress is only near to that on it"
+    on_it = begun(plan_of(WAVES), (), (0.0, 0.0))
+    to_next(on_it)
+    to_next(on_it)
+    x, _ = first_change(on_it, ((90 + x, 30 * math.sin(x / 40)) for x in (k / 4 for k in range(1600))))
+    assert math.dist((x - 90, 30 * math.sin((x - 90) / 40)), (200, 30 * math.sin(5))) == pytest.approx(20, abs=0.5)
+
+
 # --- one survey, two descriptions of where its stages lie -------------------------------------------------------------
 
 
@@ -429,6 +487,47 @@ def test_a_change_taken_back_in_time_does_nothing():
     for _ in range(8):
         to_next(itinerary)
     assert itinerary.offset_m == pytest.approx((20, 2))
+
+
+LATE = """\
+init:
+a = 0, 10 + c2
+path:
+0.1; 90; x - a
+a, 100
+0.1; 90; y - 100
+a + 200, 100
+0.1; 270; x - a - 200 - c1
+a + 200 + c1, 0
+0.1; 270; y - 0*c3
+a + c4, 0
+trig:
+1000, 0
+"""
+
+
+def test_a_parameter_waits_for_the_stage_before_the_first_whose_path_names_it():
+    itinerary = begun(plan_of(LATE), (0.0,) * 4, (0.0, -100.0))
+    itinerary.decide((1.0, 2.0, 3.0, 4.0), (0.0, -50.0))
+    seen = []
+    for _ in range(5):
+        seen.append(itinerary.parameters)
+        to_next(itinerary)
+    assert seen == [
+        (0, 0, 0, 0),
+        (1, 0, 0, 0),  # stage 3's path names c1
+        (1, 0, 3, 0),  # stage 4's names c3
+        (1, 0, 3, 0),
+        (1, 2, 3, 4),  # no path names c2 and c4: from the next lap on
+    ]
+    assert itinerary.offset_m == (10, 0), "the shift of the lap that was flown with c2 = 0"
+    for _ in range(4):
+        to_next(itinerary)
+    assert itinerary.offset_m == (22, 0)
+
+
+def test_a_plan_that_does_not_repeat_has_no_shift():
+    assert shift_at(plan_of(ROUND_AND_ON), ()) == (0, 0)
 
 
 # --- sets per stage ---------------------------------------------------------------------------------------------------

@@ -105,7 +105,11 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
 
     def rate(_t, _b):
         y = 36.0
-        return [-b.k_b_per_s * (b.voltage_v - np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * y)) / (2 * b.resistance_ohm * b.capacity_ah)]
+        return [
+            -b.k_b_per_s
+            * (b.voltage_v - np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * y))
+            / (2 * b.resistance_ohm * b.capacity_ah)
+        ]
 
     def empty(_t, y):
         return y[0] - 0.1
@@ -229,7 +233,9 @@ def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(mo
 def test_inhibited_computations_are_not_solved_for():
     text = "0.1; 90; x\n0, 400\n[0, 0]\n0.1; 90; x\n0, 800\n[2, 10]\n"
     plan, _ = read_plan(Text("p", text))
-    pilot = make_planner(replace(SETTINGS, longest_s=None, shortest_s=None), EstimatorSettings(), mission(plan, parameters=(10.0,)))
+    pilot = make_planner(
+        replace(SETTINGS, longest_s=None, shortest_s=None), EstimatorSettings(), mission(plan, parameters=(10.0,))
+    )
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0))
     assert pilot.report.solves == 0

@@ -1,0 +1,208 @@
+"""`eadp fit` as it is called: exit codes, stdout and stderr, the model written."""
+
+from __future__ import annotations
+
+import io
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eadp.cli.main import main
+from eadp.io.energy_file import read_energy
+
+Run = Callable[..., tuple[int, str, str]]
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = str(ROOT / "scenarios" / "example-power-log.csv")
+KEYS = [
+    "schema",
+    "periodic",
+    "period_s",
+    "period_std_s",
+    "order",
+    "mean_w",
+    "harmonics",
+    "coefficients",
+    "noise_std_w",
+    "cv_r2",
+    "samples",
+    "span_s",
+]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run one command line: its exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(list(arguments))
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture
+def noise(tmp_path: Path) -> str:
+    """A log without a period."""
+    power = 30 + np.random.default_rng(1).normal(size=60)
+    file = tmp_path / "noise.csv"
+    file.write_text("time_s,power_w\n" + "".join(f"{i},{value}\n" for i, value in enumerate(power)))
+    return str(file)
+
+
+def test_the_example_of_the_help_works(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = run("fit", "--help")
+    assert code == 0
+    example = next(line.strip() for line in out.splitlines() if "Example:" in line)
+    assert out.split("\n\n")[1].strip() == example, "the help starts with it"
+    monkeypatch.chdir(ROOT)
+    code, out, err = run(*shlex.split(example.removeprefix("Example: eadp")))
+    assert (code, err) == (0, "")
+    assert out.splitlines()[:2] == ["period   46.034 ± 0.019 s", "order    3"]
+    assert len(out.splitlines()) == 11, "a line for each harmonic at the end"
+
+
+def test_example_as_json(run: Run) -> None:
+    code, out, err = run("fit", EXAMPLE, "--format", "json")
+    document = json.loads(out)
+    assert (code, err, list(document)) == (0, "", KEYS)
+    # the log was made with these values and noise of 0.5 W
+    assert document["schema"] == "eadp.energy/1"
+    assert document["periodic"] is True
+    assert abs(document["period_s"] - 46.05) < 3 * document["period_std_s"] < 0.1
+    assert document["mean_w"] == pytest.approx(36.4, abs=0.03)
+    assert document["noise_std_w"] == pytest.approx(0.5, abs=0.03)
+    assert (document["order"], document["samples"], document["span_s"]) == (3, 2303, pytest.approx(230.2))
+    for harmonic, (amplitude_w, phase_rad) in zip(
+        document["harmonics"], [(2.1, 0.8), (1.4, -1.9), (0.6, 2.6)], strict=True
+    ):
+        assert list(harmonic) == ["amplitude_w", "phase_rad"]
+        assert harmonic["amplitude_w"] == pytest.approx(amplitude_w, abs=0.05)
+        assert harmonic["phase_rad"] == pytest.approx(phase_rad, abs=0.1)
+    a, b = document["coefficients"]["a"], document["coefficients"]["b"]
+    assert (len(a), len(b)) == (4, 3)
+    assert a[0] / document["period_s"] == pytest.approx(document["mean_w"])
+    assert np.hypot(a[2], b[1]) * 2 / document["period_s"] == pytest.approx(document["harmonics"][1]["amplitude_w"])
+
+
+def test_a_log_without_a_period_is_a_no_with_its_document(run: Run, noise: str, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    code, out, err = run("fit", noise, "--format", "json", "-o", str(model))
+    document = json.loads(out)
+    assert (code, err, list(document)) == (1, "", KEYS)
+    assert (document["periodic"], document["period_s"], document["period_std_s"]) == (False, None, None)
+    assert (document["order"], document["harmonics"]) == (0, [])
+    assert document["coefficients"] == {"a": [], "b": []}
+    assert read_energy(str(model)).mean_w == document["mean_w"] == pytest.approx(30, abs=0.5)
+
+
+def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -> None:
+    code, out, _ = run("fit", noise)
+    assert code == 1
+    assert out.startswith("no period: the best")
+    constant = tmp_path / "constant.csv"
+    constant.write_text("time_s,power_w\n" + "".join(f"{i},30\n" for i in range(50)))
+    assert run("fit", str(constant))[:2] == (
+        1,
+        "no period: the power is constant\nmean     30 W\nspread   0 W\nsamples  50 over 49 s\n",
+    )
+
+
+def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    code, out, err = run("fit", EXAMPLE, "--format", "json", "-o", str(model))
+    assert (code, err) == (0, "")
+    written = read_energy(str(model))
+    assert written.period_s == json.loads(out)["period_s"]
+    assert [vars_of.amplitude_w for vars_of in written.harmonics] == [
+        harmonic["amplitude_w"] for harmonic in json.loads(out)["harmonics"]
+    ]
+    code, out, _ = run("fit", EXAMPLE, "-o", "-")
+    assert (code, out) == (0, model.read_text()), "the model alone on standard output"
+
+
+def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = Path(EXAMPLE).read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))
+    code, out, _ = run("fit", "-", "--format", "json")
+    assert (code, json.loads(out)["samples"]) == (0, 2303)
+
+
+def test_log_without_a_header(run: Run, tmp_path: Path) -> None:
+    headerless = tmp_path / "log.csv"
+    headerless.write_text("".join(f"{line},1\n" for line in Path(EXAMPLE).read_text().splitlines()[1:]))
+    code, out, _ = run("fit", str(headerless), "--columns", "time_s,power_w", "--format", "json")
+    assert (code, json.loads(out)["order"]) == (0, 3)
+    code, out, err = run("fit", str(headerless))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{headerless}:1:1: error: the first row has numbers, not the names of columns")
+
+
+def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    rows = [line.split(",") for line in Path(EXAMPLE).read_text().splitlines()[1:]]
+    log.write_text("when,u,i,w\n" + "".join(f"{1000 * float(t)},10,{float(p) / 10},{p}\n" for t, p in rows))
+    arguments = ["fit", str(log), "--time", "when", "--time-unit", "ms", "--format", "json"]
+    code, out, err = run(*arguments, "--voltage", "u", "--current", "i", "--order", "2", "--period-prior", "50")
+    document = json.loads(out)
+    assert (code, document["order"]) == (0, 2)
+    assert document["period_s"] == pytest.approx(46.05, abs=0.1)
+    assert [line.split(": warning: ")[1] for line in err.splitlines() if "warning" in line] == [
+        "u has no unit: taken as V",
+        "i has no unit: taken as A",
+    ]
+    code, out, err = run(*arguments, "--power", "w")
+    assert (code, json.loads(out)["order"], err.count("warning")) == (0, 3, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no-such-file.csv"], "no-such-file.csv:1:1: error: cannot be read: No such file or directory"),
+        ([EXAMPLE, "--power", "p"], "--power:1:1: error: no column p; expected one of time_s, power_w"),
+        ([EXAMPLE, "--time-unit", "parsec"], "eadp: error: Invalid value for '--time-unit'"),
+        ([EXAMPLE, "--order", "0"], "eadp: error: Invalid value for '--order'"),
+        ([EXAMPLE, "--order", "900"], f"{EXAMPLE}:1:1: error: order 900 is too high"),
+        (
+            [EXAMPLE, "--period-prior", "0"],
+            "--period-prior:1:1: error: no period; expected a number of seconds above 0",
+        ),
+        ([EXAMPLE, "--period-prior", "nan"], "--period-prior:1:1: error: no period"),
+        ([EXAMPLE, "--period-prior", "900"], f"{EXAMPLE}:1:1: error: no period near 900 s can be found"),
+        ([EXAMPLE, "-o", "/no/such/folder/m.yaml"], "/no/such/folder/m.yaml:1:1: error: cannot be written"),
+        ([EXAMPLE, "-o", "-", "--format", "json"], "--output:1:1: error: standard output is taken by --format json"),
+        ([], "eadp: error: Missing argument"),
+    ],
+)
+def test_errors_leave_stdout_empty(run: Run, arguments: list[str], message: str) -> None:
+    code, out, err = run("fit", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(message)
+
+
+def test_warnings_go_to_stderr(run: Run, tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(Path(EXAMPLE).read_text() + "230.3,nan\n")
+    code, out, err = run("fit", str(log), "--format", "json")
+    assert (code, json.loads(out)["samples"]) == (0, 2303)
+    assert err == f"{log}:2305:1: warning: 1 row with a cell that is not finite left out\n"
+
+
+def test_published_logs(run: Run) -> None:
+    reference = ROOT.parent / "shared" / "reference"
+    if not reference.is_dir():
+        pytest.skip("the published reference data are not on this machine")
+    code, out, _ = run("fit", str(reference / "logs" / "px4_battery_first900s.csv"), "--format", "json")
+    assert (code, json.loads(out)["periodic"]) == (1, False), "a real flight without a usable period"
+    flight = str(reference / "flights" / "static-I_energy.csv")
+    code, out, _ = run("fit", flight, "--columns", "time_s,power_w", "--format", "json")
+    assert (code, json.loads(out)["period_s"]) == (0, pytest.approx(46.05, abs=0.3)), "its laps take 45.8 to 46.3 s"
+    survey = str(reference / "logs" / "opterra_power.csv")
+    code, out, _ = run("fit", survey, "--columns", "time_s,power_w", "--format", "json")
+    assert (code, json.loads(out)["period_s"]) == (0, pytest.approx(50, abs=1.5))
