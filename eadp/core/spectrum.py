@@ -81,7 +81,8 @@ class Spectrum:
     cv_r2 : float
         Part of the variance about the mean that the period explains of blocks it has not seen; 0 or less is nothing.
     chance : float
-        Probability, at most 1, that noise without a period looks as periodic anywhere in the range searched.
+        Probability, at most 1, that noise without a period looks as periodic anywhere in the range searched; 1 where
+        `cv_r2` rules the period out already.
     samples : int
     span_s : float
         Time from the first sample to the last [s].
@@ -147,11 +148,13 @@ def analyse(
         return _aperiodic(samples, mean_w, spread_w, cv_r2=0.0)
     frequency_hz = _search(samples, shortest_s, longest_s)
     frequency_hz, free_order = _refine(samples, frequency_hz)
+    free_r2 = _cv_r2(samples, frequency_hz, free_order)
+    if free_r2 < MIN_CV_R2:
+        return _aperiodic(samples, mean_w, spread_w, cv_r2=free_r2, period_s=1 / frequency_hz)
     frequencies = max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s))
     evidence = _evidence(samples, 1 / frequency_hz, free_order)
     chance = min(1.0, evidence.chance * frequencies)
-    free_r2 = _cv_r2(samples, frequency_hz, free_order)
-    if free_r2 < MIN_CV_R2 or chance > MAX_CHANCE:
+    if chance > MAX_CHANCE:
         return _aperiodic(samples, mean_w, spread_w, cv_r2=free_r2, period_s=1 / frequency_hz, chance=chance)
     if order is not None and order > (highest := _max_order(samples, 1 / frequency_hz, order)):
         least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / frequency_hz:.4g} s"
@@ -317,7 +320,8 @@ class _Grid:
         self._square = samples.square
 
     def _transform(self, blocks: NDArray[np.float64] | IntArray) -> ComplexArray:
-        return np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
+        transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
+        return transform
 
     def _at(self, transform: ComplexArray, index: IntArray) -> ComplexArray:
         """Values at indices of shape (k, j), shape (k, blocks, j): the transform of reals is Hermitian."""

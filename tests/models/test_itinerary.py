@@ -220,14 +220,27 @@ def test_published_triggers_are_a_box_and_can_be_missed():
 WAVES = """\
 init:
 a = 0, 90
-b = 200, 90
+h = 0, 50
 path:
-0.1; 270; y - 30*sin((x - a)/40) - (a - b + 200)
-b, 30*sin(5)
+0.1; 270; 2*(y - h - 30*sin((x - a)/40))
+a + 200, h + 30*sin(5)
 0.1; 270; x - a - 90
-a + 90, 0
+a + 90, h + 50
 trig:
-1000, 0
+2000, 2000
+"""
+
+TOWER = """\
+init:
+a = 0, 300
+b = 0, 400
+path:
+0.01; 90; (x - a)^2 + (y - b)^2 - 4900
+a, b + 70
+0.1; 90; x - a - 370
+a + 370, b + 400
+trig:
+3000, 4000
 """
 
 
@@ -257,19 +270,29 @@ def test_a_circle_of_a_later_lap_past_its_trigger(lap, off_m):
     assert math.degrees(math.atan2(y - centre[1], x - centre[0])) % 360 == pytest.approx(180, abs=0.51)
 
 
+@pytest.mark.parametrize("off_m", [-30, 40])
+def test_a_circle_far_from_the_first_laps(off_m):
+    itinerary = begun(plan_of(TOWER), (), (70.0, 0.0))
+    for _ in range(4):
+        to_next(itinerary)
+    assert (itinerary.lap, itinerary.offset_m) == (2, (600, 800))
+    x, y = first_change(itinerary, arc((600, 800), 70 + off_m, -5, 300))
+    assert math.degrees(math.atan2(y - 800, x - 600)) == pytest.approx(90, abs=0.51)
+
+
 @pytest.mark.parametrize("off_m", [-24, 24])
 def test_a_curve_of_a_later_lap_past_its_trigger(off_m):
     itinerary = begun(plan_of(WAVES), (), (0.0, 0.0))
     to_next(itinerary)
     to_next(itinerary)
-    assert (itinerary.lap, itinerary.offset_m) == (1, (90, 0))
-    beside = ((90 + x, 30 * math.sin(x / 40) + off_m) for x in (k / 4 for k in range(1600)))
+    assert (itinerary.lap, itinerary.offset_m) == (1, (90, 50))
+    beside = ((90 + x, 50 + 30 * math.sin(x / 40) + off_m) for x in (k / 4 for k in range(1600)))
     x, _ = first_change(itinerary, beside)
     assert x == pytest.approx(290, abs=15), "beside it, progress is only near to that on it"
     on_it = begun(plan_of(WAVES), (), (0.0, 0.0))
     to_next(on_it)
     to_next(on_it)
-    x, _ = first_change(on_it, ((90 + x, 30 * math.sin(x / 40)) for x in (k / 4 for k in range(1600))))
+    x, _ = first_change(on_it, ((90 + x, 50 + 30 * math.sin(x / 40)) for x in (k / 4 for k in range(1600))))
     assert math.dist((x - 90, 30 * math.sin((x - 90) / 40)), (200, 30 * math.sin(5))) == pytest.approx(20, abs=0.5)
 
 
