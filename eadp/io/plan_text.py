@@ -225,11 +225,12 @@ class _Reader:
                 line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146"
             )
             draft.trigger_line = -1
-        draft.sets.append(self._box(line, line.text, 0))
+        which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
+        draft.sets.append(self._box(line, line.text, 0, which))
         draft.set_lines.append(line)
 
-    def _box(self, line: _Line, text: str, start: int) -> Box | None:
-        expected = "a set like [2, 10]"
+    def _box(self, line: _Line, text: str, start: int, which: str = "") -> Box | None:
+        expected = f"a set like [2, 10]{which}"
         stripped = text.strip()
         offset = start + len(text) - len(text.lstrip())
         if not (stripped.startswith("[") and stripped.endswith("]")):
