@@ -396,6 +396,18 @@ def test_headers_may_stand_anywhere():
     assert read("%: origin -33.9, -180\n" + TWO).origin_deg == (-33.9, -180)
 
 
+@pytest.mark.parametrize(
+    "place", ["90.1 0", "-90.1 0", "0 180.1", "0 -180.1", "55", "55 10 3", "", "north 5", "nan 5", "inf 5"]
+)
+def test_what_is_no_origin(place):
+    assert "no origin" in faults_of(f"%: origin {place}\n{TWO}")[0]
+
+
+@pytest.mark.parametrize("place", [(90, 180), (-90, -180), (0, 0)])
+def test_the_ends_of_the_earth(place):
+    assert read("%: origin {} {}\n".format(*place) + TWO).origin_deg == place
+
+
 def test_an_unknown_header_is_a_warning():
     (finding,) = findings_of("1;90;x\n%: colour re\x1bd\n0,0\n")
     assert (finding.severity, finding.line, finding.code) == ("warning", 2, "unknown-header")
