@@ -17,7 +17,7 @@ import numpy as np
 
 from eadp.core.spectrum import MIN_SAMPLES, FloatArray
 from eadp.errors import Fault, InputError, capped, printable
-from eadp.io.profile_csv import _NOT_FINITE, _NUMBER, _fields, _Row
+from eadp.io.csv_text import NOT_FINITE, NUMBER, Row, split_fields
 from eadp.io.streams import Text, read_text
 
 LARGEST_W = 1e9
@@ -151,15 +151,15 @@ class _Layout:
     warnings: list[Fault] = field(default_factory=list)
 
 
-def _row(name: str, number: int, line: str) -> _Row:
-    return _Row(name, number, line, *_fields(line))
+def _row(name: str, number: int, line: str) -> Row:
+    return Row(name, number, line, *split_fields(line))
 
 
-def _layout(header: _Row | None, columns: Columns) -> _Layout:
+def _layout(header: Row | None, columns: Columns) -> _Layout:
     if header is None:
         raw = ",".join(columns.names)
-        header = _Row("--columns", 1, raw, *_fields(raw))
-    elif all(_NUMBER.match(name) or _NOT_FINITE.match(name) for name in header.fields):
+        header = Row("--columns", 1, raw, *split_fields(raw))
+    elif all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
         message = "the first row has numbers, not the names of columns"
         raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}, or --columns {_EXAMPLE}"))
     twice = [i for i, name in enumerate(header.fields) if name and name in header.fields[:i]]
@@ -174,7 +174,7 @@ def _layout(header: _Row | None, columns: Columns) -> _Layout:
     return layout
 
 
-def _power_roles(header: _Row, columns: Columns) -> tuple[str, ...]:
+def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
     """Power, or voltage and current: what is asked for, else what there is, power first."""
     if columns.power and (columns.voltage or columns.current):
         raise InputError.at("--power", 1, 1, "and --voltage or --current", "one way to the power", columns.power)
@@ -186,7 +186,7 @@ def _power_roles(header: _Row, columns: Columns) -> tuple[str, ...]:
     raise InputError(header.fault(0, message, "power_w, or voltage_v and current_a, or --power NAME"))
 
 
-def _find(header: _Row, role: str, asked: str) -> int:
+def _find(header: Row, role: str, asked: str) -> int:
     """The column of a role."""
     if asked:
         if asked in header.fields:
@@ -203,7 +203,7 @@ def _find(header: _Row, role: str, asked: str) -> int:
     return found[0]
 
 
-def _named(header: _Row, role: str) -> list[int]:
+def _named(header: Row, role: str) -> list[int]:
     """Columns whose names say that they are a role's: `power_w`; or the only one that ends so (`total_power_w`)."""
     stems = [_stem_and_unit(name, role)[0] for name in header.fields]
     plain = [i for i, stem in enumerate(stems) if stem in _STEMS[role]]
@@ -220,7 +220,7 @@ def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
     return (match[1].strip(), unit) if unit in _PER_UNIT[role] or match[2] else (name.strip().lower(), "")
 
 
-def _per_unit(header: _Row, index: int, role: str, columns: Columns, warnings: list[Fault]) -> float:
+def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: list[Fault]) -> float:
     """How many of a column's units make a second, watt, volt, ampere."""
     known = _PER_UNIT[role]
     if role == "time" and columns.time_unit:
@@ -264,7 +264,7 @@ def _readings(name: str, rows: Sequence[tuple[int, str]], layout: _Layout) -> tu
     limits = [LARGEST_S, *[LARGEST_W] * (len(layout.index) - 1)]
     columns = list(zip(layout.index, layout.per, limits, strict=True))
     for number, line in rows:
-        fields = line.split(",") if '"' not in line else _fields(line)[0]
+        fields = line.split(",") if '"' not in line else split_fields(line)[0]
         if layout.width and len(fields) > layout.width and any(map(str.strip, fields[layout.width :])):
             message = f"{len(fields)} fields"
             faults.append(_row(name, number, line).fault(layout.width, message, f"{layout.width}, as in the header"))
@@ -273,14 +273,14 @@ def _readings(name: str, rows: Sequence[tuple[int, str]], layout: _Layout) -> tu
         reason = ""
         for index, per, limit in columns:
             raw = fields[index].strip() if index < len(fields) else ""
-            if _NUMBER.match(raw) and abs(value := float(raw)) <= limit * per:
+            if NUMBER.match(raw) and abs(value := float(raw)) <= limit * per:
                 values.append(value)
-            elif not raw or _NOT_FINITE.match(raw):
+            elif not raw or NOT_FINITE.match(raw):
                 reason = "an empty cell" if not raw else "a cell that is not finite"
             else:
                 shown = printable(raw, 40)
-                what = f"{shown} is {'too large' if _NUMBER.match(raw) else 'not a number'}"
-                expected = f"at most {limit * per:g}" if _NUMBER.match(raw) else "a number"
+                what = f"{shown} is {'too large' if NUMBER.match(raw) else 'not a number'}"
+                expected = f"at most {limit * per:g}" if NUMBER.match(raw) else "a number"
                 faults.append(_row(name, number, line).fault(index, what, expected))
                 break
         else:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.errors import Fault, Infeasible, InputError, capped, printable
+from eadp.io.csv_text import NOT_FINITE, NUMBER, Row, split_fields
 from eadp.io.streams import Text
 from eadp.models.profile import Profile
 
@@ -33,8 +34,6 @@ _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3
 _A_HEADER = "a header such as fps,power_w"
 _A_CONFIGURATION = "the model that powprofiler makes of its traces (flags 200, 201, …), or a header"
 
-_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
-_NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 _SOURCE = re.compile(r"#\s*source:(.*)\Z", re.IGNORECASE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
@@ -91,23 +90,7 @@ def read_measurements(text: Text, names: Sequence[str]) -> tuple[Profile, Places
     return profile, Places(places, layout.warnings)
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A line of fields; `columns` are the columns, from 1, where they start."""
-
-    file: str
-    line: int
-    source: str
-    fields: list[str]
-    columns: list[int]
-
-    def fault(self, index: int, message: str, expected: str = "") -> Fault:
-        """A fault at a field; at the end of the line where it has no such field."""
-        column = self.columns[index] if index < len(self.columns) else len(self.source) + 1
-        return Fault(self.file, self.line, column, message, expected, self.source)
-
-
-def _rows(text: Text) -> tuple[list[_Row], str]:
+def _rows(text: Text) -> tuple[list[Row], str]:
     """The rows of a table, without blank lines and comments, and what its `# source:` comments say."""
     rows, sources = [], []
     for number, line in enumerate(text.body.split("\n"), start=1):
@@ -117,26 +100,8 @@ def _rows(text: Text) -> tuple[list[_Row], str]:
             if said:
                 sources.append(said.group(1).strip())
         elif bare:
-            rows.append(_Row(text.name, number, line, *_fields(line)))
+            rows.append(Row(text.name, number, line, *split_fields(line)))
     return rows, " ".join(sources)
-
-
-def _fields(line: str) -> tuple[list[str], list[int]]:
-    """Split at the commas outside quotes: the fields, bare, and the column where each starts."""
-    fields, columns = [], []
-    start, quoted = 0, False
-    for i, c in enumerate(line + ","):
-        if c == '"':
-            quoted = not quoted
-        elif c == "," and (not quoted or i == len(line)):
-            raw = line[start:i]
-            text = raw.strip()
-            columns.append(start + 1 + (len(raw) - len(raw.lstrip()) if text else 0))
-            if len(text) > 1 and text[0] == text[-1] == '"':
-                text = text[1:-1].replace('""', '"').strip()
-            fields.append(text)
-            start = i + 1
-    return fields, columns
 
 
 # ── what the columns mean ──
@@ -160,11 +125,11 @@ class _Layout:
     warnings: Sequence[Fault] = ()
 
 
-def _layout(row: _Row, names: Sequence[str]) -> _Layout:
+def _layout(row: Row, names: Sequence[str]) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     if len(row.fields) == 1:
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    if not all(_NUMBER.match(field) or _NOT_FINITE.match(field) for field in row.fields):
+    if not all(NUMBER.match(field) or NOT_FINITE.match(field) for field in row.fields):
         layout = _header(row)
     elif _has_flags(row.fields):
         layout = _flags(row)
@@ -177,7 +142,7 @@ def _layout(row: _Row, names: Sequence[str]) -> _Layout:
     return layout
 
 
-def _headerless(row: _Row, names: Sequence[str]) -> _Layout:
+def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     """Numbers alone: parameters, then power; a single parameter is called c."""
     d = len(row.fields) - 1
     if d > 1 and len(names) != d:
@@ -193,7 +158,7 @@ def _has_flags(fields: Sequence[str]) -> bool:
     return flags and len(set(fields)) == len(fields) and ("100" in fields or len(fields) > 2)
 
 
-def _flags(row: _Row) -> _Layout:
+def _flags(row: Row) -> _Layout:
     """powprofiler's columns: 2xx are parameters, 100 is the total average power; the others are not needed.
 
     101 and 102 are parts of the total; 130 to 132, called energy, are W·samples.
@@ -221,7 +186,7 @@ class _Heading:
     problem: str = ""
 
 
-def _header(row: _Row) -> _Layout:
+def _header(row: Row) -> _Layout:
     headings = [_heading(field) for field in row.fields]
     faults = []
     for i, heading in enumerate(headings):
@@ -269,7 +234,7 @@ def _heading(field: str) -> _Heading:
     return _Heading(name, unit)  # a parameter, such as a transmitter's power [dBm]
 
 
-def _power_column(row: _Row, headings: Sequence[_Heading]) -> int:
+def _power_column(row: Row, headings: Sequence[_Heading]) -> int:
     """The column `power`; else the only one whose name ends so (`total_power_w`)."""
     powers = [i for i, heading in enumerate(headings) if heading.per_watt]
     plain = [i for i in powers if headings[i].name.lower().startswith("power")]
@@ -284,10 +249,10 @@ def _power_column(row: _Row, headings: Sequence[_Heading]) -> int:
 
 # ── what the rows say ──
 
-_Readings = dict[tuple[float, ...], list[tuple[float, _Row]]]
+_Readings = dict[tuple[float, ...], list[tuple[float, Row]]]
 
 
-def _readings(rows: Sequence[_Row], layout: _Layout) -> _Readings:
+def _readings(rows: Sequence[Row], layout: _Layout) -> _Readings:
     """Power readings [W] and their rows by configuration, in the order of the file."""
     readings: _Readings = {}
     faults: list[Fault] = []
@@ -306,16 +271,16 @@ def _readings(rows: Sequence[_Row], layout: _Layout) -> _Readings:
     return readings
 
 
-def _number(row: _Row, index: int, faults: list[Fault]) -> float:
+def _number(row: Row, index: int, faults: list[Fault]) -> float:
     """A field as a finite number; a fault and 0 if it is none."""
     raw = row.fields[index]
     shown = printable(raw, 40) or "an empty field"
-    if _NUMBER.match(raw):
+    if NUMBER.match(raw):
         value = float(raw)
         if abs(value) <= LARGEST:
             return value
         faults.append(row.fault(index, f"{shown} is too large", f"a number of at most {LARGEST:g}"))
-    elif _NOT_FINITE.match(raw):
+    elif NOT_FINITE.match(raw):
         faults.append(row.fault(index, f"{shown} is not finite", "a finite number"))
     else:
         faults.append(row.fault(index, f"{shown} is not a number", "a number"))

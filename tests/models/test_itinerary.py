@@ -190,6 +190,34 @@ def test_a_curve_past_its_trigger():
         assert x == pytest.approx(150 if off_m else 130, abs=6), "beside it, progress is only near to that on it"
 
 
+ROUND_AN_ELLIPSE = "1; 90; x - 60\n60, 0\n1; 90; x^2/3600 + y^2/1600 - 1\n0, -40\n1; 90; y + 0*c1\n900, 0\n"
+
+
+def round_an_ellipse(off_m, decided_at_deg=None):
+    """The direction [°] in which three quarters of an ellipse are passed by a robot that flies beside it."""
+    itinerary = begun(plan_of(ROUND_AN_ELLIPSE), (0.0,), (60.0, -100.0), Rules(LIVE))
+    assert itinerary.advance(60.0, -19.0)
+    for degrees in range(720):
+        x, y = (60 + off_m) * math.cos(math.radians(degrees)), (40 + off_m) * math.sin(math.radians(degrees))
+        if degrees == decided_at_deg:
+            itinerary.decide((1.0,), (x, y))
+        if itinerary.advance(x, y):
+            return degrees
+    return None
+
+
+@pytest.mark.xfail(strict=True, reason="bug: what is flown beside a curve counts as much as what is flown on it")
+@pytest.mark.parametrize("off_m", [-22, 22, 40])
+def test_a_curve_is_passed_at_its_trigger_and_not_where_its_length_has_been_flown(off_m):
+    assert round_an_ellipse(off_m) == pytest.approx(270, abs=30)
+
+
+@pytest.mark.xfail(strict=True, reason="bug: progress along a curve starts again from a chord")
+@pytest.mark.parametrize("decided_at_deg", [90, 180])
+def test_a_live_change_does_not_lose_the_progress_round_a_curve(decided_at_deg):
+    assert round_an_ellipse(22, decided_at_deg) == pytest.approx(round_an_ellipse(22), abs=15)
+
+
 def test_the_way_back_does_not_count_round_a_circle():
     text = "1; 90; x^2+y^2-4900\n0, 70\n1; 90; y\n500, 0\n"
     itinerary = begun(plan_of(text), position=(110.0, 0.0))
