@@ -23,6 +23,7 @@ from eadp.core.geometry import (
     project,
     tangent,
 )
+from eadp.errors import PathUndefined
 from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
 
 Vector = tuple[float, ...]
@@ -68,7 +69,7 @@ class Itinerary:
         self._rules = rules
         self._latch = [_latch_stage(plan, index) for index in range(len(plan.parameters))]
         self._bent = [_bent_stage(plan, parameter.name) for parameter in plan.parameters]
-        self._progress: _CircleProgress | None = None
+        self._progress: _CircleProgress | _CurveProgress | None = None
         self._decided: Vector = tuple(parameters)
         self._waiting: Vector = tuple(parameters)
         self._base: Point = (0.0, 0.0)
@@ -217,9 +218,9 @@ class Itinerary:
         local_join = (join[0] - self.offset_m[0], join[1] - self.offset_m[1])
         local_trigger = (self.trigger_m[0] - self.offset_m[0], self.trigger_m[1] - self.offset_m[1])
         passed, length = _passing(self.stage, self.path, local_join, local_trigger, self.offset_m, position)
-        if isinstance(passed, _CircleProgress):
+        if isinstance(passed, _CircleProgress | _CurveProgress):
             if self._progress is not None:  # the path has moved under the robot: whole turns flown stay flown
-                passed.resume(self._progress.angle_rad)
+                passed.resume(self._progress.progress)
             self._progress = passed
         return _armed_disc(self.trigger_m, radius, length, position, passed)
 
@@ -323,7 +324,11 @@ def _passing(
         return progress, circle.radius_m * progress.sweep_rad
     start = project(path, join)
     length = curve_length_m(path, start, trigger, stage.sense)
-    return _passing_curve(path, stage.sense, length, offset, position, start), length
+    if not math.isfinite(length):
+        return _never, length
+    curve = _CurveProgress(path, stage.sense, length, offset, start)
+    curve(*position)
+    return curve, length
 
 
 class _CircleProgress:
@@ -331,40 +336,40 @@ class _CircleProgress:
 
     def __init__(self, circle: Circle, join: Point, trigger: Point, offset: Point) -> None:
         self.sweep_rad = circle.sweep_rad(join, trigger)
-        self.angle_rad = 0.0
+        self.progress = 0.0
         self._cx, self._cy = circle.centre_m[0] + offset[0], circle.centre_m[1] + offset[1]
         self._turn = circle.turn
         self._last = circle.angle_rad(join)
 
-    def resume(self, angle_rad: float) -> None:
+    def resume(self, progress: float) -> None:
         """Add the whole turns that bring the progress nearest to an earlier one [rad]."""
-        self.angle_rad += 2 * math.pi * round((angle_rad - self.angle_rad) / (2 * math.pi))
+        self.progress += 2 * math.pi * round((progress - self.progress) / (2 * math.pi))
 
     def __call__(self, x: float, y: float) -> bool:
         now = math.atan2(y - self._cy, x - self._cx)
-        self.angle_rad += self._turn * math.remainder(now - self._last, 2 * math.pi)
+        self.progress += self._turn * math.remainder(now - self._last, 2 * math.pi)
         self._last = now
-        return self.angle_rad >= self.sweep_rad
+        return self.progress >= self.sweep_rad
 
 
-def _passing_curve(
-    path: PathFunction, sense: int, length: float, offset: Point, position: Point, start: Point
-) -> Callable[[float, float], bool]:
-    """Progress along a general curve: the motion along the field's tangent, added up."""
-    if not math.isfinite(length):
-        return _never
-    px, py = position
-    ox, oy = offset
-    tx, ty = tangent(path, start, sense)
-    progress = (px - ox - start[0]) * tx + (py - oy - start[1]) * ty
+class _CurveProgress:
+    """Progress along a general curve, of its point below the robot; called, whether it has passed the trigger."""
 
-    def passed(x: float, y: float) -> bool:
-        nonlocal px, py, progress
-        _, gx, gy, *_ = path(x - ox, y - oy)
-        norm = math.sqrt(gx * gx + gy * gy)
-        if norm > 0:
-            progress += sense * ((y - py) * gx - (x - px) * gy) / norm
-        px, py = x, y
-        return progress >= length
+    def __init__(self, path: PathFunction, sense: int, length_m: float, offset: Point, start: Point) -> None:
+        self.progress = 0.0
+        self._path, self._sense, self._length_m, self._offset = path, sense, length_m, offset
+        self._foot = start
 
-    return passed
+    def resume(self, progress: float) -> None:
+        """Go on from an earlier progress [m]: the path has moved under the robot."""
+        self.progress = progress
+
+    def __call__(self, x: float, y: float) -> bool:
+        try:
+            foot = project(self._path, (x - self._offset[0], y - self._offset[1]))
+            tx, ty = tangent(self._path, foot, self._sense)
+        except PathUndefined:  # no point of the path below the robot: it has not moved along it
+            return False
+        self.progress += (foot[0] - self._foot[0]) * tx + (foot[1] - self._foot[1]) * ty
+        self._foot = foot
+        return self.progress >= self._length_m

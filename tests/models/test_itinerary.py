@@ -206,13 +206,11 @@ def round_an_ellipse(off_m, decided_at_deg=None):
     return None
 
 
-@pytest.mark.xfail(strict=True, reason="bug: what is flown beside a curve counts as much as what is flown on it")
 @pytest.mark.parametrize("off_m", [-22, 22, 40])
 def test_a_curve_is_passed_at_its_trigger_and_not_where_its_length_has_been_flown(off_m):
     assert round_an_ellipse(off_m) == pytest.approx(270, abs=30)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: progress along a curve starts again from a chord")
 @pytest.mark.parametrize("decided_at_deg", [90, 180])
 def test_a_live_change_does_not_lose_the_progress_round_a_curve(decided_at_deg):
     assert round_an_ellipse(22, decided_at_deg) == pytest.approx(round_an_ellipse(22), abs=15)
