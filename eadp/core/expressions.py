@@ -462,7 +462,8 @@ class _Reader:
         if name == "pi":
             return _Part(Symbol(name), math.pi)
         if name not in ("x", "y") and not PARAMETER.match(name) and name not in self._names:
-            known = ", ".join(["x, y, c1 … c999, pi", *sorted(self._names), "a function"])
+            own = sorted(self._names)[:20]  # a file may name thousands
+            known = ", ".join(["x, y, c1 … c999, pi", *own, "a function"])
             raise ExpressionError(token.offset, f"unknown name {printable(name, 40)}", known)
         self._places.setdefault(name, token.offset)
         return _Part(Symbol(name))

@@ -47,8 +47,8 @@ def update(
     Returns
     -------
     state, covariance
-        The covariance in Joseph form, (I − K C) P (I − K C)ᵀ + K R Kᵀ: symmetric and positive whatever the rounding,
-        and never larger than before. The papers print (I + K C) P.
+        The covariance in Joseph form, (I − K C) P (I − K C)ᵀ + K R Kᵀ: symmetric and positive but
+        for the last bits, and never larger than before. The papers print (I + K C) P.
     """
     shared = covariance @ output
     gain = shared / (output @ shared + noise_variance)

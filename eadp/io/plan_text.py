@@ -308,15 +308,17 @@ class _Reader:
             return ()
         line, _ = self._headers["computations"]
         result: list[tuple[str, str]] = []
+        seen: set[str] = set()
         offset = 0
         for part in line.text.split(","):
             # no pattern for the whole: one with several runs of spaces backtracks for minutes over a long line
             name, bracket, unit = part.strip().partition("[")
             name, unit = name.rstrip(), unit.removesuffix("]").strip()
             closed = not bracket or part.rstrip().endswith("]")
-            if not _COMPUTATION.match(name) or not closed or name in [known for known, _ in result]:
+            if not _COMPUTATION.match(name) or not closed or name in seen:
                 self._fault(line, offset, "a computation without a name of its own", "names like fps, keysize [bit]")
                 return ()
+            seen.add(name)
             result.append((name, unit))
             offset += len(part) + 1
         return tuple(result)
