@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.battery import current_slope_a_per_w, currents_a
+from eadp.core.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
@@ -845,9 +846,12 @@ def _separate(low: FloatArray, width: FloatArray, end_powers: FloatArray) -> tup
 
     What all cost there is shared evenly.
     """
-    # ν = (g(c̄) − g(c̲)) / (c̄ − c̲), 0 for a set of one value
-    nu = (end_powers[1:] - end_powers[0]) / np.where(width > 0, width, math.inf)
-    return nu, end_powers[0] / len(low) - nu * low
+    share = end_powers[0] / len(low)
+    scaled = [
+        computation_scaling(bottom, bottom + span, share, share + (end - end_powers[0]))
+        for bottom, span, end in zip(low, width, end_powers[1:], strict=True)
+    ]
+    return np.array([nu for nu, _ in scaled]), np.array([tau for _, tau in scaled])
 
 
 __all__ = ["COSTS", "Computations", "Horizon", "Outlook", "Plan", "SolverFailed"]
