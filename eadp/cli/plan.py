@@ -12,6 +12,7 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eadp.core.expressions import Expression
     from eadp.errors import Fault
     from eadp.models.plan import Finding, Plan, PointExpression, Stage
     from eadp.planning.check import Report
@@ -146,7 +147,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
     result: dict[str, Any] = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
-        "repeats": plan.whole_laps,
+        "repeats": plan.whole_laps or any(part.repeats for part in plan.parts),
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan.final_point),
@@ -167,6 +168,16 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
             for item in findings
         ],
     }
+    if plan.parts:
+        result["parts"] = [
+            {
+                "first": part.first + 1,
+                "stages": part.count,
+                "repeats": part.repeats,
+                "until": " >= ".join(side.text for side in part.until) if part.until else None,
+            }
+            for part in plan.parts
+        ]
     if report is not None:
         result["valid"] = report.valid
         result["leads_on"] = [
@@ -176,14 +187,16 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
 
 
 def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
+    """A stage; of a part flown lap by lap, as it is in the first lap."""
+    path, trigger = _in_first_lap(stage)
     return {
         "index": stage.index,
         "line": stage.line,
         "gain": stage.gain,
         "rotation_deg": stage.rotation_deg,
-        "path": stage.path.text,
+        "path": path.text,
         "kind": stage.kind,
-        "trigger": _point(stage.trigger),
+        "trigger": _point(trigger),
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)
@@ -191,8 +204,26 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
     }
 
 
+def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
+    """A stage's path and trigger with the quantities of its part put in."""
+    from eadp.core.expressions import substituted
+    from eadp.errors import ExpressionError
+
+    if stage.part is None or not stage.part.quantities:
+        return stage.path, stage.trigger
+    try:
+        known = stage.part.first_lap()
+        x, y = (substituted(part, known) for part in stage.trigger)
+        return substituted(stage.path, known), (x, y)
+    except ExpressionError:  # too large written out: as it stands in the file
+        return stage.path, stage.trigger
+
+
 def _structure(plan: Plan) -> str:
     """What is known of laps, as the end of a sentence."""
+    if plan.parts:
+        laps = sum(part.repeats for part in plan.parts)
+        return f" in {len(plan.parts)} parts, {laps} of them flown lap by lap"
     if plan.repeats:
         return ", repeated lap by lap"
     if plan.primitive_stages is None:

@@ -12,7 +12,7 @@ What depends on parameters only is computed once, when parameters are bound; the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -38,7 +38,9 @@ PathFunction = Callable[[float, float], Jet]
 """A path function with its parameters bound: (x, y) [m] → jet. Raises ValueError or ArithmeticError where undefined."""
 
 
-def bind(expression: Expression, parameters: Sequence[float]) -> PathFunction:
+def bind(
+    expression: Expression, parameters: Sequence[float], quantities: Mapping[str, float] | None = None
+) -> PathFunction:
     """The path function of an expression at given parameters.
 
     Parameters
@@ -47,6 +49,8 @@ def bind(expression: Expression, parameters: Sequence[float]) -> PathFunction:
         In x, y and parameters.
     parameters : sequence of float
         c1, c2, …; at least as many as the expression names.
+    quantities : mapping of str to float, optional
+        Values of the other names in it.
 
     Returns
     -------
@@ -57,18 +61,19 @@ def bind(expression: Expression, parameters: Sequence[float]) -> PathFunction:
     PathUndefined
         If a part that depends on the parameters alone has no finite real value.
     """
-    source, constants = _generate(expression.node)
+    source, constants, others = _generate(expression.node)
     try:
-        function: PathFunction = _compiled(source)(constants, tuple(parameters))
+        values = tuple([(quantities or {})[name] for name in others])
+        function: PathFunction = _compiled(source)(constants, tuple(parameters), values)
     except (ArithmeticError, ValueError):
         raise PathUndefined(f"{expression.text[:60]} has no finite real value at these parameters") from None
-    except IndexError:
+    except LookupError:
         raise PathUndefined(f"{expression.text[:60]} names a parameter that has no value") from None
     return function
 
 
 @lru_cache(maxsize=512)
-def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...]], PathFunction]:
+def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...], tuple[float, ...]], PathFunction]:
     namespace: dict[str, Any] = {
         name: getattr(math, name)
         for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "pow", "copysign")
@@ -109,7 +114,8 @@ _TWO = _Value("2.0", False)
 
 
 @lru_cache(maxsize=4096)
-def _generate(root: Node) -> tuple[str, tuple[float, ...]]:
+def _generate(root: Node) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
+    """The source of a tree, its constants, and the names in it that are neither coordinates nor parameters."""
     writer = _Writer()
     jet = writer.jet(root)
     results = ", ".join(part.text if part else "0.0" for part in (jet.v, jet.x, jet.y, jet.xx, jet.xy, jet.yy))
@@ -117,8 +123,9 @@ def _generate(root: Node) -> tuple[str, tuple[float, ...]]:
     names = [f"    {name} = c[{int(name[1:]) - 1}]" for name in sorted(writer.parameters)]
     outer = [f"    {line}" for line in writer.outer]
     inner = [f"        {line}" for line in writer.inner]
-    lines = ["def make(k, c):", *unpack, *names, *outer, "    def path(x, y):", *inner, f"        return {results}"]
-    return "\n".join([*lines, "    return path", ""]), tuple(writer.constants)
+    names += [f"    q{i} = q[{i}]" for i in range(len(writer.others))]
+    lines = ["def make(k, c, q):", *unpack, *names, *outer, "    def path(x, y):", *inner, f"        return {results}"]
+    return "\n".join([*lines, "    return path", ""]), tuple(writer.constants), tuple(writer.others)
 
 
 class _Writer:
@@ -127,6 +134,7 @@ class _Writer:
     def __init__(self) -> None:
         self.constants: list[float] = []
         self.parameters: set[str] = set()
+        self.others: dict[str, str] = {}
         self.outer: list[str] = []
         self.inner: list[str] = []
         self._known: dict[str, _Value] = {}
@@ -204,7 +212,8 @@ class _Writer:
             self.constants.append(evaluate(node, {}))
             return _Value(name, False)
         if isinstance(node, Symbol):
-            assert PARAMETER.match(node.name)
+            if not PARAMETER.match(node.name):  # a name of a file: it gets one of ours
+                return _Value(self.others.setdefault(node.name, f"q{len(self.others)}"), False)
             self.parameters.add(node.name)
             return _Value(node.name, False)
         if isinstance(node, Sum):

@@ -136,8 +136,14 @@ class Expression:
         """The highest index i of any c_i in it; 0 without."""
         return max((int(name[1:]) for name in self.names if PARAMETER.match(name)), default=0)
 
-    def at(self, parameters: Sequence[float] = (), x: float = 0.0, y: float = 0.0) -> float:
-        """Value for parameters c1, c2, … at a point.
+    def at(
+        self,
+        parameters: Sequence[float] = (),
+        x: float = 0.0,
+        y: float = 0.0,
+        quantities: Mapping[str, float] | None = None,
+    ) -> float:
+        """Value for parameters c1, c2, … at a point, and for other names' values.
 
         Raises
         ------
@@ -146,7 +152,7 @@ class Expression:
         """
         if isinstance(self.node, Number):
             return self.node.value
-        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}}
+        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}, **(quantities or {})}
         return evaluate(self.node, values)
 
 
@@ -254,6 +260,16 @@ def total(a: Expression, b: Expression) -> Expression:
 def difference(a: Expression, b: Expression) -> Expression:
     """a − b."""
     return Expression(Sum(((False, a.node), (True, b.node))), {**b.places, **a.places}, a.size + b.size + 1)
+
+
+def scaled(a: Expression, factor: float) -> Expression:
+    """factor · a."""
+    number = constant(factor)
+    if factor == 0 or not a.names:
+        return constant(factor * a.at() if factor else 0.0)
+    if factor == 1:
+        return a
+    return Expression(Product(((False, number.node), (False, a.node))), a.places, a.size + 2, a.rough)
 
 
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -26,6 +26,7 @@ from eadp.core.expressions import (
 )
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
 from eadp.io.streams import Text
+from eadp.models.parts import Part, Quantity
 from eadp.models.plan import (
     ROTATIONS,
     TRIGGER_RADIUS_M,
@@ -36,7 +37,7 @@ from eadp.models.plan import (
     ShortForm,
     Stage,
 )
-from eadp.models.structure import find_structure, header_disagrees, tidy
+from eadp.models.structure import find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -75,6 +76,29 @@ class _Draft:
     trigger_columns: tuple[int, int] = (1, 1)
 
 
+@dataclass(slots=True)
+class _Group:
+    """The sections of one part: its quantities by name (a shift of None is a formula), stages, and end.
+
+    `drafts` is where its stages begin among the plan's. A part with a condition is flown lap by lap until it holds.
+    """
+
+    line: _Line
+    drafts: int
+    init: bool = False
+    conditional: bool = False
+    definitions: list[tuple[str, int, _Line]] = field(default_factory=list)
+    coordinates: dict[str, tuple[Expression, Expression | None, _Line]] = field(default_factory=dict)
+    n: tuple[int, _Line] | None = None
+    final: PointExpression | None = None
+    until: tuple[Expression, Expression] | None = None
+    final_line: _Line = field(default_factory=lambda: _Line(1, "", 1))
+
+    def changing(self) -> dict[str, tuple[Expression, Expression, _Line]]:
+        """The coordinates that have a shift."""
+        return {name: (first, move, line) for name, (first, move, line) in self.coordinates.items() if move is not None}
+
+
 def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
     """Read a plan; what reading shows comes with it, errors excepted.
 
@@ -98,11 +122,13 @@ class _Reader:
         self._header_shift_line = 1
         self._sectioned = False
         self._section = ""
-        self._coordinates: dict[str, tuple[Expression, Expression, _Line]] = {}
-        self._n: tuple[int, _Line] | None = None
-        self._final: PointExpression | None = None
-        self._final_line = _Line(1, "", 1)
+        self._groups: list[_Group] = []
         self._numbered = 0
+
+    @property
+    def _coordinates(self) -> Mapping[str, object]:
+        """Names that may stand in stages and triggers here."""
+        return self._groups[-1].coordinates if self._groups else {}
 
     # --- the whole file
 
@@ -151,16 +177,65 @@ class _Reader:
                     line, 0, f"a section {section[1]}: after stages without sections", "sections from the start"
                 )
             self._sectioned = True
-            self._section = section[1]
+            self._begin_section(section[1], line)
         elif self._section == "init":
             self._read_definition(line)
         elif self._section == "trig":
-            if self._final is not None:
-                self._fault(line, 0, "a second final point", "one")
-            self._final_line = line
-            self._final = self._point(line, "a final point like 175, 161")
+            self._read_end(line)
         else:
             self._read_stage_line(line)
+
+    # --- sections
+
+    def _begin_section(self, name: str, line: _Line) -> None:
+        """A section: of the part that is being read, or the first of the next part."""
+        group = self._groups[-1] if self._groups else None
+        if group is not None and self._section == "init" and name != "init":
+            self._read_definitions(group)
+        staged = group is not None and len(self._drafts) > group.drafts
+        if group is None or name == "init" or (name == "path" and (staged or not group.init)):
+            group = _Group(line, len(self._drafts), init=name == "init")
+            group.conditional = group.init and self._ends_on_condition(line.number)
+            self._groups.append(group)
+        self._section = name
+
+    def _ends_on_condition(self, number: int) -> bool:
+        """Whether the part whose sections begin on a line ends on a condition: its `trig:` holds a >=."""
+        section = ""
+        for raw in self._source[number:]:
+            text = _NUMBERED.sub("", raw, count=1)
+            if match := _SECTION.match(text):
+                if match[1] == "init":
+                    return False
+                section = match[1]
+            elif section == "trig" and text.strip() and not text.lstrip().startswith(("%", "#")):
+                return ">=" in text
+        return False
+
+    def _read_end(self, line: _Line) -> None:
+        """The line of a section `trig:`: a final point, or the condition on which laps end."""
+        group = self._groups[-1]
+        if group.final is not None or group.until is not None:
+            self._fault(line, 0, "a second final point", "one")
+        group.final_line = line
+        left, sign, right = line.text.partition(">=")
+        if not sign:
+            group.final = self._point(line, "a final point like 175, 161")
+            return
+        sides = (self._scalar(line, left, 0), self._scalar(line, right, len(left) + 2))
+        if not group.init:
+            self._fault(line, 0, "an end of laps without a section init:", "a section init: that names a coordinate")
+        if sides[0] is not None and sides[1] is not None:
+            group.until = (sides[0], sides[1])
+
+    def _scalar(self, line: _Line, text: str, start: int) -> Expression | None:
+        """A number in parameters and quantities."""
+        value = self._expression(line, text, start)
+        for name in ("x", "y"):
+            if value is not None and name in value.places:
+                self._fault(line, start + value.places[name], f"a value that depends on {name}", "numbers and names")
+                return None
+        return value
 
     def _read_stage_line(self, line: _Line) -> None:
         stripped = line.text.lstrip()
@@ -255,6 +330,7 @@ class _Reader:
     # --- sections of the short form
 
     def _read_definition(self, line: _Line) -> None:
+        group = self._groups[-1]
         match = _DEFINITION.match(line.text)
         if not match:
             self._fault(line, 0, "no definition", "n = 4, or a coordinate like p1x = -115, 10")
@@ -263,22 +339,62 @@ class _Reader:
         rest = line.text[start:]
         if name == "n":
             n = self._number(line, rest, start, "a whole number of stages, 1 or more", lambda v: v >= 1 and v == int(v))
-            if self._n is not None:
+            if group.n is not None:
                 self._fault(line, match.start(1), "n stands twice", "it once")
             if n is not None:
-                self._n = (int(n), line)
+                group.n = (int(n), line)
             return
         if _RESERVED.match(name) or name in FUNCTIONS:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
-        elif name in self._coordinates:
+        elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
+        if group.conditional:  # what it may name stands below it, too: read once all names are known
+            group.coordinates[name] = (*_NOWHERE, _Line(line.number, rest, line.column + start))
+            group.definitions.append((name, start, line))
+            return
         pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
         if pair is not None and any(part.names & {"x", "y"} for part in pair):
             self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
             pair = None
         if pair is None:  # the name is known all the same: one mistake is one fault
             pair = list(_NOWHERE)
-        self._coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
+        group.coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
+
+    def _read_definitions(self, group: _Group) -> None:
+        """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
+        formulas: set[str] = set()
+        names = {name for name, _, _ in group.definitions}
+        for name, start, line in group.definitions:
+            rest = line.text[start:]
+            values = self._attempt(line, start, "", lambda rest=rest: read_expressions(rest, names))  # type: ignore[misc]
+            if values is None:
+                continue
+            if len(values) > 2:
+                self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
+                continue
+            if any(part.names & {"x", "y"} for part in values):
+                self._fault(line, start, f"the quantity {name} depends on x or y", "numbers, parameters and quantities")
+                continue
+            place = group.coordinates[name][2]
+            if len(values) == 2:
+                used = sorted(values[0].names & names)
+                if used:
+                    what = f"the first value of {name} names {used[0]}"
+                    self._fault(line, start + values[0].places[used[0]], what, "numbers and parameters")
+                group.coordinates[name] = (values[0], values[1], place)
+            else:
+                group.coordinates[name] = (values[0], None, place)
+                formulas.add(name)
+        known: set[str] = set()
+        for name, start, line in group.definitions:
+            if name not in formulas:
+                continue
+            formula = group.coordinates[name][0]
+            for other in sorted((formula.names & formulas) - known):
+                source = "itself" if other == name else f"{other}, which stands below it"
+                message = f"{name} is computed from {source}"
+                self._fault(line, start + formula.places[other], message, "formulas above it")
+            known.add(name)
 
     # --- headers
 
@@ -381,14 +497,39 @@ class _Reader:
             self._fault(place, 0, message, "the same number of sets in every stage")
 
     def _check_sections(self) -> None:
+        for group, drafts in self._group_drafts():
+            if group.n is not None and group.n[0] != len(drafts):
+                stages, line = group.n
+                self._fault(line, 0, f"n = {stages} where {len(drafts)} stages follow", f"n = {len(drafts)}")
+            elif not drafts and not self._faults:
+                self._fault(group.line, 0, "a part without stages", "a section path: with some")
+        if len(self._groups) == 1 and not self._groups[0].conditional:
+            self._check_short_form(self._groups[0])
+            return
+        for group in self._groups:
+            if group.init and group.until is None and not self._faults:
+                place = group.final_line if group.final else group.line
+                self._fault(place, 0, "laps that do not end on a condition", "a section trig: like s >= 90")
+            elif group.final is not None:
+                self._fault(group.final_line, 0, "a final point of a part that is flown once", "no section trig:")
+        last = self._groups[-1]
+        if last.until is not None and not self._faults:
+            what = "the plan ends with laps that end on a condition"
+            self._fault(last.final_line, 0, what, "a section path: after it, whose last trigger is the final point")
+
+    def _check_short_form(self, group: _Group) -> None:
+        """A plan of one part with a final point, as the papers write it."""
         place = _Line(self._drafts[0].line, "", self._drafts[0].column)
-        if self._final is None and not self._faults:
+        if group.final is None and not self._faults:
             self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
-        if self._n is not None and self._n[0] != len(self._drafts):
-            stages, line = self._n
-            self._fault(line, 0, f"n = {stages} where {len(self._drafts)} stages follow", f"n = {len(self._drafts)}")
-        if not self._coordinates and not self._faults:
+        if not group.coordinates and not self._faults:
             self._fault(place, 0, "a section path: without coordinates", "a section init: that names some")
+
+    def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
+        """Each part with its stages."""
+        ends = [group.drafts for group in self._groups[1:]] + [len(self._drafts)]
+        for group, end in zip(self._groups, ends, strict=True):
+            yield group, self._drafts[group.drafts : end]
 
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
@@ -414,7 +555,8 @@ class _Reader:
         self._check_computation_sets(path_count, sets)
         self._check_faults()
         boxes = tuple(sets[i] for i in sorted(sets))
-        stages = tuple(self._stage(index, draft, boxes) for index, draft in enumerate(self._drafts, 1))
+        parts = self._parts()
+        stages = tuple(self._stage(index, draft, boxes, parts) for index, draft in enumerate(self._drafts, 1))
         plan = Plan(
             name=self._file,
             stages=stages,
@@ -424,9 +566,31 @@ class _Reader:
             min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
+            parts=parts,
         )
         self._check_smoothness(plan)
+        if parts:
+            return self._with_laps(plan)
         return self._repeating(plan) if self._sectioned else self._structured(plan)
+
+    def _parts(self) -> tuple[Part, ...]:
+        """The parts of a plan that has more than the papers' one."""
+        if not self._sectioned or (len(self._groups) == 1 and not self._groups[0].conditional):
+            return ()
+        return tuple(
+            Part(
+                group.drafts,
+                len(drafts),
+                tuple(Quantity(name, first, shift) for name, (first, shift, _) in group.coordinates.items()),
+                group.until,
+            )
+            for group, drafts in self._group_drafts()
+        )
+
+    def _with_laps(self, plan: Plan) -> Plan:
+        """A plan of parts: how many stages a lap has, and the shift of its laps where there is one."""
+        counts = {part.count for part in plan.parts if part.repeats}
+        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:
         """An explicit plan with the structure that its stages show."""
@@ -447,12 +611,18 @@ class _Reader:
         )
         self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
 
-    def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...]) -> Stage:
+    def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Part, ...]) -> Stage:
         assert draft.gain is not None
         assert draft.rotation in ROTATIONS
         own = tuple(box for box in draft.sets if box is not None)
-        path, trigger = self._placed(draft, {name: first for name, (first, _, _) in self._coordinates.items()})
-        return Stage(index, draft.line, draft.gain, draft.rotation, path, trigger, own or boxes)
+        firsts = {} if parts else {name: first for name, (first, _, _) in self._coordinates_of_all().items()}
+        path, trigger = self._placed(draft, firsts)
+        part = next((part for part in parts if part.first < index <= part.first + part.count), None)
+        return Stage(index, draft.line, draft.gain, draft.rotation, path, trigger, own or boxes, part)
+
+    def _coordinates_of_all(self) -> dict[str, tuple[Expression, Expression, _Line]]:
+        """The coordinates of the short form; of no other."""
+        return self._groups[0].changing() if self._groups else {}
 
     def _placed(self, draft: _Draft, values: Mapping[str, Expression]) -> tuple[Expression, PointExpression]:
         """A stage's path and trigger with its coordinates put in."""
@@ -477,8 +647,10 @@ class _Reader:
     def _path_count(self) -> int:
         """ρ: the highest index that any expression names."""
         parts = [part for draft in self._drafts for part in (draft.path, *(draft.trigger or ())) if part is not None]
-        parts += [part for first, shift, _ in self._coordinates.values() for part in (first, shift)]
-        parts += [*(self._final or ()), *(self._header_shift or ())]
+        for group in self._groups:
+            parts += [part for first, shift, _ in group.coordinates.values() for part in (first, shift) if part]
+            parts += [*(group.final or ()), *(group.until or ())]
+        parts += [*(self._header_shift or ())]
         return max((part.highest_parameter for part in parts), default=0)
 
     def _check_indices(self, count: int, path_count: int) -> None:
@@ -486,17 +658,17 @@ class _Reader:
         if path_count <= count:
             return
         named: list[tuple[str, Expression | None, int, int]] = []
-        for name, (first, shift, line) in self._coordinates.items():
-            named += [(f"the coordinate {name}", value, line.number, line.column) for value in (first, shift)]
+        for group in self._groups:
+            for name, (first, shift, line) in group.coordinates.items():
+                named += [(f"the coordinate {name}", value, line.number, line.column) for value in (first, shift)]
+            end = group.final_line
+            named += [("the final point", value, end.number, end.column) for value in group.final or ()]
+            named += [("the end of the laps", value, end.number, end.column) for value in group.until or ()]
         for index, draft in enumerate(self._drafts, 1):
             named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
             for value in draft.trigger or ():
                 named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
-        for who, point, line in (
-            ("the final point", self._final, self._final_line),
-            ("the shift", self._header_shift, _Line(self._header_shift_line, "", 1)),
-        ):
-            named += [(who, value, line.number, line.column) for value in point or ()]
+        named += [("the shift", value, self._header_shift_line, 1) for value in self._header_shift or ()]
         for who, part, number, column in named:
             if part is not None and part.highest_parameter > count:
                 name = f"c{part.highest_parameter}"
@@ -530,7 +702,8 @@ class _Reader:
         Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
         paths (letter, Eq. 2).
         """
-        moved = {name: total(first, shift) for name, (first, shift, _) in self._coordinates.items()}
+        coordinates, final = self._coordinates_of_all(), self._groups[0].final
+        moved = {name: total(first, shift) for name, (first, shift, _) in coordinates.items()}
         shift: PointExpression | None = None
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             path, trigger = self._placed(draft, moved)
@@ -547,14 +720,14 @@ class _Reader:
         if shift is not None and all(not part.names and part.at() == 0 for part in shift):
             self._fault(_Line(self._drafts[0].line, "", 1), 0, "a plan that repeats without a shift", "a shift")
         short = ShortForm(
-            tuple((name, first, move) for name, (first, move, _) in self._coordinates.items()),
+            tuple((name, first, move) for name, (first, move, _) in coordinates.items()),
             tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger),
         )
         plan = replace(
             plan,
             repeats=True,
             shift=shift,
-            final=self._final,
+            final=final,
             primitive_stages=len(plan.stages),
             short_form=short,
         )
@@ -657,6 +830,10 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
     if plan.header_shift is not None:
         lines.append(_point_text(plan.header_shift))
+    if plan.parts:
+        for part in plan.parts:
+            lines += _part_lines(plan, part)
+        return "\n".join([*lines, ""])
     short = plan.short_form
     if short is None:
         parts = tuple((stage.path, stage.trigger) for stage in plan.stages)
@@ -666,12 +843,33 @@ def plan_text(plan: Plan) -> str:
         lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
         lines.append("path:")
     for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
-        lines.append(f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}")
-        lines.append(_point_text(trigger))
-        lines += [f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets]
+        lines += _stage_lines(stage, path, trigger)
     if short is not None and plan.final is not None:
         lines += ["trig:", _point_text(plan.final)]
     return "\n".join([*lines, ""])
+
+
+def _part_lines(plan: Plan, part: Part) -> list[str]:
+    """The sections of a part."""
+    lines = []
+    if part.quantities:
+        lines += ["init:", f"n = {part.count}"]
+        for q in part.quantities:
+            lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
+    lines.append("path:")
+    for stage in plan.stages[part.first : part.first + part.count]:
+        lines += _stage_lines(stage, stage.path, stage.trigger)
+    if part.until is not None:
+        lines += ["trig:", f"{part.until[0].text} >= {part.until[1].text}"]
+    return lines
+
+
+def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
+    return [
+        f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
+        _point_text(trigger),
+        *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
+    ]
 
 
 def _point_text(point: PointExpression) -> str:

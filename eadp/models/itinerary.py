@@ -24,7 +24,9 @@ from eadp.core.geometry import (
     tangent,
 )
 from eadp.errors import PathUndefined
+from eadp.models.parts import State
 from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
+from eadp.models.walk import Walk
 
 Vector = tuple[float, ...]
 LATCHED, LIVE = "latched", "live"
@@ -67,6 +69,8 @@ class Itinerary:
     def __init__(self, plan: Plan, parameters: Sequence[float], position: Point, rules: Rules) -> None:
         self._plan = plan
         self._rules = rules
+        self._walk = Walk(plan, parameters) if plan.parts else None
+        self._state: State | None = None
         self._latch = [_latch_stage(plan, index) for index in range(len(plan.parameters))]
         self._bent = [_bent_stage(plan, parameter.name) for parameter in plan.parameters]
         self._progress: _CircleProgress | _CurveProgress | None = None
@@ -86,13 +90,16 @@ class Itinerary:
         self.parameters: Vector = self._clipped()
         self.path: PathFunction
         self.trigger_m: Point
+        if self._walk is not None:
+            self._follow(self._walk)
         self._place(position)
 
     def decide(self, parameters: Sequence[float], position: Point) -> bool:
         """Take new parameters; return whether the ones in force have changed.
 
         Computations change at once. A path parameter waits for its stage, or moves the path at once where the rules say
-        so, except for the last stage of a lap, which keeps the path it was begun with.
+        so, except for the last stage of a lap, which keeps the path it was begun with. In a plan of parts it waits
+        whatever the rules.
 
         Raises
         ------
@@ -104,6 +111,10 @@ class Itinerary:
             return False
         self._decided = values
         before = self.parameters
+        if self._walk is not None:
+            self._walk.decide(values)
+            self.parameters = self._walk.place.parameters
+            return self.parameters != before
         live = self._rules.parameter_changes == LIVE
         self._waiting = tuple(
             new if live or parameter.kind == COMPUTATION else old
@@ -127,6 +138,17 @@ class Itinerary:
             if self._ends(x, y):
                 self.complete = True
             return False
+        if self._walk is not None:
+            self._walk.next()
+            self.complete = self._walk.done
+            if self.complete:
+                return False
+            self._join = self.trigger_m
+            self._follow(self._walk)
+            self.stages_begun += 1
+            self._progress = None
+            self._place((x, y))
+            return True
         if self._ends(x, y) or (self._last() and (self._final_lap or not self._plan.repeats)):
             self.complete = True
             return False
@@ -135,6 +157,11 @@ class Itinerary:
         return True
 
     # --- from one stage to the next
+
+    def _follow(self, walk: Walk) -> None:
+        """Take over where a plan of parts is."""
+        self.stage, self._state, self.lap = walk.place.stage, walk.place.state, walk.place.lap
+        self.parameters = walk.place.parameters
 
     def _last(self) -> bool:
         return self.stage.index == len(self._plan.stages)
@@ -185,8 +212,8 @@ class Itinerary:
         """Put the stage's path and trigger where they lie now."""
         live_shift = self._rules.parameter_changes == LIVE and self._pending
         self.offset_m = self._shifted() if live_shift else self._base
-        self.path = self.stage.path_at(self.parameters)
-        x, y = self.stage.trigger_at(self.parameters)
+        self.path = self.stage.path_at(self.parameters, self._state)
+        x, y = self.stage.trigger_at(self.parameters, self._state)
         self.trigger_m = (x + self.offset_m[0], y + self.offset_m[1])
         self._ends = self._end_test()
         radius = self._plan.trigger_radius_m
@@ -199,7 +226,7 @@ class Itinerary:
         """The end of a plan that repeats: beyond the final point along the shift, in a lap that reaches so far."""
         plan = self._plan
         self._final_lap = False
-        if not plan.repeats:
+        if not plan.repeats or plan.parts:
             return _never
         final = point_at(plan.final_point, self.parameters, "the final point")
         shift = shift_at(plan, self.parameters)

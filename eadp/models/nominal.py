@@ -13,9 +13,9 @@ from eadp.core.geometry import CIRCLE, LINE, Point, circle_of, curve_length_m, l
 from eadp.errors import PathUndefined
 from eadp.models.itinerary import beyond, reaches, shift_at
 from eadp.models.plan import Plan, Stage, point_at
+from eadp.models.walk import LAP_LIMIT, Walk
 
 POINTS_LIMIT = 5_000_000
-LAP_LIMIT = 10_000
 END_STEP_M = 1.0
 
 
@@ -58,6 +58,8 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
     """
     legs: list[Leg] = []
     begin = start or default_start(plan, parameters)[0]
+    if plan.parts:
+        return _legs_of_parts(plan, parameters, begin)
     shift = shift_at(plan, parameters)
     final = point_at(plan.final_point, parameters, "the final point")
     is_over = beyond(final, shift, plan.trigger_radius_m)
@@ -82,6 +84,20 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
         if not plan.repeats or (ends and plan.ends_at_trigger):
             return legs
     raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+
+
+def _legs_of_parts(plan: Plan, parameters: Sequence[float], begin: Point) -> list[Leg]:
+    """The legs of a plan of parts."""
+    legs = []
+    walk = Walk(plan, parameters)
+    while not walk.done:
+        place = walk.place
+        path, end = place.path(), place.trigger_m()
+        length_m = leg_length_m(place.stage, path, begin, end)
+        legs.append(Leg(place.lap, place.stage, path, (0.0, 0.0), begin, end, length_m))
+        begin = end
+        walk.next()
+    return legs
 
 
 def _first_beyond_m(leg: Leg, is_over: Callable[[float, float], bool]) -> float | None:

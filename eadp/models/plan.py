@@ -10,6 +10,7 @@ from eadp.core.derivatives import PathFunction, bind
 from eadp.core.expressions import Expression
 from eadp.core.geometry import Point, path_kind
 from eadp.errors import EadpError, PathUndefined
+from eadp.models.parts import Part, State
 
 PATH, COMPUTATION = "path", "computation"
 TRIGGER_RADIUS_M = 20.0
@@ -56,7 +57,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Stage:
-    """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2."""
+    """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
+
+    `part` is the part of the plan that it belongs to, where path and trigger may name quantities of the part.
+    """
 
     index: int
     line: int
@@ -65,6 +69,7 @@ class Stage:
     path: Expression
     trigger: PointExpression
     sets: tuple[Box, ...] = ()
+    part: Part | None = None
 
     @cached_property
     def kind(self) -> str:
@@ -76,8 +81,8 @@ class Stage:
         """+1 for rotation 90, −1 for rotation 270."""
         return 1 if self.rotation_deg == 90 else -1
 
-    def path_at(self, parameters: Sequence[float]) -> PathFunction:
-        """The path function at given parameters.
+    def path_at(self, parameters: Sequence[float], state: State | None = None) -> PathFunction:
+        """The path function at given parameters, in the lap of its part that `state` tells; without, in the first.
 
         Raises
         ------
@@ -85,27 +90,35 @@ class Stage:
             If it has no value there; the message names the stage.
         """
         try:
-            return bind(self.path, parameters)
+            return bind(self.path, parameters, self._quantities(parameters, state))
         except PathUndefined as error:
             raise PathUndefined(f"the path of stage {self.index} {error}") from None
 
-    def trigger_at(self, parameters: Sequence[float]) -> Point:
-        """The trigger [m] at given parameters.
+    def trigger_at(self, parameters: Sequence[float], state: State | None = None) -> Point:
+        """The trigger [m] at given parameters, in the lap of its part that `state` tells; without, in the first.
 
         Raises
         ------
         PathUndefined
             If it has no value there; the message names the stage.
         """
-        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}")
+        quantities = self._quantities(parameters, state)
+        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", quantities)
+
+    def _quantities(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
+        if self.part is None:
+            return {}
+        return self.part.values(parameters, self.part.begin(parameters) if state is None else state)
 
     def names(self, parameter: str) -> bool:
         """Whether the path or the trigger depends on a parameter."""
         return any(parameter in part.names for part in (self.path, *self.trigger))
 
 
-def point_at(point: PointExpression, parameters: Sequence[float], what: str) -> Point:
-    """A point [m] at given parameters.
+def point_at(
+    point: PointExpression, parameters: Sequence[float], what: str, quantities: Mapping[str, float] | None = None
+) -> Point:
+    """A point [m] at given parameters, and quantities of its part.
 
     Raises
     ------
@@ -113,7 +126,7 @@ def point_at(point: PointExpression, parameters: Sequence[float], what: str) -> 
         If it has no value there; the message begins with `what`.
     """
     try:
-        return point[0].at(parameters), point[1].at(parameters)
+        return point[0].at(parameters, quantities=quantities), point[1].at(parameters, quantities=quantities)
     except PathUndefined as error:
         raise PathUndefined(f"{what}: {error}") from None
 
@@ -148,7 +161,8 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign.
+    file's first line says, with its own sign. A plan of `parts` flies them one after the other; the last one once, so
+    that its last trigger is the final point.
     """
 
     name: str
@@ -165,6 +179,7 @@ class Plan:
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
+    parts: tuple[Part, ...] = ()
 
     @property
     def has_sets(self) -> bool:

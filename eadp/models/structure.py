@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eadp.core.expressions import Expression, constant, difference, is_zero, simplified
-from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan import Plan, PointExpression
+from eadp.core.expressions import Expression, constant, difference, is_zero, scaled, simplified, substituted
+from eadp.errors import EadpError, ExpressionError, PathUndefined
+from eadp.models.parts import Part, Quantity, State
+from eadp.models.plan import Plan, PointExpression, Stage
 
 FloatArray = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ OFFSETS_M = (
 """Where round its trigger a path is looked at: more points than a quadratic has coefficients."""
 
 TOLERANCE = 1e-9
+SMALL_STEP_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,63 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
         return [[share * (1 + 0.1 * i) for i in range(rho)] for share in SAMPLES]
     boxes = [plan.hull(i) for i in range(rho)]
     return [[box.lo + (share + 0.01 * i) * (box.hi - box.lo) for i, box in enumerate(boxes)] for share in SAMPLES]
+
+
+def find_shift(plan: Plan) -> PointExpression | None:
+    """The shift d(c) of the first lap of a plan of parts; None where not one part has laps, or they change their form.
+
+    Looked for as the step of the one quantity that changes, along the direction in which the first trigger moves with it.
+    Seen from a small step: a last lap may be cut short.
+    """
+    laps = [part for part in plan.parts if part.repeats]
+    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].quantities) != 1:
+        return None
+    part = laps[0]
+    stages = plan.stages[part.first : part.first + part.count]
+    moves = []
+    for parameters in _samples(plan):
+        try:
+            state = part.begin(parameters)
+            later = (state[0] + SMALL_STEP_M,)
+            start, end = (stages[0].trigger_at(parameters, s) for s in (state, later))
+            moves.append(((end[0] - start[0]) / SMALL_STEP_M, (end[1] - start[1]) / SMALL_STEP_M))
+            d = (end[0] - start[0], end[1] - start[1])
+            if not all(_moved_by(stage, parameters, state, later, d) for stage in stages):
+                return None
+        except PathUndefined:
+            return None
+    if any(abs(a - b) > 1e-6 for move in moves for a, b in zip(move, moves[0], strict=True)):
+        return None
+    moving = next(q for q in part.quantities if q.shift is not None)
+    step_of = _first_step(part, moving)
+    if step_of is None:
+        return None
+    x, y = (scaled(step_of, round(value, 9)) for value in moves[0])
+    return x, y
+
+
+def _moved_by(stage: Stage, parameters: Sequence[float], state: State, later: State, d: tuple[float, float]) -> bool:
+    """Whether a stage of the next lap is that of this lap, moved by d."""
+    x, y = stage.trigger_at(parameters, state)
+    u, v = stage.trigger_at(parameters, later)
+    reach = 1 + abs(x) + abs(y)
+    if abs(u - x - d[0]) + abs(v - y - d[1]) > 1e-6 * reach:
+        return False
+    here, there = stage.path_at(parameters, state), stage.path_at(parameters, later)
+    for dx, dy in OFFSETS_M:
+        a, b = here(x + dx, y + dy)[0], there(x + dx + d[0], y + dy + d[1])[0]
+        if abs(a - b) > 1e-6 * (1 + abs(a) + abs(b)):
+            return False
+    return True
+
+
+def _first_step(part: Part, moving: Quantity) -> Expression | None:
+    """How far the one changing quantity of a part moves after its first lap, in parameters alone."""
+    assert moving.shift is not None
+    try:
+        return tidy(substituted(moving.shift, part.first_lap()))
+    except ExpressionError:
+        return None
 
 
 def header_disagrees(plan: Plan) -> bool:

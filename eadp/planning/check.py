@@ -3,7 +3,8 @@
 For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
 its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
 aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
-parameter value that leads to the next: validity as the drafts define it, shown by construction.
+parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of parts, whose
+stages depend on the parameters of earlier laps, is looked at along whole flights instead.
 
 Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 """
@@ -23,6 +24,7 @@ from eadp.errors import PathUndefined
 from eadp.models.itinerary import shift_at
 from eadp.models.nominal import leg_length_m
 from eadp.models.plan import COMPUTATION, Box, Finding, Plan, Stage
+from eadp.models.walk import Place, Walk
 
 ERROR, WARNING = "error", "warning"
 POSITION_WARNING_M = 1e-3
@@ -35,6 +37,7 @@ NEARLY_WHOLE_TURN = 0.97
 GRID = {1: 17, 2: 9}
 RANDOM_SAMPLES = 200
 REFINEMENTS = 40
+CHANGING_FLIGHTS = 24
 
 Parameters = tuple[float, ...]
 
@@ -70,7 +73,7 @@ class _Joint:
 
 @dataclass
 class _Measures:
-    """What is measured of a stage at given parameters; NaN for what does not apply."""
+    """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
 
     own_m: float = math.nan
     next_m: float = math.nan
@@ -81,6 +84,8 @@ class _Measures:
     trouble: str = ""
     foot_m: Point = (math.nan, math.nan)
     headings_deg: tuple[float, float] = field(default=(math.nan, math.nan))
+    before: Stage | None = None
+    after: Stage | None = None
 
 
 def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
@@ -101,9 +106,12 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
     findings: list[Finding] = []
     witness: list[Parameters | None] = []
-    for joint in _joints(plan):
-        measured = _measured(plan, joint, least)
-        findings += _stage_findings(plan, joint, measured, least)
+    if plan.parts:
+        looked_at = _walked(plan)
+    else:
+        looked_at = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
+    for stage, measured in looked_at:
+        findings += _stage_findings(plan, stage, measured, least)
         witness.append(_leads_on(plan, measured))
     findings += _sets_findings(plan)
     findings += _rejoin_findings(plan)
@@ -217,37 +225,118 @@ def _refined(
 # --- what is measured -------------------------------------------------------------------------------------------------
 
 
+def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]]:
+    """Every stage of a plan of parts as it is met on flights with fixed parameters, and with ones that keep changing.
+
+    The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
+    """
+    rho = plan.path_count
+    fixed = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
+    boxes = [plan.hull(i) if plan.has_sets else Box(0.0, 0.0) for i in range(rho)]
+    measured: dict[int, list[tuple[Parameters, _Measures]]] = {stage.index: [] for stage in plan.stages}
+    rng = np.random.default_rng(0)
+
+    def drawn() -> Parameters:
+        shares = [share if rng.random() < 0.5 else round(share) for share in rng.random(rho).tolist()]
+        free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
+        return (*free, *fixed[rho:])
+
+    for point in _grid(boxes):
+        _walk_along(plan, (*point, *fixed[rho:]), None, measured)
+    if not all(box.fixed for box in boxes):
+        for _ in range(CHANGING_FLIGHTS):
+            _walk_along(plan, drawn(), drawn, measured)
+    return [(stage, measured[stage.index]) for stage in plan.stages]
+
+
+def _walk_along(
+    plan: Plan,
+    parameters: Parameters,
+    changed: Callable[[], Parameters] | None,
+    measured: dict[int, list[tuple[Parameters, _Measures]]],
+) -> None:
+    """Measure every stage that a flight through a plan of parts meets."""
+    before: Stage | None = None
+    join: Point | None = None
+    place: Place | None = None
+    try:
+        walk = Walk(plan, parameters)
+        while not walk.done:
+            place = walk.place
+            if changed is not None:
+                walk.decide(changed())
+            walk.next()
+            path, trigger = place.path(), place.trigger_m()
+            after = None if walk.done else walk.place
+            measures = _measure_stage(place.stage, path, trigger, before, join)
+            if after is not None and not measures.trouble:
+                _measure_joint(measures, place.stage, path, trigger, after.stage, trigger, after.path)
+            measured[place.stage.index].append((place.parameters, measures))
+            before, join = place.stage, trigger
+    except PathUndefined as error:
+        index = place.stage.index if place is not None else 1
+        measured[index].append((parameters, _Measures(trouble=str(error))))
+
+
 def _measure(plan: Plan, joint: _Joint, parameters: Parameters) -> _Measures:
     stage = joint.stage
-    measures = _Measures()
     try:
         path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-        measures.foot_m = _nearest(stage, path, trigger)
-        measures.own_m = math.dist(trigger, measures.foot_m)
-        measures.radius_m = _radius_m(stage, path, trigger)
         shift = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
+        join = None
         if joint.before is not None:
             join = joint.before.trigger_at(parameters)
             if joint.shift_before:
                 join = (join[0] - shift[0], join[1] - shift[1])
+    except PathUndefined as error:
+        return _Measures(trouble=str(error), before=joint.before, after=joint.after)
+    measures = _measure_stage(stage, path, trigger, joint.before, join)
+    measures.after = joint.after
+    if joint.after is not None and not measures.trouble:
+        here = (trigger[0] - shift[0], trigger[1] - shift[1]) if joint.shift_after else trigger
+        following = joint.after
+        _measure_joint(measures, stage, path, trigger, following, here, lambda: following.path_at(parameters))
+    return measures
+
+
+def _measure_stage(
+    stage: Stage, path: PathFunction, trigger: Point, before: Stage | None, join: Point | None
+) -> _Measures:
+    """A stage by itself, and how its trigger lies from where it is joined."""
+    measures = _Measures(before=before)
+    try:
+        measures.foot_m = _nearest(stage, path, trigger)
+        measures.own_m = math.dist(trigger, measures.foot_m)
+        measures.radius_m = _radius_m(stage, path, trigger)
+        if join is not None:
             measures.ahead_m, measures.sweep = _ahead_m(stage, path, join, trigger)
     except PathUndefined as error:
         measures.trouble = str(error)
-        return measures
-    if joint.after is not None:
-        here = (trigger[0] - shift[0], trigger[1] - shift[1]) if joint.shift_after else trigger
-        try:
-            following = joint.after.path_at(parameters)
-            measures.next_m = math.dist(here, _nearest(joint.after, following, here))
-            measures.headings_deg = (
-                _heading_deg(path, trigger, stage.sense),
-                _heading_deg(following, here, joint.after.sense),
-            )
-            turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
-            measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
-        except PathUndefined as error:
-            measures.trouble = f"stage {joint.after.index}: {error}"
     return measures
+
+
+def _measure_joint(
+    measures: _Measures,
+    stage: Stage,
+    path: PathFunction,
+    trigger: Point,
+    after: Stage,
+    here: Point,
+    path_after: Callable[[], PathFunction],
+) -> None:
+    """How a stage leads to the next one, whose frame its trigger is `here` in."""
+    measures.after = after
+    try:
+        following = path_after()
+        measures.next_m = math.dist(here, _nearest(after, following, here))
+        measures.headings_deg = (
+            _heading_deg(path, trigger, stage.sense),
+            _heading_deg(following, here, after.sense),
+        )
+        turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
+        measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
+    except PathUndefined as error:
+        measures.trouble = f"stage {after.index}: {error}"
 
 
 def _nearest(stage: Stage, path: PathFunction, point: Point) -> Point:
@@ -300,9 +389,13 @@ def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> t
 
 
 def _stage_findings(
-    plan: Plan, joint: _Joint, measured: list[tuple[Parameters, _Measures]], least: float | None
+    plan: Plan, stage: Stage, measured: list[tuple[Parameters, _Measures]], least: float | None
 ) -> Iterator[Finding]:
-    stage, limit = joint.stage, plan.trigger_radius_m
+    limit = plan.trigger_radius_m
+    if not measured:
+        message = f"stage {stage.index} is never flown: its laps are over before they begin"
+        yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
+        return
 
     def finding(severity: str, code: str, message: str, parameters: Parameters) -> Finding:
         return Finding(severity, stage.index, stage.line, code, message + _at(plan, parameters))
@@ -328,11 +421,11 @@ def _stage_findings(
             message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{right}"
             yield finding(severity, code, message, parameters)
     parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
-    if measures.turn_deg > DIRECTION_WARNING_DEG and joint.after is not None:
+    if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
         severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
         here, there = measures.headings_deg
         message = (
-            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {joint.after.index} begins "
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} begins "
             f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
         )
         yield finding(severity, "direction", message, parameters)
@@ -343,24 +436,23 @@ def _stage_findings(
             f"less than the aircraft's {least:g} m"
         )
         yield finding(ERROR, "radius", message, parameters)
-    yield from _order_findings(joint, fine, limit, finding)
+    yield from _order_findings(stage, fine, limit, finding)
 
 
 def _order_findings(
-    joint: _Joint,
+    stage: Stage,
     measured: list[tuple[Parameters, _Measures]],
     limit: float,
     finding: Callable[[str, str, str, Parameters], Finding],
 ) -> Iterator[Finding]:
     """Triggers follow one another in the direction flown."""
-    if joint.before is None:
-        return
-    stage, before = joint.stage, joint.before
     parameters, measures = min(measured, key=lambda item: item[1].ahead_m)
+    if measures.before is None:
+        return
     if measures.ahead_m < 0:
         how = f"{-measures.ahead_m:.2f} m behind" if math.isfinite(measures.ahead_m) else "nowhere ahead of"
         message = (
-            f"the trigger of stage {stage.index} lies {how} where stage {before.index} leads to it, in the direction "
+            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the direction "
             f"flown: the other rotation, or another trigger"
         )
         yield finding(ERROR, "behind", message, parameters)
@@ -424,7 +516,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
 
     Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
     """
-    if plan.whole_laps or not plan.has_sets:
+    if plan.whole_laps or plan.parts or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
         worst: tuple[float, Parameters, Parameters] = (0.0, (), ())

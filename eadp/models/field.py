@@ -1,0 +1,40 @@
+"""The field to cover: an outline with holes in the local frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from eadp.core.polygons import Ring
+
+
+@dataclass(frozen=True)
+class Field:
+    """What is to be covered.
+
+    Attributes
+    ----------
+    outline : tuple of (float, float)
+        Vertices [m], x east and y north, counter-clockwise; the first is not repeated at the end.
+    holes : tuple of tuples of (float, float)
+        What is not to be covered, each as `outline` but clockwise; within the outline and apart from one another, but
+        for single points at which they may touch.
+    name : str
+        What its file calls it, '' if nothing.
+    origin_deg : (float, float) or None
+        Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None where the file was in
+        metres and does not say.
+    """
+
+    outline: Ring
+    holes: tuple[Ring, ...] = ()
+    name: str = ""
+    origin_deg: tuple[float, float] | None = None
+
+    @property
+    def area_m2(self) -> float:
+        """Area within the outline, less the holes [m²]."""
+        from eadp.core.polygons import signed_area_m2
+
+        return abs(signed_area_m2(self.outline)) - sum(abs(signed_area_m2(hole)) for hole in self.holes)
