@@ -1,0 +1,276 @@
+"""Rings in the plane: their area, what is superfluous in them, and what makes them no field.
+
+A ring is a tuple of vertices (x, y) [m], not closed: the first vertex is not repeated. This module is the one door to
+shapely, whose import takes a tenth of a second: import it where it is used.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Point = tuple[float, float]
+Ring = tuple[Point, ...]
+
+TOLERANCE_M = 1e-3
+"""Vertices nearer to one another than this are one, and a vertex nearer to the line of its neighbours is on it [m]."""
+
+
+def signed_area_m2(ring: Sequence[Point]) -> float:
+    """Area within a ring [m²]: positive counter-clockwise, negative clockwise."""
+    if not ring:
+        return 0.0
+    # Σ (x_i y_i+1 − x_i+1 y_i)/2, from the first vertex: a ring far from the origin keeps its digits
+    x0, y0 = ring[0]
+    moved = [(x - x0, y - y0) for x, y in ring]
+    return math.fsum(a[0] * b[1] - b[0] * a[1] for a, b in zip(moved, [*moved[1:], moved[0]], strict=True)) / 2
+
+
+# --- what is superfluous ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Tidied:
+    """What is left of a ring: indices of the vertices kept, in order, and how many went for which reason."""
+
+    kept: tuple[int, ...]
+    repeated: int = 0
+    in_line: int = 0
+    spikes: int = 0
+
+
+def tidy(ring: Sequence[Point]) -> Tidied:
+    """Drop vertices that say nothing: repeated ones, ones in line with their neighbours, tips of spikes.
+
+    Parameters
+    ----------
+    ring : sequence of (float, float)
+        Vertices [m].
+
+    Returns
+    -------
+    Tidied
+        With fewer than three vertices kept where the ring has no area.
+
+    Notes
+    -----
+    Of two vertices nearer than `TOLERANCE_M` the later goes. A spike goes out and back along one line; where it comes
+    back to where it began, both its tip and the return go and count as one. Vertices in line go while none of those
+    dropped along an edge can be further than `TOLERANCE_M` from it, so that a finely drawn arc stays an arc. Looked
+    for again round every vertex that went, in time linear in the number of vertices.
+    """
+    n = len(ring)
+    before, after = [(i - 1) % n for i in range(n)], [(i + 1) % n for i in range(n)]
+    slack = [0.0] * n  # of the edge from i: how far from it the vertices dropped along it may lie [m]
+    kept = [True] * n
+    counts = {"repeated": 0, "in_line": 0, "spikes": 0}
+    left = n
+    for straighten in (False, True):  # the end of a spike may look as if it were in line
+        todo = list(range(n - 1, -1, -1))
+        while todo and left >= 3:
+            v = todo.pop()
+            p, q = before[v], after[v]
+            verdict = kept[v] and _superfluous(ring[p], ring[v], ring[q], max(slack[p], slack[v]))
+            if not verdict or (verdict == "in_line" and not straighten):
+                continue
+            counts[verdict] += 1
+            gone = [max(p, v)] if verdict == "repeated" else [v]
+            if verdict == "spikes" and math.dist(ring[p], ring[q]) < TOLERANCE_M:
+                gone.append(max(p, q))
+            for i in gone:
+                p, q = before[i], after[i]
+                slack[p] = max(slack[p], slack[i]) + _offset_m(ring[p], ring[i], ring[q])
+                after[p], before[q], kept[i] = q, p, False
+                left -= 1
+                todo += [q, p]
+    return Tidied(tuple(i for i in range(n) if kept[i]), **counts)
+
+
+def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
+    """Why the vertex `v` between `p` and `q` may go, or ''."""
+    if math.dist(p, v) < TOLERANCE_M:
+        return "repeated"
+    if math.dist(v, q) < TOLERANCE_M:  # then `q` goes, and `v` is looked at again
+        return ""
+    (ux, uy), (wx, wy) = (v[0] - p[0], v[1] - p[1]), (q[0] - v[0], q[1] - v[1])
+    cross, dot = ux * wy - uy * wx, ux * wx + uy * wy
+    if dot < 0:
+        # the end of the shorter leg, beside the line of the longer
+        return "spikes" if abs(cross) < TOLERANCE_M * max(math.hypot(ux, uy), math.hypot(wx, wy)) else ""
+    return "in_line" if dot > 0 and _offset_m(p, v, q) + slack_m < TOLERANCE_M else ""
+
+
+def _offset_m(p: Point, v: Point, q: Point) -> float:
+    """Distance of `v` from the line through `p` and `q` [m]; that of the two from one another where they are one."""
+    length = math.dist(p, q)
+    if length < TOLERANCE_M:
+        return length
+    return abs((v[0] - p[0]) * (q[1] - p[1]) - (v[1] - p[1]) * (q[0] - p[0])) / length
+
+
+# --- what makes rings no field ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """What is wrong with a ring (0 the outline, 1.. the holes), as the end of a sentence, and where [m]."""
+
+    ring: int
+    message: str
+    point_m: Point
+
+
+def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+    """What makes an outline and its holes no field.
+
+    Parameters
+    ----------
+    outline, holes : sequence of (float, float), sequences of such
+        Vertices [m], either winding; as `tidy` leaves them, with three vertices or more.
+
+    Yields
+    ------
+    Flaw
+        Rings that cross or touch themselves; where there are none, holes that are not within the outline or meet one
+        another; where there are none, holes that together cut the field into parts. A hole may touch the outline or
+        another hole at a point.
+    """
+    if _complaint(outline, *holes) is None:
+        return
+    found = False
+    for finding in (_within_rings, _between_rings, _of_all):
+        for flaw in finding(outline, holes):
+            found = True
+            yield flaw
+        if found:
+            return
+
+
+def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+    for i, ring in enumerate((outline, *holes)):
+        if complaint := _complaint(ring):
+            reason, point = complaint
+            yield Flaw(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
+
+
+def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+    """Each hole beside the outline, then beside the holes before it."""
+    if not holes:
+        return
+    polygons = [shapely.Polygon(hole) for hole in holes]
+    field = shapely.Polygon(outline)
+    shapely.prepare(field)
+    for i, well_inside in enumerate(shapely.contains_properly(field, polygons)):
+        if not well_inside and (complaint := _complaint(outline, holes[i])):
+            yield Flaw(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
+    x, y = zip(*(vertex for hole in holes for vertex in hole), strict=True)
+    west, south, east, north = min(x) - 1, min(y) - 1, max(x) + 1, max(y) + 1
+    around = ((west, south), (east, south), (east, north), (west, north))
+    tree = shapely.STRtree(polygons)
+    for i, polygon in enumerate(polygons):
+        for j in sorted(int(j) for j in tree.query(polygon, predicate="intersects") if j < i):
+            if complaint := _complaint(around, holes[j], holes[i]):
+                yield Flaw(i + 1, _relation(complaint[0], holes[j], holes[i], f"hole {j + 1}"), complaint[1])
+
+
+def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+    if complaint := _complaint(outline, *holes):
+        point = complaint[1]
+        nearest = min(range(len(holes)), key=lambda i: min(math.dist(point, vertex) for vertex in holes[i]))
+        yield Flaw(nearest + 1, _CUTS, point)
+
+
+_CUTS = "cuts the field into parts"
+
+
+def _relation(reason: str, ring: Sequence[Point], hole: Sequence[Point], name: str) -> str:
+    """How a hole stands to a ring of that name, where shapely has a reason to complain."""
+    if len(ring) == len(hole) and set(ring) == set(hole):
+        return f"repeats {name}"
+    return {
+        "Hole lies outside shell": f"lies outside {name}",
+        "Holes are nested": f"lies within {name} or around it",
+        "Interior is disconnected": _CUTS,
+    }.get(reason, f"crosses {name} or runs along it")
+
+
+_REASON = re.compile(r"(.+)\[(\S+) (\S+)\]\Z")
+
+
+def _complaint(shell: Sequence[Point], *holes: Sequence[Point]) -> tuple[str, Point] | None:
+    """Why shapely holds a polygon for invalid, and where [m]; None if it does not."""
+    match = _REASON.match(shapely.is_valid_reason(shapely.Polygon(shell, holes)))
+    return (match[1], (float(match[2]), float(match[3]))) if match else None
+
+
+# --- what strips over a field have of it ------------------------------------------------------------------------------
+
+EDGE_M = 1e-6
+"""What a strip has less than this much of, along its edge, is its neighbour's [m]."""
+
+
+def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list[tuple[float, float]]]:
+    """How far a field reaches in each of the strips beside one another that run along y.
+
+    Parameters
+    ----------
+    rings : sequence of array, shape (n, 2)
+        The outline and the holes [m].
+    edges_m : array, shape (n + 1,)
+        Where the strips end across [m], ascending.
+
+    Returns
+    -------
+    list of lists of (float, float)
+        For each strip the lowest and the highest y [m] of each of the field's parts in it, upward; parts one beside
+        the other in a strip are one.
+    """
+    field = shapely.Polygon(rings[0], rings[1:])
+    _, low, _, high = field.bounds
+    boxes = shapely.box(edges_m[:-1] + EDGE_M, low - 1, edges_m[1:] - EDGE_M, high + 1)
+    parts, strips = shapely.get_parts(shapely.intersection(field, boxes), return_index=True)
+    found: list[list[tuple[float, float]]] = [[] for _ in boxes]
+    bounds = shapely.bounds(parts)
+    solid = shapely.area(parts) > EDGE_M
+    order = np.argsort(bounds[:, 1], kind="stable")
+    for i in order[solid[order]].tolist():
+        own, (start, end) = found[strips[i]], bounds[i, [1, 3]].tolist()
+        if own and start <= own[-1][1]:
+            own[-1] = (own[-1][0], max(own[-1][1], end))
+        else:
+            own.append((start, end))
+    return found
+
+
+def covered_share(
+    outline: Sequence[Point], holes: Sequence[Sequence[Point]], lines: Sequence[tuple[Point, Point]], swath_m: float
+) -> float:
+    """Share of a field within half a swath of straight lines, square to them.
+
+    Parameters
+    ----------
+    outline, holes : sequence of (float, float), sequences of such
+        The field [m].
+    lines : sequence of ((float, float), (float, float))
+        Where each line begins and ends [m].
+    swath_m : float
+        How wide a strip each covers [m].
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    field = shapely.Polygon(outline, holes)
+    strips = [shapely.LineString(line).buffer(swath_m / 2, cap_style="flat") for line in lines if line[0] != line[1]]
+    rest = field
+    for strip in strips:  # one after the other: a union of strips that only touch may lose some
+        rest = shapely.difference(rest, strip)
+    return 1 - min(1.0, float(rest.area / field.area))
