@@ -73,9 +73,9 @@ def summarise(
 
 
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
-    """Time of each lap after the first [s], from the begin of its first stage to the next lap's."""
+    """Time of each lap after the first [s], from the begin of its first stage to the next lap's; of one plan's part."""
     n = world.plan.primitive_stages
-    if not n:
+    if not n or world.plan.parts:
         return []
     begins = outcome.stage_times_s[n - 1 :: n]
     return [round(later - earlier, 9) for earlier, later in itertools.pairwise(begins)]

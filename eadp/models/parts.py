@@ -1,8 +1,8 @@
 """Parts of a plan: stages flown once, or lap by lap with quantities that change from lap to lap.
 
-The letter's plans are laps of primitive stages moved by one shift (Def. II.5). A field with slanted ends needs laps whose
-length changes too, and a whole mission has a way in and a way home: a plan may therefore be several parts, one after the
-other, and the laps of a part may be written in quantities of their own.
+The letter's plans are laps of primitive stages moved by one shift (Def. II.5). A field with slanted ends needs laps
+whose length changes too, and a whole mission has a way in and a way home: a plan may therefore be several parts, one
+after the other, and the laps of a part may be written in quantities of their own.
 """
 
 from __future__ import annotations

@@ -116,8 +116,8 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
 def find_shift(plan: Plan) -> PointExpression | None:
     """The shift d(c) of the first lap of a plan of parts; None where not one part has laps, or they change their form.
 
-    Looked for as the step of the one quantity that changes, along the direction in which the first trigger moves with it.
-    Seen from a small step: a last lap may be cut short.
+    Looked for as the step of the one quantity that changes, along the direction in which the first trigger moves with
+    it. Seen from a small step: a last lap may be cut short.
     """
     laps = [part for part in plan.parts if part.repeats]
     if len(laps) != 1 or sum(q.shift is not None for q in laps[0].quantities) != 1:

@@ -452,8 +452,8 @@ def _order_findings(
     if measures.ahead_m < 0:
         how = f"{-measures.ahead_m:.2f} m behind" if math.isfinite(measures.ahead_m) else "nowhere ahead of"
         message = (
-            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the direction "
-            f"flown: the other rotation, or another trigger"
+            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the "
+            f"direction flown: the other rotation, or another trigger"
         )
         yield finding(ERROR, "behind", message, parameters)
     elif measures.ahead_m < limit and measures.ahead_m < math.inf:

@@ -44,6 +44,9 @@ class Estimator(Protocol):
     def lap(self, time_s: float) -> None:
         """A lap has ended."""
 
+    def begin_lap(self, time_s: float) -> None:
+        """A lap begins that follows no other: what went before is no lap's time."""
+
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading."""
 
@@ -67,6 +70,10 @@ class LapClock:
         """The period now [s]."""
         self.period_s = max(self.period_s, time_s - self._started_s)
         return self.period_s
+
+    def begin(self, time_s: float) -> None:
+        """Start the clock anew without a lap's time."""
+        self._started_s = time_s
 
     def lap(self, time_s: float) -> None:
         """Start the clock anew."""
@@ -120,6 +127,11 @@ class ExactEstimator:
         if self._laps and self._order:
             self.period_s = time_s - self._lap_started_s
         self._laps += 1
+        self._lap_started_s = time_s
+
+    def begin_lap(self, time_s: float) -> None:
+        """Start a lap that follows no other."""
+        self._laps = max(self._laps, 1)
         self._lap_started_s = time_s
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
@@ -200,6 +212,10 @@ class PublishedEstimator:
     def lap(self, time_s: float) -> None:
         """Restart the clock."""
         self._clock.lap(time_s)
+
+    def begin_lap(self, time_s: float) -> None:
+        """Restart the clock without a lap's time."""
+        self._clock.begin(time_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""

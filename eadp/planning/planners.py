@@ -171,6 +171,10 @@ class StaticPlanner:
         self._sensor_every_s = estimator.every_s
         self._next_reading_s = 0.0
         self._stages_begun = 1
+        self._stage = 1
+        self._lap_ends = {
+            part.first + 1: part.first + part.count for part in mission.plan.parts if part.repeats
+        }  # the first stage of a lap → its last
         self._laps = 0
         self._computing_for: tuple[Vector, int] | None = None
         self._computing_w = 0.0
@@ -185,13 +189,24 @@ class StaticPlanner:
         self._track(observation)
         return self._decision
 
+    def _count_laps(self, o: Observation) -> None:
+        """A stage has begun: whether a lap has ended with it, or the way into laps."""
+        before, self._stage = self._stage, o.stage
+        if self._mission.plan.parts:
+            ended = self._lap_ends.get(o.stage) == before
+            if o.stage in self._lap_ends and not ended:
+                self._estimator.begin_lap(o.time_s)
+        else:
+            ended = self._lap_stages is not None and (o.stages_begun - 1) % self._lap_stages == 0
+        if ended:
+            self._laps += 1
+            self._estimator.lap(o.time_s)
+
     def _track(self, o: Observation) -> None:
         """Feed the estimator: laps as they end, readings as often as the sensor is read."""
         if o.stages_begun != self._stages_begun:
             self._stages_begun = o.stages_begun
-            if self._lap_stages and (o.stages_begun - 1) % self._lap_stages == 0:
-                self._laps += 1
-                self._estimator.lap(o.time_s)
+            self._count_laps(o)
         if o.time_s < self._next_reading_s - 1e-9:
             return
         self._next_reading_s = o.time_s + self._sensor_every_s
