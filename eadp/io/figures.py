@@ -13,8 +13,10 @@ import numpy as np
 from eadp.core.expressions import number_text
 from eadp.errors import InputError, PathUndefined
 from eadp.io.streams import write_bytes
+from eadp.models.field import Field
 from eadp.models.nominal import Leg, leg_points, nominal_legs
 from eadp.models.plan import COMPUTATION, Plan, point_at
+from eadp.planning.sweep import Way
 from eadp.simulation.loop import Step, World
 
 if TYPE_CHECKING:
@@ -174,17 +176,97 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     PathUndefined
         If the plan has no nominal path at these parameters.
     """
+    legs = nominal_legs(plan, parameters)
+    with _picture(path, 8.5, 7.5) as figure:
+        _draw_plan(figure.add_subplot(), plan, parameters, legs)
+
+
+@contextmanager
+def _picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
+    """A figure that is saved under a name that says whether as SVG or PNG.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither, or the place cannot be written to.
+    """
     import tempfile
 
     ending = Path(path).suffix.lower()
     if ending not in (".svg", ".png"):
         raise InputError.at(path, 1, 1, "is no picture's name", "a name that ends in .svg or .png")
-    legs = nominal_legs(plan, parameters)
     with tempfile.TemporaryDirectory() as folder:
-        draft = Path(folder) / "plan"
-        with _figure(draft, 8.5, 7.5) as figure:
-            _draw_plan(figure.add_subplot(), plan, parameters, legs)
+        draft = Path(folder) / "picture"
+        with _figure(draft, width_in, height_in) as figure:
+            yield figure
         write_bytes(path, draft.with_suffix(ending).read_bytes())
+
+
+def write_coverage_figure(path: str, field: Field, ways: Mapping[str, Way], swath_m: float) -> None:
+    """Draw a field and ways that cover it side by side under their titles: ground covered, lines, turns.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither .svg nor .png, or the place cannot be written to.
+    """
+    x, y = zip(*field.outline, strict=True)
+    wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
+    with _picture(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
+        all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
+        for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
+            _draw_field(axes, field)
+            _draw_way(axes, way, swath_m)
+            axes.set_title(title, loc="left", fontsize=10)
+            axes.set_aspect("equal")
+            axes.set_xlabel("x, east [m]")
+        all_axes[0].set_ylabel("y, north [m]")
+        handles, labels = all_axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+
+
+def _draw_field(axes: Axes, field: Field) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    rings = [(*ring, ring[0]) for ring in (field.outline, *field.holes)]
+    outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in rings))
+    axes.add_patch(PathPatch(outline, facecolor="#eef3e6", edgecolor="#6f8f4f", linewidth=1.4, zorder=1, label="field"))
+
+
+def _draw_way(axes: Axes, way: Way, swath_m: float) -> None:
+    """Strips of ground covered, lines and turns over them, arrows on the lines, begin and end."""
+    named: set[str] = set()
+    pieces = way.pieces
+    reach = max((piece.length_m for piece in pieces), default=1.0) / 30
+    for leg in way.legs:
+        piece = leg.piece
+        (x0, y0, heading), (x1, y1, _) = piece.start, piece.end
+        if leg.sensing:
+            nx, ny = -math.sin(heading) * swath_m / 2, math.cos(heading) * swath_m / 2
+            label = None if "ground" in named else f"ground covered, {swath_m:g} m wide"
+            named.add("ground")
+            strip_x, strip_y = (x0 + nx, x1 + nx, x1 - nx, x0 - nx), (y0 + ny, y1 + ny, y1 - ny, y0 - ny)
+            axes.fill(strip_x, strip_y, color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
+        kind = "line" if leg.sensing else "turn"
+        steps = max(1, math.ceil(piece.length_m / 3)) if piece.turn else 1
+        points = [piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1)]
+        axes.plot(
+            [p[0] for p in points],
+            [p[1] for p in points],
+            color=COLOURS[0] if leg.sensing else COLOURS[1],
+            linewidth=1.3 if leg.sensing else 1.0,
+            label=None if kind in named else kind,
+            zorder=3,
+        )
+        named.add(kind)
+        if leg.sensing:
+            middle = piece.pose_at(piece.length_m / 2)[:2]
+            ahead = (middle[0] + reach * math.cos(heading), middle[1] + reach * math.sin(heading))
+            arrow = {"arrowstyle": "-|>", "color": COLOURS[0], "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", xy=ahead, xytext=middle, arrowprops=arrow)
+    axes.plot(*pieces[0].start[:2], "o", color="black", markersize=5, zorder=4, label="begin")
+    axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
 
 
 def _draw_plan(axes: Axes, plan: Plan, parameters: Sequence[float], legs: Sequence[Leg]) -> None:

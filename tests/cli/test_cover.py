@@ -1,0 +1,180 @@
+"""`eadp cover`: from files of outlines to plans that pass the check and are flown; refusals."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from eadp.core.geodesy import to_local_m
+
+FLAGS = ("--min-radius", "30", "--swath", "30")
+BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.csv"
+    path.write_text(BOX)
+    return path
+
+
+@pytest.mark.parametrize("pattern", ["auto", "zamboni", "dubins"])
+def test_json_has_what_is_documented(eadp, pattern):
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "--format", "json")
+    assert answer.code == 0
+    document = json.loads(answer.out)
+    assert document["schema"] == "eadp.cover/1"
+    assert document["coverage"] >= 0.9999
+    assert document["coverage_min"] >= 0.9999
+    assert document["min_radius_m"] >= 30
+    assert document["pattern"] == ("dubins" if pattern == "auto" else pattern)
+    assert document["normalised"] == []
+    assert document["plan"].splitlines()[0].startswith("%")
+    for key in ("length_m", "time_s", "lines", "heading_deg"):
+        assert document[key] > 0
+
+
+@pytest.mark.parametrize("pattern", ["zamboni", "dubins"])
+def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
+    plan = tmp_path / "meadow.plan"
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "-o", plan)
+    assert answer.code == 0
+    assert "written" in answer.out
+    check = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
+    assert check["findings"] == []
+    assert check["repeats"] is (pattern == "zamboni")
+    assert check["primitive_stages"] == (4 if pattern == "zamboni" else None)
+    assert check["origin_deg"] is not None
+    trace = eadp("plan", plan, "--trace", "5").out.splitlines()
+    assert trace[0] == "stage,kind,x_m,y_m,heading_rad,latitude_deg,longitude_deg"
+    assert eadp("simulate", plan, "--planner", "static").code == 0
+
+
+def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):
+    answer = eadp("cover", box, *FLAGS)
+    path = tmp_path / "out.plan"
+    path.write_text(answer.out)
+    assert eadp("plan", path, "--check").code == 0
+    assert answer.err == ""
+
+
+def test_a_profile_brings_computations_that_rest_on_turns(eadp, tmp_path, box):
+    plan = tmp_path / "p.plan"
+    profile = ("--profile", "profiles/pednet-jetson-nano.yaml")
+    answer = eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--turns-off", *profile, "-o", plan, "--format", "json")
+    document = json.loads(answer.out)
+    assert document["energy_wh"] > document["at_lowest_c1"]["energy_wh"] > 0
+    stages = json.loads(eadp("plan", plan, "--format", "json").out)["stages"]
+    for stage in stages:
+        computation = stage["sets"][-1]
+        assert computation["kind"] == "computation"
+        assert stage["kind"] == "line" or computation["max"] == 0  # a straight between blocks is a turn, too
+    assert {(stage["kind"], stage["sets"][-1]["max"]) for stage in stages} >= {("line", 10), ("circle", 0)}
+    assert eadp("simulate", plan, *profile, "--planner", "static").code == 0
+
+
+def test_turns_off_without_computations_is_said(eadp, box):
+    answer = eadp("cover", box, *FLAGS, "--turns-off")
+    assert answer.code == 0
+    assert "no computations to rest" in answer.err
+
+
+def test_what_was_mended_is_said(eadp, tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n400,300\n400,0\n")
+    answer = eadp("cover", path, *FLAGS)
+    assert answer.code == 0
+    assert "winding" in answer.err
+    document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
+    assert len(document["normalised"]) == 2
+
+
+def test_start_and_home_in_the_fields_own_terms(eadp, tmp_path):
+    plan = tmp_path / "p.plan"
+    where = ("--start", "55.4710,10.3290", "--home", "55.4712 10.3295")
+    assert eadp("cover", "plans/meadow.geojson", *FLAGS, *where, "-o", plan).code == 0
+    document = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
+    assert document["findings"] == []
+    x, y = to_local_m(55.4712, 10.3295, tuple(document["origin_deg"]))
+    assert (document["final"]["x"], document["final"]["y"]) == pytest.approx((x, y), abs=1e-6)
+
+
+def test_a_smaller_spacing_needs_more_lines(eadp, box):
+    lines = [
+        json.loads(eadp("cover", box, *FLAGS, "--pattern", pattern, *extra, "--format", "json").out)["lines"]
+        for pattern in ("zamboni", "dubins")
+        for extra in ((), ("--spacing", "12"))
+    ]
+    assert lines[1] > lines[0]
+    assert lines[3] > lines[2]
+
+
+def test_wind_makes_the_flight_longer(eadp, box):
+    times = [
+        json.loads(eadp("cover", box, *FLAGS, *wind, "--format", "json").out)["time_s"]
+        for wind in ((), ("--wind", "8,90"))
+    ]
+    assert times[1] > times[0]
+
+
+def test_the_pictures(eadp, tmp_path, box):
+    for name in ("field.svg", "field.png"):
+        assert eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--plot", tmp_path / name).code == 0
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):
+    path = tmp_path / "narrow.csv"
+    path.write_text("x_m,y_m\n0,0\n120,0\n120,60\n0,60\n")
+    answer = eadp("cover", path, *FLAGS, "--pattern", "zamboni", "-o", tmp_path / "p.plan")
+    assert answer.code == 1
+    assert "too narrow" in answer.err
+    assert answer.out == ""
+    assert not (tmp_path / "p.plan").exists()
+    assert eadp("cover", path, *FLAGS).code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (("--min-radius", "0", "--swath", "30"), "--min-radius:1:1"),
+        (("--min-radius", "30", "--swath", "nan"), "--swath:1:1"),
+        (("--min-radius", "30", "--swath", "-3"), "--swath:1:1"),
+        ((*FLAGS, "--radius", "20"), "--radius:1:1"),
+        ((*FLAGS, "--spacing", "31"), "--spacing:1:1"),
+        ((*FLAGS, "--wind", "5"), "--wind:1:1"),
+        ((*FLAGS, "--wind", "-5,90"), "--wind:1:1"),
+        ((*FLAGS, "--wind", "15,0"), "--wind:1:1"),
+        ((*FLAGS, "--heading", "inf"), "--heading:1:1"),
+        ((*FLAGS, "--start", "here"), "--start:1:1"),
+        ((*FLAGS, "--home", "1,2,3"), "--home:1:1"),
+        ((*FLAGS, "--plot", "picture.gif"), "picture.gif:1:1"),
+    ],
+)
+def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments, where):
+    out = tmp_path / "p.plan"
+    answer = eadp("cover", box, *arguments, "-o", out)
+    assert answer.code == 2
+    assert answer.err.startswith(f"{where}: error: ")
+    assert answer.out == ""
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("x_m,y_m\n0,0\n10,0\n", "three"),
+        ("x_m,y_m\n0,0\n400,300\n400,0\n0,300\n", "crosses itself"),
+        ('{"type": "Polygon", "coordinates": [[[0,0],[400,0],[400,NaN],[0,0]]]}', "NaN"),
+        ("", ""),
+    ],
+)
+def test_outlines_that_are_none_are_refused(eadp, tmp_path, body, message):
+    path = tmp_path / "bad.txt"
+    path.write_text(body)
+    answer = eadp("cover", path, *FLAGS)
+    assert answer.code == 2
+    assert message in answer.err
+    assert answer.out == ""
+    assert answer.err.startswith(f"{path}:")
