@@ -200,7 +200,8 @@ def main() -> None:
                 print(
                     f"  {field.name:24s} {pattern:8s} {row['pattern']:8s} {row['lines']:3d} lines "
                     f"({row['lines_at_0']} at c1 = 0) {row['length_m']:8.0f} m, "
-                    f"ratio {row['ratio']:.3f} ({row['by']}), covered {row['coverage']:.6f}, planned in {row['planned_s']:.2f} s, "
+                    f"ratio {row['ratio']:.3f} ({row['by']}), covered {row['coverage']:.6f}, "
+                    f"planned in {row['planned_s']:.2f} s, "
                     f"{row['findings']} findings{flown}",
                     flush=True,
                 )
