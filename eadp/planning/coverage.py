@@ -32,7 +32,7 @@ ZAMBONI, DUBINS, AUTO = "zamboni", "dubins", "auto"
 PATTERNS = (ZAMBONI, DUBINS, AUTO)
 
 PLAINLY_LONGER = 1.02
-"""A Zamboni-like way that takes more than this much of an order of its lines with the tightest turns is passed over."""
+"""A Zamboni-like way that takes more than this much of the best order's time is passed over."""
 
 GRID_DEG = 10
 """Headings looked at beside those of the hull's edges: steps from the longest of these [°]."""
@@ -142,8 +142,7 @@ def cover(request: Request) -> Solution:
     order = _best_in_order(request, headings)
     if zamboni is None:
         return order
-    _, rival_s = best_order(*same_lines(request, zamboni, zamboni.lowest_c1))
-    if zamboni.time_s <= PLAINLY_LONGER * rival_s:
+    if zamboni.time_s <= PLAINLY_LONGER * order.time_s:
         return replace(zamboni, other_share=order.time_s / zamboni.time_s)
     return replace(order, other_share=zamboni.time_s / order.time_s)
 
