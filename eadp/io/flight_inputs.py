@@ -20,6 +20,7 @@ from eadp.models.energy import EnergyModel
 from eadp.models.itinerary import Vector
 from eadp.models.nominal import default_start
 from eadp.models.plan import Plan, Stage
+from eadp.models.vehicle import FixedWing
 from eadp.planning.planners import Mission, Planner, make_planner
 from eadp.simulation.loop import World
 
@@ -72,6 +73,8 @@ def load_flight(
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
     vehicle = scenario.vehicle
+    if isinstance(vehicle, FixedWing) and (faults := vehicle.faults()):
+        raise InputError(*(scenario.place("vehicle", fault, "an aeroplane that can fly so") for fault in faults))
     battery = scenario.battery
     try:
         battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))

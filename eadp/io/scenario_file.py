@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,7 +23,7 @@ from eadp.models.battery import Battery
 from eadp.models.battery import Fault as BatteryFault
 from eadp.models.itinerary import Rules
 from eadp.models.plan import Box
-from eadp.models.vehicle import Guidance, PaperVehicle
+from eadp.models.vehicle import FixedWing, Guidance, PaperVehicle, Vehicle
 from eadp.models.weather import Wind
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.planners import NAMES as PLANNERS
@@ -45,10 +45,10 @@ class _Strict(BaseModel):
 
 
 class VehicleKeys(_Strict):
-    """The simulated aircraft; constants of model `paper`."""
+    """The simulated aircraft: constants of model `paper`, then of `fixed-wing`; those of the other are ignored."""
 
-    model: Literal["paper"] = "paper"
-    mass_kg: Positive = 1.0
+    model: Literal["paper", "fixed-wing"] = "paper"
+    mass_kg: Positive | None = Field(default=None, description="1.0 for paper, 1.2 for fixed-wing")
     weight_n: Positive = 9.8
     lift_coefficient: Positive = 9.8 / 15**2
     speed_per_throttle_mps: Positive = 0.3
@@ -62,6 +62,21 @@ class VehicleKeys(_Strict):
         default=False, description="add the wind along the heading to the speed that lifts (unphysical)"
     )
     published_triggers: bool = Field(default=False, description="box triggers, neither armed nor passed")
+    wing_area_m2: Positive = 0.32
+    aspect_ratio: Positive = 4.5
+    oswald_efficiency: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.8
+    zero_lift_drag: Positive = 0.022
+    highest_lift: Positive = Field(default=1.1, description="lift coefficient at which the wing stalls")
+    air_density_kgpm3: Positive = 1.225
+    propulsive_efficiency: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.55
+    avionics_w: NotNegative = 2.0
+    most_power_w: Positive = Field(default=200.0, description="the motor's limit")
+    airspeed_mps: Positive = Field(default=15.0, description="held by the throttle")
+    most_bank_deg: Annotated[float, Field(gt=0, le=80, allow_inf_nan=False)] = 45.0
+    roll_time_s: Positive = 0.3
+    most_climb_mps: Positive = 3.0
+    speed_gain_per_s: Positive = 1.0
+    altitude_gain_per_s: Positive = 0.5
 
 
 class WindKeys(_Strict):
@@ -208,9 +223,12 @@ class Scenario:
         return str(Path(self.document.name).parent / self.keys.profile)
 
     @property
-    def vehicle(self) -> PaperVehicle:
+    def vehicle(self) -> Vehicle:
         """The aircraft."""
-        return PaperVehicle(**self.keys.vehicle.model_dump(exclude={"model"}))
+        keys = self.keys.vehicle
+        model = FixedWing if keys.model == "fixed-wing" else PaperVehicle
+        own = {field.name for field in fields(model)}
+        return model(**keys.model_dump(include=own, exclude_none=True))
 
     @property
     def wind(self) -> Wind:

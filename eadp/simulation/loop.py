@@ -16,10 +16,10 @@ from eadp.models.battery import Battery, Fault
 from eadp.models.computing import Computing
 from eadp.models.itinerary import Itinerary, Rules, Vector
 from eadp.models.plan import Plan
-from eadp.models.vehicle import Guidance, PaperVehicle
+from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
 from eadp.planning.planners import Observation, Planner
-from eadp.simulation.aircraft import Gusts, PaperAircraft
+from eadp.simulation.aircraft import Gusts, make_aircraft
 from eadp.simulation.metrics import ParameterLog, Totals
 
 COMPLETED = "final point reached"
@@ -33,7 +33,7 @@ class World:
 
     plan: Plan
     computing: Computing
-    vehicle: PaperVehicle
+    vehicle: Vehicle
     guidance: Guidance
     wind: Wind
     battery: Battery
@@ -86,7 +86,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         If the first path cannot be evaluated where the flight starts.
     """
     step_s, log_every = world.step_s, max(1, round(world.log_every_s / world.step_s))
-    aircraft = PaperAircraft(
+    aircraft = make_aircraft(
         world.vehicle,
         world.guidance,
         world.wind.steady_mps,
