@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.geometry import wrap_angle_rad
 from eadp.errors import Infeasible
+from eadp.io.fields import read_field
+from eadp.io.flight_inputs import load_flight
 from eadp.io.plan_text import plan_text, read_plan
 from eadp.io.streams import Text
 from eadp.models.field import Field
@@ -22,6 +26,7 @@ from eadp.planning.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, Request, cov
 from eadp.planning.coverage_plan import Sensors, plan_of
 from eadp.planning.coverage_report import Power, covered_lines, flown
 from eadp.planning.sweep import Leg, Motion, straight
+from eadp.simulation.loop import Outcome, fly
 
 MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=22.5)
 
@@ -208,30 +213,43 @@ def test_energy_is_power_times_time():
     assert end.energy_wh == pytest.approx((26.0 * end.length_m + 10.0 * over_m) / 15.0 / 3600)
 
 
-@pytest.mark.parametrize("c1_at", ["highest", "lowest"])
-@pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
-def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
-    """In wind, by the simulated aircraft: the strips beside the lines that it really flew."""
-    import shapely
-
-    from eadp.io.flight_inputs import load_flight
-    from eadp.simulation.loop import Outcome, fly
-
-    field = FIELDS["trapezoid"]
-    solution = cover(Request(field, MOTION, pattern))
-    path = tmp_path / "field.plan"
+def flown_share(field, solution, path, wind_deg, c1):
+    """Whether the simulated aircraft completes, and the share of the field beside the lines that it really flew."""
     path.write_text(plan_text(plan_of(solution)))
-    parameters = {} if c1_at == "highest" or pattern == DUBINS else {"parameters": {"c1": solution.lowest_c1}}
-    inputs = load_flight(
-        str(path),
-        overrides={"planner.name": "static", "wind.speed_mps": 5, "wind.towards_deg": 110, **parameters},
-    )
-    outcome, rest = Outcome(), shapely.Polygon(field.outline)
+    wind = {} if wind_deg is None else {"wind.speed_mps": 5, "wind.towards_deg": wind_deg}
+    parameters = {"parameters": {"c1": c1}} if c1 < 0 else {}
+    settings = {"planner.name": "static", "battery.capacity_ah": 20, **wind, **parameters}
+    inputs = load_flight(str(path), overrides=settings)
+    outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
     kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}
     runs = itertools.groupby(fly(inputs.world, inputs.planner(), outcome), key=lambda step: step.stage)
     for stage, steps in runs:
         points = [(step.x_m, step.y_m) for step in steps]
         if kinds[stage] == "line" and len(points) > 1:
             rest = rest.difference(shapely.LineString(points).buffer(MOTION.swath_m / 2, cap_style="flat"))
-    assert outcome.completed
-    assert rest.area < 0.01 * field.area_m2
+    return outcome.completed, 1 - rest.area / field.area_m2
+
+
+@pytest.mark.parametrize("c1_at", ["highest", "lowest"])
+@pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
+def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
+    field = FIELDS["trapezoid"]
+    solution = cover(Request(field, MOTION, pattern))
+    c1 = 0.0 if c1_at == "highest" else solution.lowest_c1
+    completed, share = flown_share(field, solution, tmp_path / "field.plan", 110, c1)
+    assert completed
+    assert share >= 0.99
+
+
+@pytest.mark.parametrize("index", range(13))
+def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
+    """Without wind and in wind from one of eight directions each; the benchmark flies them all in all."""
+    features = json.loads((reference / "fields" / "real_outlines_m.geojson").read_text())["features"]
+    text = Text("field", json.dumps(features[index]))
+    field, _ = read_field(text, metres=True)
+    for pattern in (AUTO, ZAMBONI):
+        solution = cover(Request(field, MOTION, pattern))
+        for wind_deg in (None, 45 * (index % 8)):
+            completed, share = flown_share(field, solution, tmp_path / "field.plan", wind_deg, solution.lowest_c1)
+            assert completed
+            assert share >= 0.99
