@@ -41,12 +41,12 @@ def usage_fault(option: str, raw: str, message: str, expected: str, column: int 
 
 
 class Progress:
-    """A progress line on stderr once a job has taken more than a second: redrawn on a terminal, else now and then."""
+    """A progress line on stderr: redrawn on a terminal once a job has taken a second, else a line every 10 s."""
 
-    def __init__(self, title: str, *, first_after_s: float = 1.0) -> None:
+    def __init__(self, title: str) -> None:
         self._title = title
         self._terminal = sys.stderr.isatty()
-        self._due_s = time.monotonic() + first_after_s
+        self._due_s = time.monotonic() + (1.0 if self._terminal else 10.0)
         self._drawn = False
 
     def show(self, status: str) -> None:
