@@ -101,6 +101,7 @@ def load_flight(
         log_every_s=keys.log_every_s,
         time_limit_s=keys.time_limit_s,
         seed=keys.seed,
+        sensors=scenario.sensors,
     )
     _check_names(plan, scenario)
     mission = Mission(plan, computing, battery, vehicle.airspeed_mps, parameters, start, energy)

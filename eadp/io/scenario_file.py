@@ -23,6 +23,7 @@ from eadp.models.battery import Battery
 from eadp.models.battery import Fault as BatteryFault
 from eadp.models.itinerary import Rules
 from eadp.models.plan import Box
+from eadp.models.sensors import Sensors
 from eadp.models.vehicle import FixedWing, Guidance, PaperVehicle, Vehicle
 from eadp.models.weather import Wind
 from eadp.planning.estimator import EstimatorSettings
@@ -126,6 +127,17 @@ class StartKeys(_Strict):
     altitude_m: Finite | None = None
 
 
+class SensorKeys(_Strict):
+    """What sensors make of the truth: standard deviations of white noise, age, and times without a power reading."""
+
+    power_noise_w: NotNegative = 0.0
+    position_noise_m: NotNegative = 0.0
+    soc_noise: NotNegative = 0.0
+    delay_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.0
+    drop_out_share: Share = Field(default=0.0, description="share of the time without a power reading")
+    drop_out_s: Positive = Field(default=2.0, description="how long a drop-out takes on average")
+
+
 class GuidanceKeys(_Strict):
     """How the vehicle follows its path; gains k_e are the plan's."""
 
@@ -192,6 +204,7 @@ class ScenarioKeys(_Strict):
     bounds: dict[ParameterName, Pair] = {}
     parameter_changes: Literal["latched", "live"] = "latched"
     guidance: GuidanceKeys = GuidanceKeys()
+    sensors: SensorKeys = SensorKeys()
     reserve_soc: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.05
     estimator: EstimatorKeys = EstimatorKeys()
     planner: PlannerKeys = PlannerKeys()
@@ -251,6 +264,11 @@ class Scenario:
     def guidance(self) -> Guidance:
         """How the vehicle follows a path."""
         return Guidance(**self.keys.guidance.model_dump())
+
+    @property
+    def sensors(self) -> Sensors:
+        """What sensors make of the truth."""
+        return Sensors(**self.keys.sensors.model_dump())
 
     @property
     def rules(self) -> Rules:

@@ -16,11 +16,13 @@ from eadp.models.battery import Battery, Fault
 from eadp.models.computing import Computing
 from eadp.models.itinerary import Itinerary, Rules, Vector
 from eadp.models.plan import Plan
+from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
 from eadp.planning.planners import Observation, Planner
 from eadp.simulation.aircraft import Gusts, make_aircraft
 from eadp.simulation.metrics import ParameterLog, Totals
+from eadp.simulation.sensing import SensorSuite
 
 COMPLETED = "final point reached"
 BATTERY_EMPTY = "battery empty"
@@ -47,6 +49,7 @@ class World:
     log_every_s: float = 0.1
     time_limit_s: float = 7200.0
     seed: int = 0
+    sensors: Sensors = field(default_factory=Sensors)
 
 
 class Step(NamedTuple):
@@ -95,6 +98,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         world.altitude_m,
     )
     gusts = Gusts(world.wind, step_s, np.random.default_rng(world.seed))
+    ideal = world.sensors.ideal
+    suite = SensorSuite(world.sensors, step_s, np.random.default_rng([world.seed, 1]))
     itinerary = Itinerary(world.plan, world.parameters, world.start_m, world.rules)
     charge = _Charge(world.battery, world.faults, step_s)
     parameters = itinerary.parameters
@@ -143,7 +148,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         observation = Observation(
             time_s, x, y, stage.index, itinerary.stages_begun, power_w, charge.soc, parameters, None
         )
-        decision = update(observation)
+        decision = update(observation if ideal else suite.observe(observation))
         forecast_w = decision.power_forecast_w
         if (k + 1) % log_every == 0:
             last_logged = k
