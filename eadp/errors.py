@@ -4,6 +4,7 @@ EadpError
 ├── InputError       a file or an option is wrong: one or more faults, each with its place
 ├── ExpressionError  an expression breaks the grammar or a limit; the offset in its text
 ├── Infeasible       what was asked cannot be had: the battery cannot deliver the power, no control is admissible
+├── CommandError     a command that was to be measured did not start, or ended by itself
 ├── PathUndefined    a path function has no value where the robot is
 └── SolverFailed     the solver gave no answer that may be used as one
 """
@@ -90,6 +91,10 @@ class ExpressionError(EadpError):
 
 class Infeasible(EadpError):
     """What was asked cannot be had."""
+
+
+class CommandError(EadpError):
+    """A command that was to be measured did not start, or ended by itself, or cannot be ended."""
 
 
 class PathUndefined(EadpError):

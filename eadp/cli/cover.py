@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from eadp.models.computing import Computing
     from eadp.models.field import Field
     from eadp.models.plan import Plan
-    from eadp.models.profile import Profile
+    from eadp.models.profile_sum import AnyProfile
     from eadp.planning.coverage import Solution
     from eadp.planning.coverage_plan import Sensors
     from eadp.planning.coverage_report import Flown, Power
@@ -167,7 +167,7 @@ def _scenario(path: str | None) -> Scenario:
     return read_scenario(path, {})
 
 
-def _profile(path: str | None, setting: Scenario) -> Profile | None:
+def _profile(path: str | None, setting: Scenario) -> AnyProfile | None:
     from eadp.io.profile_file import read_profile
 
     used = path or setting.profile_path
@@ -178,7 +178,7 @@ def _profile(path: str | None, setting: Scenario) -> Profile | None:
     return profile
 
 
-def _sensors(profile: Profile | None, turns_off: bool) -> Sensors:
+def _sensors(profile: AnyProfile | None, turns_off: bool) -> Sensors:
     """The computations that a profile measures, over what it measures in whole numbers."""
     import math
 
@@ -274,7 +274,7 @@ def _two(option: str, raw: str, expected: str) -> Point:
     return first, second
 
 
-def _power(plan: Plan, profile: Profile | None, setting: Scenario, sensors: Sensors) -> Power | None:
+def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: Sensors) -> Power | None:
     """The power drawn with every computation at its highest; None where no profile says what that is."""
     from eadp.errors import EadpError, InputError
     from eadp.models.computing import join_profile

@@ -10,6 +10,7 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -24,6 +25,9 @@ Kind = Literal["linear", "pchip"]
 
 EDGE = 1e-9
 """How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
+
+LEFT_OUT_LIMIT = 200_000
+"""Largest work of leaving out each of n scattered points: n times the simplices of them all."""
 
 
 class _Piece(Protocol):
@@ -170,6 +174,79 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     slack = EDGE * np.where(span > 0, span, np.abs(lower))
     piece = _piece(points[:, varying], measured, kind)
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
+
+
+def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
+    """What the other measurements predict at each configuration, itself left out.
+
+    One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
+    the two neighbours on each line of the grid that has the point between two, the mean of the lines. Scattered points:
+    the interpolation of the others, for a point within their hull.
+
+    Parameters
+    ----------
+    configurations, values, kind
+        As for `interpolant`.
+
+    Returns
+    -------
+    array, shape (n,)
+        Predicted values; NaN where the others do not enclose the point, and everywhere if the points are scattered and
+        so many that it would take long.
+
+    Raises
+    ------
+    ValueError
+        As `interpolant`.
+    """
+    points, measured = _checked(configurations, values)
+    moving = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
+    n, d = moving.shape
+    if d == 0 or n < 3:
+        return np.full(n, np.nan)
+    order = np.lexsort(moving.T[::-1])
+    predicted = np.empty(n)
+    predicted[order] = _left_out_sorted(moving[order], measured[order], kind)
+    return predicted
+
+
+def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
+    n, d = points.shape
+    if d == 1 and kind == "pchip":
+        return _left_out_of_cubic(points[:, 0], values)
+    levels = [np.unique(column) for column in points.T]
+    shape = tuple(map(len, levels))
+    if n != math.prod(shape):
+        return _left_out_of_scatter(points, values)
+    table, total, count = values.reshape(shape), np.zeros(shape), np.zeros(shape)
+    for axis, knots in enumerate(levels):
+        across, sums, counts = (np.moveaxis(array, axis, -1) for array in (table, total, count))
+        t = (knots[1:-1] - knots[:-2]) / (knots[2:] - knots[:-2])
+        sums[..., 1:-1] += (1.0 - t) * across[..., :-2] + t * across[..., 2:]
+        counts[..., 1:-1] += 1
+    mean: FloatArray = np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
+    return mean
+
+
+def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
+    predicted = np.full(len(knots), np.nan)
+    for i in range(1, len(knots) - 1):
+        # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
+        others = [k for k in range(max(0, i - 3), min(len(knots), i + 4)) if k != i]
+        with suppress(Infeasible):
+            predicted[i] = _pchip(knots[others], values[others]).at((float(knots[i]),))
+    return predicted
+
+
+def _left_out_of_scatter(points: FloatArray, values: FloatArray) -> FloatArray:
+    n = len(points)
+    predicted = np.full(n, np.nan)
+    if n * len(_scattered(points, values).vertices) > LEFT_OUT_LIMIT:
+        return predicted
+    for i in range(n):
+        with suppress(Infeasible):
+            predicted[i] = interpolant(np.delete(points, i, axis=0), np.delete(values, i)).at(points[i].tolist())
+    return predicted
 
 
 def _checked(configurations: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:

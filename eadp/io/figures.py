@@ -177,12 +177,12 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         If the plan has no nominal path at these parameters.
     """
     legs = nominal_legs(plan, parameters)
-    with _picture(path, 8.5, 7.5) as figure:
+    with picture(path, 8.5, 7.5) as figure:
         _draw_plan(figure.add_subplot(), plan, parameters, legs)
 
 
 @contextmanager
-def _picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
+def picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
     """A figure that is saved under a name that says whether as SVG or PNG.
 
     Raises
@@ -212,7 +212,7 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, Way], swat
     """
     x, y = zip(*field.outline, strict=True)
     wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
-    with _picture(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
+    with picture(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             _draw_field(axes, field)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from eadp.core.averaging import Average, average
 from eadp.errors import Fault, Infeasible, InputError, capped, printable
 from eadp.io.csv_text import NOT_FINITE, NUMBER, Row, split_fields
 from eadp.io.streams import Text
-from eadp.models.profile import Profile
-
-"""Most faults of one file that are reported one by one."""
+from eadp.models.profile import FEW, Profile
 
 SPREAD_LIMIT = 0.2
-"""Largest spread of a repeated configuration, as a part of its mean: beyond it, a reading is wrong."""
+"""Largest spread of a repeated configuration, as a part of its mean: beyond it, a reading is wrong. Of many samples,
+such as a sensor's over time, the largest standard error instead, and a larger spread is worth a warning."""
 
 LARGEST = 1e30
 """Largest magnitude of a number in a profile: no power or parameter, and far from where floats end."""
@@ -32,7 +32,7 @@ A_NAME = "a name: a letter first, then letters, digits, _ - + . / or spaces, 64 
 # a division by 1000 keeps the digits of a value in mW, where a product with 0.001 would not
 _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3, "kW": 1e-3, "kw": 1e-3}
 _A_HEADER = "a header such as fps,power_w"
-_A_CONFIGURATION = "the model that powprofiler makes of its traces (flags 200, 201, …), or a header"
+_A_CONFIGURATION = "what it was measured at, as in --config fps=0.5, or columns that say so"
 
 _SOURCE = re.compile(r"#\s*source:(.*)\Z", re.IGNORECASE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
@@ -48,46 +48,88 @@ class Places:
     warnings: Sequence[Fault] = ()
 
 
-def read_measurements(text: Text, names: Sequence[str]) -> tuple[Profile, Places]:
+@dataclass(frozen=True)
+class Configuration:
+    """Parameters of the computations, their units ('' unknown) and a value [unit] for each."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: tuple[float, ...]
+
+    def __str__(self) -> str:
+        return ",".join(f"{name}={value:.10g}" for name, value in zip(self.names, self.values, strict=True))
+
+
+class Trace(NamedTuple):
+    """A file of measurements and what it was measured at, if the file itself does not say."""
+
+    text: Text
+    configuration: Configuration | None = None
+
+
+def read_measurements(
+    files: Sequence[Trace], names: Sequence[str], *, nameless: bool = False
+) -> tuple[Profile, Places]:
     """The profile that measurements make: repeated configurations averaged, their spread and count kept.
 
     Parameters
     ----------
-    text : Text
+    files : sequence of Trace
+        One or more, of the same parameters; the configuration of a file that has columns for its parameters is not
+        used.
     names : sequence of str
         Names for parameters that the file leaves nameless; see `eadp.io.profile_file.read_profile`.
+    nameless : bool
+        Take several columns of numbers alone without names, as c1, c2, …: they are named later.
 
     Raises
     ------
     InputError
         With all the faults of the file, as far as they can be told together.
     """
-    rows, source = _rows(text)
-    if not rows:
-        message = "no measurements"
-        raise InputError.at(text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-    layout = _layout(rows[0], names)
-    readings = _readings(rows[layout.first :], layout)
+    readings: _Readings = {}
+    layouts: list[_Layout] = []
+    sources: list[str] = []
+    rows: list[Row] = []
+    for file in files:
+        rows, source = _rows(file.text)
+        if not rows:
+            message = "no measurements"
+            raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
+        layout = _layout(rows[0], names, file.configuration, nameless)
+        if layouts:
+            layout = _like(layouts[0], layout, rows[0])
+        _read_rows(rows[layout.first :], layout, readings)
+        layouts.append(layout)
+        name = "standard input" if file.text.name == "<stdin>" else os.path.basename(file.text.name)
+        sources.append(source or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
         raise InputError(rows[-1].fault(0, message, "measurements of two configurations or more"))
-    _check_agreement(readings, layout)
-    averages = [_average([power_w for power_w, _ in group]) for group in readings.values()]
+    return _averaged(readings, layouts, " + ".join(dict.fromkeys(sources)), rows[layouts[-1].first])
+
+
+def _averaged(readings: _Readings, layouts: Sequence[_Layout], source: str, first: Row) -> tuple[Profile, Places]:
+    """The profile of all readings, and what is odd about them."""
+    layout = layouts[0]
+    averages = [average([[power_w for power_w, _ in run] for run in runs]) for runs in readings.values()]
+    warnings = [*(warning for each in layouts for warning in each.warnings)]
+    warnings += _check_agreement(readings, averages, layout)
     try:
         profile = Profile(
             names=tuple(layout.names),
             units=tuple(layout.units),
             configurations=np.array(list(readings)),
-            power_w=np.array([mean_w for mean_w, _ in averages]),
-            spread_w=np.array([spread_w for _, spread_w in averages]),
-            samples=np.array([len(group) for group in readings.values()]),
-            source=source or ("standard input" if text.name == "<stdin>" else os.path.basename(text.name)),
+            power_w=np.array([each.mean for each in averages]),
+            spread_w=np.array([each.spread for each in averages]),
+            samples=np.array([each.samples for each in averages]),
+            source=source,
+            standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
         )
     except Infeasible as error:
-        first = rows[layout.first]
         raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
-    places = {point: group[0][1].fault(0, "") for point, group in readings.items()}
-    return profile, Places(places, layout.warnings)
+    places = {point: runs[0][0][1].fault(0, "") for point, runs in readings.items()}
+    return profile, Places(places, warnings)
 
 
 def _rows(text: Text) -> tuple[list[Row], str]:
@@ -104,6 +146,20 @@ def _rows(text: Text) -> tuple[list[Row], str]:
     return rows, " ".join(sources)
 
 
+def is_trace(text: Text) -> bool:
+    """Whether a table has power but no column of a parameter: power over time at a configuration it does not tell."""
+    rows, _ = _rows(text)
+    if not rows:
+        return False
+    fields = rows[0].fields
+    if all(NUMBER.match(field) for field in fields):
+        return (_has_flags(fields) or fields == ["100"]) and not any(field.startswith("2") for field in fields)
+    headings = [_heading(field) for field in fields]
+    return any(each.per_watt for each in headings) and all(
+        each.per_watt or _NO_PARAMETER.match(each.name) for each in headings
+    )
+
+
 # ── what the columns mean ──
 
 
@@ -112,7 +168,8 @@ class _Layout:
     """What the columns of a table mean.
 
     `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; the first
-    measurement is in row `first`, and each row has `width` fields.
+    measurement is in row `first`, and each row has `width` fields. A trace has no columns of parameters, but the
+    values `constant` of all of them.
     """
 
     names: list[str]
@@ -123,18 +180,21 @@ class _Layout:
     per_watt: float = 1.0
     first: int = 1
     warnings: Sequence[Fault] = ()
+    constant: tuple[float, ...] = ()
 
 
-def _layout(row: Row, names: Sequence[str]) -> _Layout:
+def _layout(row: Row, names: Sequence[str], stated: Configuration | None, nameless: bool) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     if len(row.fields) == 1:
+        if stated and (_heading(row.fields[0]).per_watt or row.fields[0] == "100"):
+            return _trace(row, 0, _heading(row.fields[0]).per_watt or 1.0, stated, [])
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
     if not all(NUMBER.match(field) or NOT_FINITE.match(field) for field in row.fields):
-        layout = _header(row)
+        layout = _header(row, stated)
     elif _has_flags(row.fields):
-        layout = _flags(row)
+        layout = _flags(row, stated)
     else:
-        layout = _headerless(row, names)
+        layout = _headerless(row, names, nameless)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         place = layout.parameters[PARAMETERS_LIMIT]
@@ -142,9 +202,34 @@ def _layout(row: Row, names: Sequence[str]) -> _Layout:
     return layout
 
 
-def _headerless(row: Row, names: Sequence[str]) -> _Layout:
+def _trace(row: Row, power: int, per_watt: float, stated: Configuration, warnings: Sequence[Fault]) -> _Layout:
+    """Power over time at one configuration."""
+    names, units, constant = list(stated.names), list(stated.units), stated.values
+    return _Layout(names, units, [], power, len(row.fields), per_watt, warnings=warnings, constant=constant)
+
+
+def _like(first: _Layout, layout: _Layout, row: Row) -> _Layout:
+    """A further file's layout, its parameters in the order of the first's."""
+    if sorted(zip(layout.names, layout.units, strict=True)) != sorted(zip(first.names, first.units, strict=True)):
+        here = ", ".join(f"{name} {unit}".strip() for name, unit in zip(layout.names, layout.units, strict=True))
+        there = ", ".join(f"{name} {unit}".strip() for name, unit in zip(first.names, first.units, strict=True))
+        expected = f"{there}, as in the first file; --add for computations that were measured apart"
+        raise InputError(row.fault(0, f"measurements of {here}", expected))
+    order = [layout.names.index(name) for name in first.names]
+    return replace(
+        layout,
+        names=first.names,
+        units=first.units,
+        parameters=[layout.parameters[i] for i in order] if layout.parameters else [],
+        constant=tuple(layout.constant[i] for i in order) if layout.constant else (),
+    )
+
+
+def _headerless(row: Row, names: Sequence[str], nameless: bool) -> _Layout:
     """Numbers alone: parameters, then power; a single parameter is called c."""
     d = len(row.fields) - 1
+    if d > 1 and nameless:
+        names = [f"c{i + 1}" for i in range(d)]
     if d > 1 and len(names) != d:
         message = f"{d + 1} columns without names"
         raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
@@ -153,12 +238,12 @@ def _headerless(row: Row, names: Sequence[str]) -> _Layout:
 
 def _has_flags(fields: Sequence[str]) -> bool:
     """Whether numbers are powprofiler's column flags, and not a first measurement such as `200,130`."""
-    known = {"100", "101", "102", "130", "131", "132", "160", "161", "162"}
+    known = {f"{kind}{part}" for kind in ("10", "13", "16") for part in "012"}
     flags = all(field in known or re.fullmatch("2[0-9]{2}", field) for field in fields)
     return flags and len(set(fields)) == len(fields) and ("100" in fields or len(fields) > 2)
 
 
-def _flags(row: Row) -> _Layout:
+def _flags(row: Row, stated: Configuration | None) -> _Layout:
     """powprofiler's columns: 2xx are parameters, 100 is the total average power; the others are not needed.
 
     101 and 102 are parts of the total; 130 to 132, called energy, are W·samples.
@@ -166,14 +251,22 @@ def _flags(row: Row) -> _Layout:
     Source: powprofiler, doi 10.5281/zenodo.5562457 (letter, reference 48).
     """
     parameters = [i for i, flag in enumerate(row.fields) if flag.startswith("2")]
-    if not parameters:
+    if not parameters and not stated:
         message = "a powprofiler trace: power over time, without the configuration it was measured at"
         raise InputError(row.fault(0, message, _A_CONFIGURATION))
     if "100" not in row.fields:
         raise InputError(row.fault(0, "no total power", "a column 100 among powprofiler's flags"))
-    names = [f"p{row.fields[i]}" for i in parameters]
     power = row.fields.index("100")
+    if not parameters and stated:
+        return _trace(row, power, 1.0, stated, [])
+    names = [f"p{row.fields[i]}" for i in parameters]
     return _Layout(names, [""] * len(names), parameters, power, width=len(row.fields))
+
+
+def heading(field: str) -> tuple[str, str, str]:
+    """The name and the unit ('' unknown) of a parameter's column, as in `fps [1/s]`, and what is wrong with them."""
+    found = _heading(field)
+    return found.name, found.unit, found.problem or ("a power is no parameter" if found.per_watt else "")
 
 
 @dataclass(frozen=True)
@@ -186,7 +279,7 @@ class _Heading:
     problem: str = ""
 
 
-def _header(row: Row) -> _Layout:
+def _header(row: Row, stated: Configuration | None) -> _Layout:
     headings = [_heading(field) for field in row.fields]
     faults = []
     for i, heading in enumerate(headings):
@@ -198,15 +291,17 @@ def _header(row: Row) -> _Layout:
         raise capped(faults)
     power = _power_column(row, headings)
     idle = [i for i, heading in enumerate(headings) if heading.per_watt or _NO_PARAMETER.match(heading.name)]
-    ignored = [(i, headings[i].name) for i in idle if i != power]
+    parameters = sorted(set(range(len(headings))) - set(idle))
+    ignored = [(i, headings[i].name) for i in idle if i != power and (parameters or headings[i].per_watt)]
     warnings = [row.fault(i, f"{name} is no parameter of the computations: ignored") for i, name in ignored]
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
-    parameters = sorted(set(range(len(headings))) - set(idle))
+    per_watt = headings[power].per_watt
+    if not parameters and stated:
+        return _trace(row, power, per_watt, stated, warnings)
     if not parameters:
         raise InputError(row.fault(0, "no column for the configuration", _A_HEADER))
     names, units = [headings[i].name for i in parameters], [headings[i].unit for i in parameters]
-    per_watt = headings[power].per_watt
     return _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings)
 
 
@@ -249,13 +344,14 @@ def _power_column(row: Row, headings: Sequence[_Heading]) -> int:
 
 # ── what the rows say ──
 
-_Readings = dict[tuple[float, ...], list[tuple[float, Row]]]
+_Run = list[tuple[float, Row]]
+_Readings = dict[tuple[float, ...], list[_Run]]
 
 
-def _readings(rows: Sequence[Row], layout: _Layout) -> _Readings:
-    """Power readings [W] and their rows by configuration, in the order of the file."""
-    readings: _Readings = {}
+def _read_rows(rows: Sequence[Row], layout: _Layout, readings: _Readings) -> None:
+    """Add a file's power readings [W] and their rows by configuration: rows that follow one another make a run."""
     faults: list[Fault] = []
+    before: tuple[float, ...] | None = None
     for row in rows:
         if len(row.fields) != layout.width:
             at = min(len(row.fields), layout.width)
@@ -265,10 +361,14 @@ def _readings(rows: Sequence[Row], layout: _Layout) -> _Readings:
         power_w = numbers.pop() / layout.per_watt
         if power_w < 0:
             faults.append(row.fault(layout.power, f"a power of {power_w:g} W", "a power of 0 or more"))
-        readings.setdefault(tuple(numbers), []).append((power_w, row))
+        point = layout.constant or tuple(numbers)
+        runs = readings.setdefault(point, [])
+        if point != before:
+            runs.append([])
+        runs[-1].append((power_w, row))
+        before = point
     if faults:
         raise capped(faults)
-    return readings
 
 
 def _number(row: Row, index: int, faults: list[Fault]) -> float:
@@ -287,29 +387,27 @@ def _number(row: Row, index: int, faults: list[Fault]) -> float:
     return 0.0
 
 
-def _average(powers_w: Sequence[float]) -> tuple[float, float]:
-    """Mean and sample standard deviation [W]; the spread of one reading is 0."""
-    if min(powers_w) == max(powers_w):  # exactly what was read, without the rounding of a sum
-        return powers_w[0], 0.0
-    mean_w = math.fsum(powers_w) / len(powers_w)
-    variance = math.fsum((power_w - mean_w) ** 2 for power_w in powers_w) / (len(powers_w) - 1)
-    return mean_w, math.sqrt(variance)
+def _check_agreement(readings: _Readings, averages: Sequence[Average], layout: _Layout) -> list[Fault]:
+    """Refuse repeated configurations that disagree: a few readings by their spread, many by their standard error.
 
-
-def _check_agreement(readings: _Readings, layout: _Layout) -> None:
-    """Refuse repeated configurations whose spread is above `SPREAD_LIMIT` of their mean: that is no noise."""
-    faults = []
-    for point, group in readings.items():
-        mean_w, spread_w = _average([power_w for power_w, _ in group])
-        if spread_w <= SPREAD_LIMIT * mean_w:
+    Returns warnings of many readings that spread wide, though their mean is known well.
+    """
+    faults, wide = [], []
+    for (point, runs), found in zip(readings.items(), averages, strict=True):
+        if found.spread <= SPREAD_LIMIT * found.mean:
             continue
+        group = [reading for run in runs for reading in run]
         low_w, low = min(group, key=lambda reading: reading[0])
         high_w, high = max(group, key=lambda reading: reading[0])
         where = ", ".join(f"{name}={value:g}" for name, value in zip(layout.names, point, strict=True))
-        readings_said = f"{low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
-        spread = f"a spread of {100 * spread_w / mean_w:.0f} % of the mean"
-        message = f"repeated configurations that disagree: {where} draws {readings_said}, {spread}"
+        readings_said = f"{where} draws {low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
+        spread = f"a spread of {100 * found.spread / found.mean:.0f} % of the mean"
         later = max(low, high, key=lambda row: row.line)
+        if found.samples >= FEW and found.standard_error <= SPREAD_LIMIT * found.mean:
+            wide.append(later.fault(layout.power, f"power that varies a lot: {readings_said}, {spread}"))
+            continue
+        message = f"repeated configurations that disagree: {readings_said}, {spread}"
         faults.append(later.fault(layout.power, message, f"at most {100 * SPREAD_LIMIT:.0f} %"))
     if faults:
         raise capped(faults)
+    return wide

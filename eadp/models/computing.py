@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from eadp.errors import EadpError, Infeasible
 from eadp.models.plan import Box, Plan
-from eadp.models.profile import Profile
+from eadp.models.profile_sum import AnyProfile
 
 
 @dataclass(frozen=True)
@@ -15,11 +15,12 @@ class Computing:
     """Power of the computations at the parameters of a plan.
 
     `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
-    plan's computations it is.
+    plan's computations it is. Where the profile adds parts, a part none of whose computations may run costs nothing;
+    within a part, one that may not run counts as 0, which must have been measured.
     """
 
     path_count: int
-    profile: Profile | None
+    profile: AnyProfile | None
     order: tuple[int, ...] = ()
 
     def power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
@@ -33,7 +34,13 @@ class Computing:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
             return 0.0
-        return self.profile.power_w_at([values[i] for i in self.order])
+        total_w, column = 0.0, 0
+        for part in self.profile.parts:
+            chosen = self.order[column : column + len(part.names)]
+            column += len(part.names)
+            if not all(sets[self.path_count + i].inhibited for i in chosen):
+                total_w += part.power_w_at([values[i] for i in chosen])
+        return total_w
 
     def levels(self, index: int, box: Box) -> tuple[float, ...]:
         """The values that computation `index` (from 0) may take within a set, lowest first."""
@@ -42,7 +49,7 @@ class Computing:
         return self.profile.levels(self.order.index(index), box.lo, box.hi)
 
 
-def join_profile(plan: Plan, profile: Profile | None) -> Computing:
+def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:
     """Bring a plan and a profile together by the names of the computations, in order where the plan names none.
 
     Raises

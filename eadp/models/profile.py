@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from eadp.core.piecewise import FloatArray, Interpolant, Kind, interpolant
+from eadp.core.piecewise import FloatArray, Interpolant, Kind, interpolant, left_out
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -19,6 +19,12 @@ LEVELS_LIMIT = 100_000
 
 WHOLE = 1e-9
 """How far from a whole number of steps still counts as whole."""
+
+FEW = 10
+"""Fewest independent samples of a repeated configuration that tell its standard error."""
+
+SHOWN = 3
+"""Most configurations that one finding names."""
 
 
 def _empty() -> FloatArray:
@@ -35,6 +41,20 @@ class Finding:
 
     point: int
     message: str
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How far the other configurations miss the power of one that is left out, over those that they enclose.
+
+    `points` is their number, `rms_w` the root mean square of the errors [W], `largest_w` the largest of them, without
+    its sign [W], and `worst` the index of its configuration.
+    """
+
+    points: int
+    rms_w: float
+    largest_w: float
+    worst: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +79,9 @@ class Profile:
         `linear`, or `pchip` where one parameter changes.
     source : str
         Where the measurements come from.
+    standard_error_w : array, shape (n,)
+        Standard deviation of `power_w` as a mean [W], consecutive samples being alike; NaN where it is not known.
+        Default: all NaN.
 
     Raises
     ------
@@ -76,6 +99,7 @@ class Profile:
     samples: NDArray[np.int64] = field(default_factory=_none)
     interpolation: Kind = "linear"
     source: str = ""
+    standard_error_w: FloatArray = field(default_factory=_empty)
 
     def __post_init__(self) -> None:
         points = np.array(self.configurations, dtype=np.float64)
@@ -88,6 +112,9 @@ class Profile:
             "power_w": np.array(self.power_w, dtype=np.float64),
             "spread_w": np.array(self.spread_w if np.size(self.spread_w) else np.zeros(n), dtype=np.float64),
             "samples": np.array(self.samples if np.size(self.samples) else np.ones(n), dtype=np.int64),
+            "standard_error_w": np.array(
+                self.standard_error_w if np.size(self.standard_error_w) else np.full(n, np.nan), dtype=np.float64
+            ),
         }
         for name, column in columns.items():
             if len(column) != n:
@@ -102,8 +129,8 @@ class Profile:
             return NotImplemented
         mine = (self.names, self.units, self.interpolation, self.source)
         return mine == (other.names, other.units, other.interpolation, other.source) and all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            for name in ("configurations", "power_w", "spread_w", "samples")
+            np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name == "standard_error_w")
+            for name in ("configurations", "power_w", "spread_w", "samples", "standard_error_w")
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -112,6 +139,37 @@ class Profile:
     def interpolant(self) -> Interpolant:
         """The interpolation of power [W] over the configurations; vectorised when called."""
         return interpolant(self.configurations, self.power_w, self.interpolation)
+
+    @property
+    def parts(self) -> tuple[Profile, ...]:
+        """The profiles whose power is added: of one that was measured as a whole, itself."""
+        return (self,)
+
+    @cached_property
+    def left_out_w(self) -> FloatArray:
+        """What the others predict at each configuration, shape (n,) [W]; NaN where they do not enclose it.
+
+        See `eadp.core.piecewise.left_out`.
+        """
+        return left_out(self.configurations, self.power_w, self.interpolation)
+
+    @property
+    def leave_one_out(self) -> LeftOut | None:
+        """The error of leaving one configuration out; None where no configuration is enclosed by the others."""
+        errors = np.abs(self.left_out_w - self.power_w)
+        known = np.flatnonzero(np.isfinite(errors))
+        if not len(known):
+            return None
+        worst = int(known[np.argmax(errors[known])])
+        rms_w = math.sqrt(float(np.mean(errors[known] ** 2)))
+        return LeftOut(len(known), rms_w, float(errors[worst]), worst)
+
+    def effective_samples(self, point: int) -> float:
+        """How many independent samples tell as much of a configuration's power as its samples do; never more."""
+        error_w, spread_w = float(self.standard_error_w[point]), float(self.spread_w[point])
+        samples = float(self.samples[point])
+        correlated = error_w * math.sqrt(samples) > spread_w > 0  # not where the error is not known: NaN
+        return (spread_w / error_w) ** 2 if correlated else samples
 
     def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
         """Average power of the computations at a configuration.
@@ -145,6 +203,10 @@ class Profile:
     def contains(self, configuration: Sequence[float]) -> bool:
         """Whether a configuration of d floats is within the measured range."""
         return self.interpolant.contains(configuration)
+
+    def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
+        """The configuration of d floats to take in place of one that is outside; see `Interpolant.nearest`."""
+        return self.interpolant.nearest(configuration)
 
     def outside(self, configuration: Sequence[float]) -> str:
         """Say in what way a configuration of d floats is outside the measured range."""
@@ -204,14 +266,32 @@ class Profile:
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
 
     def findings(self) -> tuple[Finding, ...]:
-        """What is odd: power that rises and falls along a parameter, the others held. Nothing is repaired.
+        """What is odd: power that rises and falls along a parameter, the others held; few samples. Nothing is repaired.
 
         Returns
         -------
         tuple of Finding
-            At most one for each parameter, at its first turning point.
+            At most one for each parameter, at its first turning point; then at most one of few independent samples,
+            where some configuration was measured more than once.
         """
-        return tuple(found for axis in range(len(self.names)) for found in self._turns(axis)[:1])
+        turns = [found for axis in range(len(self.names)) for found in self._turns(axis)[:1]]
+        return (*turns, *self._few())
+
+    def _few(self) -> list[Finding]:
+        if self.samples.max() <= 1:  # averages, of which nothing more is known
+            return []
+        few = [i for i in range(len(self.samples)) if self.effective_samples(i) < FEW]
+        if not few:
+            return []
+        told = [f"{self.effective_samples(i):.2g} of {self.samples[i]} at {self.named(i)}" for i in few[:SHOWN]]
+        more = f", and so at {len(few) - SHOWN} more" if len(few) > SHOWN else ""
+        what = f"fewer than {FEW} independent samples: {', '.join(told)}{more}"
+        return [Finding(few[0], f"{what}; their standard errors are rough")]
+
+    def named(self, point: int) -> str:
+        """A measured configuration by its index, as in `fps=2, keysize=32`."""
+        values = zip(self.names, self.configurations[point].tolist(), strict=True)
+        return ", ".join(f"{name}={value:.10g}" for name, value in values)
 
     def _turns(self, axis: int) -> list[Finding]:
         """Every line of configurations along one parameter in which power turns."""

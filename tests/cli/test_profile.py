@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -137,17 +138,109 @@ def test_summary_as_text(run: Run, measured: Measured) -> None:
     assert out.splitlines() == [
         "2 configurations of fps; linear between them",
         "source: the bench",
-        "fps [1/s]  power [W]  spread [W]  samples",
-        "        2       5.25        0.35        2",
-        "       10          9                    1",
+        "fps [1/s]  power [W]  spread [W]  std. error [W]  samples",
+        "        2       5.25        0.35            0.25        2",
+        "       10          9                                    1",
     ]
+
+
+def test_summary_tells_how_far_the_others_miss(run: Run) -> None:
+    code, out, _ = run("profile", PEDNET)
+    assert code == 0
+    assert out.splitlines()[2:] == [
+        "fps  power [W]  samples  left out [W]",
+        "  2    5.21438        1",
+        "  4    6.94212        1       +0.0055",
+        "  6    8.68095        1         -0.32",
+        "  8    9.78429        1         -0.34",
+        " 10    10.2112        1",
+        "leave one out: 3 configurations predicted from the others to 0.27 W (rms), at most 0.34 W, at fps=8",
+    ]
+
+
+# the page about it
+
+PAGE = (ROOT / "docs" / "profile.md").read_text(encoding="utf-8")
+
+
+def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    blocks = re.findall(r"```console\n\$ eadp ([^\n]*)\n(.*?)```", PAGE, re.DOTALL)
+    assert blocks
+    for command, shown in blocks:
+        assert run(*shlex.split(command)) == (0, shown, "")
+
+
+def test_the_page_names_every_option(run: Run) -> None:
+    options = set(re.findall(r"--[a-z-]+", run("profile", "--help")[1])) - {"--help", "--output", "--sysfs"}
+    assert options <= set(re.findall(r"--[a-z-]+", PAGE))
+
+
+# several files
+
+
+def test_traces_by_option_and_by_name(run: Run, tmp_path: Path) -> None:
+    names = ["run_0.5fps.csv", "run_10fps.csv"]
+    for name, power_w in zip(names, (3, 4), strict=True):
+        (tmp_path / name).write_text(f"100,101,102\n{power_w},1,0\n{power_w},1,0\n", encoding="utf-8")
+    files = [str(tmp_path / name) for name in names]
+    by_option = run("profile", *files, "--config", "fps=0.5", "--config", "fps=10", "--format", "json")
+    by_name = run("profile", *files, "--from-name", "*_{fps}fps", "--format", "json")
+    assert by_option[0] == 0
+    assert by_option == by_name
+    assert [point["at"] for point in json.loads(by_name[1])["points"]] == [[0.5], [10]]
+
+
+def test_computations_added_are_flown(run: Run, measured: Measured, tmp_path: Path) -> None:
+    other = measured("keysize,power_w\n32,1\n448,3\n")
+    model = str(tmp_path / "both.yaml")
+    code, out, _ = run("profile", PEDNET, "--add", other, "-o", model)
+    assert code == 0
+    assert out.startswith("2 parts, measured apart, whose power is added: fps, keysize\n\n5 configurations of fps;")
+    code, out, err = run("profile", model, "--at", "fps=10,keysize=240", "--at", "fps=11,keysize=0", "--clamp")
+    assert (code, out) == (0, "fps=10,keysize=240: 12.2112 W\nfps=11,keysize=0: 11.2112 W\n")
+    assert err.endswith("taken at fps=10,keysize=32\n")
+    document = json.loads(run("profile", model, "--format", "json")[1])
+    assert [len(part["points"]) for part in document["parts"]] == [5, 2]
+    stage = "0.1; 90; x\n0, {y}\n[{fps}]\n[{keysize}]\n"
+    plan = tmp_path / "two.plan"
+    first, second = stage.format(y=400, fps="10,10", keysize="32,32"), stage.format(y=800, fps="10,10", keysize="0,0")
+    plan.write_text(f"%: computations fps, keysize\n{first}{second}", encoding="utf-8")
+    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.model=paper"]
+    code, out, err = run(*flown, "-o", str(tmp_path / "flight"), "--format", "json")
+    assert (code, json.loads(out)["completed"]) == (0, True), err
+    rows = [line.split(",") for line in (tmp_path / "flight" / "flight.csv").read_text().splitlines()]
+    power = {row[1]: float(row[6]) for row in rows[1:]}
+    # in the second stage the watt of the smallest key is gone
+    assert power["1"] - power["2"] == pytest.approx(1.0, abs=0.2)
+
+
+def test_pchip_of_every_part(run: Run, measured: Measured) -> None:
+    other = measured("a,b,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
+    code, out, err = run("profile", PEDNET, "--add", other, "--interpolation", "pchip")
+    assert (code, out) == (2, "")
+    assert err.startswith("--interpolation:1:1: error: pchip needs one changing parameter, and 2 change")
+
+
+@pytest.mark.parametrize("ending", ["svg", "png"])
+def test_plot(run: Run, tmp_path: Path, ending: str) -> None:
+    picture = tmp_path / f"model.{ending}"
+    assert run("profile", PEDNET, "--plot", str(picture), "--at", "fps=5") == (0, "fps=5: 7.81153 W\n", "")
+    assert picture.read_bytes()[:5] in (b"<?xml", b"\x89PNG\r")
+    code, out, err = run("profile", PEDNET, "--plot", str(tmp_path / "model.txt"), "-o", str(tmp_path / "m.yaml"))
+    assert (code, out, list(tmp_path.iterdir())) == (2, "", [picture])
+    assert "expected a name that ends in .svg or .png" in err
 
 
 def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
     code, out, err = run("profile", PEDNET, "--format", "json")
     document = json.loads(out)
     assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
-    assert document["points"][0] == {"at": [2], "power_w": 5.21438, "spread_w": 0, "samples": 1}
+    first, second = document["points"][:2]
+    told = {"at": [2], "power_w": 5.21438, "spread_w": 0, "samples": 1, "standard_error_w": None}
+    assert first == {**told, "left_out_error_w": None}, "an end is not enclosed by the others"
+    assert second["left_out_error_w"] == pytest.approx((5.21438 + 8.68095) / 2 - 6.94212)
+    assert document["leave_one_out"]["points"] == 3
     (tmp_path / "m.json").write_text(out, encoding="utf-8")
     assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
 
@@ -205,6 +298,10 @@ def test_warnings_are_on_stderr(run: Run, measured: Measured) -> None:
         (["-o", "no/such/folder/m.yaml"], "no/such/folder/m.yaml:1:1: error: cannot be written"),
         (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
         (["--names", ","], "--names:1:1: error: an empty text is no name"),
+        (["--add", PEDNET], "--add:1:1: error: two of the profiles that are added have a parameter fps"),
+        (["--config", "fps=2"], "--config:1:1: error: stated for 1 files, and 0 do not say"),
+        (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one for a trace"),
+        (["--idle", "3"], "--idle:1:1: error: says nothing here; expected it with --measure"),
     ],
 )
 def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None:
@@ -238,7 +335,8 @@ def test_schema_of_a_profile(run: Run) -> None:
     schema = json.loads(out)
     assert (code, err) == (0, "")
     assert schema["title"] == "eadp.profile/1"
-    assert set(schema["properties"]) == {"schema", "source", "parameters", "interpolation", "points"}
+    keys = {"schema", "source", "parameters", "interpolation", "points", "leave_one_out", "parts"}
+    assert set(schema["properties"]) == keys
 
 
 def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import json
 import statistics
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eadp.core.averaging import average
 from eadp.errors import FAULTS_SHOWN, Fault, Infeasible, InputError
-from eadp.io.profile_csv import LARGEST, SPREAD_LIMIT
-from eadp.io.profile_file import json_schema, parse_profile, profile_document, profile_yaml, read_profile
+from eadp.io.profile_csv import LARGEST, SPREAD_LIMIT, Configuration
+from eadp.io.profile_file import (
+    Sources,
+    json_schema,
+    parse_profile,
+    profile_document,
+    profile_yaml,
+    read_profile,
+    read_profiles,
+)
 from eadp.io.streams import Text
 from eadp.models.profile import Profile
+from eadp.models.profile_sum import ProfileSum
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 ROOT = Path(__file__).parents[2]
@@ -82,6 +95,8 @@ def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
     assert warnings_of(body) == [
         "1:1: warning: time_s is no parameter of the computations: ignored",
         "1:12: warning: cpu_power_w is no parameter of the computations: ignored",
+        "2:1: warning: fewer than 10 independent samples: 2 of 2 at fps=2, 1 of 1 at fps=4; their standard errors are "
+        "rough",
     ]
 
 
@@ -151,6 +166,177 @@ def test_warning_of_power_that_turns_points_at_its_row() -> None:
     assert warnings_of("fps,power_w\n10,3\n2,5\n4,7\n") == [
         "4:1: warning: power is not monotone in fps: it rises to 7 W at fps=4 and falls after it; kept as measured"
     ]
+
+
+# standard errors
+
+
+def test_the_standard_error_is_that_of_the_runs() -> None:
+    first, second = [5.0, 5.1, 5.2, 5.1, 5.0], [5.3, 5.4, 5.2]
+    rows = [f"2,{power_w}" for power_w in first] + ["4,7"] + [f"2,{power_w}" for power_w in second]
+    profile = parse("fps,power_w\n" + "\n".join(rows))
+    assert profile.standard_error_w[0] == average([first, second]).standard_error
+    assert np.isnan(profile.standard_error_w[1]), "of one reading nothing is known"
+
+
+def test_many_samples_may_spread_where_their_mean_is_known() -> None:
+    burst = "".join(f"2,{power_w}\n" for power_w in [5, 9, 5, 5, 9, 9, 5, 9] * 20)
+    (wide,) = [text for text in warnings_of(f"fps,power_w\n{burst}4,7.5\n") if "varies" in text]
+    assert wide.startswith(
+        "3:3: warning: power that varies a lot: fps=2 draws 5 W in line 2 and 9 W in line 3, a spread"
+    )
+    (fault,) = faults_of("fps,power_w\n" + "2,5\n" * 10 + "2,50\n4,7\n")
+    assert "repeated configurations that disagree" in fault
+
+
+# traces, and computations measured apart
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., list[str]]:
+    """Write files by their names and return their paths."""
+
+    def write(**bodies: str) -> list[str]:
+        paths = []
+        for name, body in bodies.items():
+            (tmp_path / f"{name}.csv").write_text(body, encoding="utf-8")
+            paths.append(str(tmp_path / f"{name}.csv"))
+        return paths
+
+    return write
+
+
+TRACE = "100,101,102\n3,1,0\n3.2,1,0\n"
+STEADY = Configuration(("fps",), ("1/s",), (2.0,))
+
+
+def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]]) -> None:
+    files = written(slow=TRACE, table="fps [1/s],power_w\n4,5\n", timed="time_s,power [mW]\n0,7000\n1,7200\n")
+    fast = Configuration(("fps",), ("1/s",), (8.0,))
+    profile, warnings = read_profiles(Sources(files, configurations=[STEADY, fast]))
+    assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
+    assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), "slow.csv + table.csv + timed.csv")
+    assert len(warnings) == 1, "few samples, and nothing about the times of a trace"
+
+
+def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., list[str]]) -> None:
+    files = written(a=TRACE, b="power_w\n3.4\n3.6\n", c=TRACE)
+    other = Configuration(("fps",), ("1/s",), (4.0,))
+    profile, _ = read_profiles(Sources(files, configurations=[STEADY, STEADY, other]))
+    assert profile.standard_error_w[0] == average([[3, 3.2], [3.4, 3.6]]).standard_error
+
+
+def test_parameters_of_several_files_in_any_order(written: Callable[..., list[str]]) -> None:
+    files = written(a="fps,keysize,power_w\n2,32,5\n2,448,6\n", b="keysize,power_w,fps\n32,9,10\n448,14,10\n")
+    profile, _ = read_profiles(Sources(files))
+    assert points_of(profile) == {(2, 32): 5, (2, 448): 6, (10, 32): 9, (10, 448): 14}
+
+
+@pytest.mark.parametrize(
+    ("bodies", "options", "starts"),
+    [
+        (
+            {"a": TRACE, "b": TRACE},
+            {"configurations": [STEADY]},
+            "--config:1:1: error: stated for 1 files, and 2 do not",
+        ),
+        ({"a": TRACE}, {"configurations": [STEADY]}, "a.csv:3:1: error: one configuration only"),
+        ({"a": TRACE}, {"pattern": "*_{fps}fps"}, "a.csv:1:1: error: the name is not like *_{fps}fps"),
+        (
+            {"a": TRACE},
+            {"pattern": "{fps}", "configurations": [STEADY]},
+            "--from-name:1:1: error: stands beside --config; expected one of the two",
+        ),
+        (
+            {"a": "fps,power_w\n2,5\n", "b": "rate,power_w\n4,5\n"},
+            {},
+            "b.csv:1:1: error: measurements of rate; expected fps, as in the first file; --add for computations",
+        ),
+        (
+            {"a": "fps,power_w\n2,5\n", "b": "{schema: eadp.profile/1}"},
+            {},
+            "b.csv:1:1: error: a model among several files; expected measurements, or --add",
+        ),
+        ({"a": "{schema: eadp.profile/1}"}, {"pattern": "{fps}"}, "a.csv:1:1: error: a model needs no configuration"),
+        ({"a": "fps,power_w\n2,5\n", "b": "# nothing\n"}, {}, "b.csv:1:1: error: no measurements"),
+        ({"a": "101,102\n2,5\n"}, {"configurations": [STEADY]}, "--config:1:1: error: stated for 1 files, and 0"),
+    ],
+)
+def test_several_files_that_are_refused(
+    written: Callable[..., list[str]], bodies: dict[str, str], options: dict[str, Any], starts: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_profiles(Sources(written(**bodies), **options))
+    (fault,) = caught.value.faults
+    assert str(replace(fault, file=Path(fault.file).name)).startswith(starts)
+
+
+def test_computations_measured_apart_are_added(written: Callable[..., list[str]]) -> None:
+    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    profile, _ = read_profiles(Sources([one], [two], ["fps", "rate", "keysize"]))
+    assert profile.names == ("fps", "rate", "keysize")
+    assert profile.power_w_at((3, 1.5, 48)) == pytest.approx(6 + 2.25)
+    again, _ = read_profiles(Sources([one], [one], ["a", "b"]))
+    assert again.power_w_at((2, 4)) == 12
+
+
+def test_sums_that_are_refused(written: Callable[..., list[str]]) -> None:
+    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    with pytest.raises(InputError, match=r"^--add:1:1: error: two of .* parameter fps; expected names of their own"):
+        read_profiles(Sources([one], [one]))
+    with pytest.raises(InputError, match=r"^--names:1:1: error: 1 names for the parameters fps, c1, c2; expected 3"):
+        read_profiles(Sources([one], [two], ["fps"]))
+    with pytest.raises(InputError, match=r"3 columns without names"):
+        read_profiles(Sources([one], [two]))
+
+
+PARTS = """\
+schema: eadp.profile/1
+parts:
+  - source: "a"
+    parameters:
+      - {name: "fps"}
+    interpolation: pchip
+    points:
+      - {at: [2], power_w: 5, spread_w: 0.1, samples: 40, standard_error_w: 0.02}
+      - {at: [4], power_w: 7}
+      - {at: [8], power_w: 9}
+  - source: "b"
+    parameters:
+      - {name: "rate", unit: "Hz"}
+    interpolation: linear
+    points:
+      - {at: [1], power_w: 1}
+      - {at: [3], power_w: 2}
+"""
+
+
+def test_parts_of_a_model() -> None:
+    profile, warnings = parse_profile(Text("m.yaml", PARTS))
+    assert profile.names == ("fps", "rate")
+    assert profile.power_w_at((4, 2)) == 8.5
+    assert profile_yaml(profile) == PARTS
+    assert [first_line(fault) for fault in warnings] == [
+        "m.yaml:9:9: warning: fewer than 10 independent samples: 1 of 1 at fps=4, 1 of 1 at fps=8; their standard "
+        "errors are rough"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ('"rate"', '"fps"', "m.yaml:1:1: error: two of the profiles that are added have a parameter fps"),
+        ("    interpolation: linear\n", "    kind: x\n", "m.yaml:14:5: error: unknown key parts.1.kind"),
+        ("at: [3]", "at: [3, 4]", "m.yaml:17:10: error: 2 values for 1 parameters"),
+        ("at: [3]", "at: [1]", "m.yaml:17:10: error: the configuration 1 stands twice"),
+        ("parts:\n", "source: c\nparts:\n", "m.yaml:2:1: error: unknown key source"),
+    ],
+)
+def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
+    assert PARTS.count(old) == 1
+    with pytest.raises(InputError) as caught:
+        parse_profile(Text("m.yaml", PARTS.replace(old, new)))
+    assert first_line(caught.value.faults[0]).startswith(fault)
 
 
 # measurements that are refused
@@ -355,7 +541,7 @@ def test_names_for_a_model() -> None:
 
 
 def test_warning_of_a_model_points_at_the_configuration() -> None:
-    model = MODEL + "  - {at: [12, 32], power_w: 9}\n"
+    model = MODEL.replace(", spread_w: 0.125, samples: 3", "") + "  - {at: [12, 32], power_w: 9}\n"
     assert warnings_of(model) == [
         "10:5: warning: power is not monotone in fps at keysize=32: it rises to 9.5 W at fps=10 and falls "
         "after it; kept as measured"
@@ -461,7 +647,9 @@ def profiles(draw: st.DrawFn) -> Profile:
     column = st.lists(number, min_size=n, max_size=n).map(np.array)
     samples = draw(st.lists(st.integers(1, 2**53), min_size=n, max_size=n).map(np.array))
     units = tuple(draw(st.text(max_size=5)) for _ in range(d))
-    return Profile(tuple(names), units, points, draw(column), draw(column), samples, "linear", draw(st.text()))
+    errors_w = draw(st.lists(st.one_of(st.just(float("nan")), number.map(abs)), min_size=n, max_size=n).map(np.array))
+    told = draw(st.text())
+    return Profile(tuple(names), units, points, draw(column), draw(column), samples, "linear", told, errors_w)
 
 
 @unhurried
@@ -471,6 +659,18 @@ def test_round_trip_is_exact(profile: Profile) -> None:
     again = parse(text)
     assert again == profile
     assert profile_yaml(again) == text
+    assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
+
+
+@settings(unhurried, max_examples=40)
+@given(profiles(), profiles())
+def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
+    apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))
+    text = profile_yaml(apart)
+    again, _ = parse_profile(Text("m.yaml", text))
+    assert again == apart
+    assert profile_yaml(again) == text
+    assert parse_profile(Text("m.json", json.dumps(profile_document(apart))))[0] == apart
 
 
 def test_largest_numbers_still_interpolate() -> None:
@@ -482,8 +682,11 @@ def test_json_schema_says_what_the_reader_asks_for() -> None:
     schema = json_schema()
     assert schema["properties"]["schema"]["const"] == "eadp.profile/1"
     assert schema["additionalProperties"] is False
-    assert set(schema["required"]) == {"schema", "parameters", "points"}
-    assert set(schema["properties"]) == set(profile_document(parse(MODEL)))
+    assert schema["required"] == ["schema"]
+    assert [choice["required"] for choice in schema["oneOf"]] == [["parameters", "points"], ["parts"]]
+    assert set(schema["properties"]) == {*profile_document(parse(MODEL)), "parts"}
+    part = schema["properties"]["parts"]["items"]["$ref"].rpartition("/")[2]
+    assert set(schema["$defs"][part]["properties"]) == set(schema["properties"]) - {"schema", "parts"}
 
 
 # files that are shipped, and published data
@@ -522,7 +725,23 @@ def test_published_powprofiler_model() -> None:
         profile.power_w_at((0.25,))
 
 
+TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
+
+
 def test_published_traces_need_a_configuration() -> None:
-    for fps in ("0.5", "10"):
-        with pytest.raises(InputError, match="without the configuration"):
-            read_profile(reference(f"landing_trace_{fps}fps.csv"))
+    for name in TRACES:
+        with pytest.raises(InputError, match=r"without the configuration.*--config fps=0\.5"):
+            read_profile(reference(name))
+
+
+def test_published_traces_are_the_published_model() -> None:
+    files = [reference(name) for name in TRACES]
+    model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
+    profile, warnings = read_profiles(Sources(files, pattern="*_{fps}fps"))
+    assert warnings == []
+    for fps in (0.5, 10.0):  # printed to six digits
+        assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)
+    assert profile.samples.tolist() == [1272, 964]
+    spread_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
+    assert profile.spread_w == pytest.approx(spread_w)
+    assert np.all(profile.standard_error_w < 0.007)
