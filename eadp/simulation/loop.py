@@ -122,6 +122,11 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     reason = TIME_LIMIT
     time_s, power_w, forecast_w, last_logged = 0.0, 0.0, 0.0, -1
     k = 0
+
+    def logged() -> Step:
+        place = (aircraft.x_m, aircraft.y_m, aircraft.altitude_m, aircraft.heading_rad)
+        return Step(time_s, stage.index, *place, power_w, forecast_w, charge.soc, parameters)
+
     for k in range(steps):
         time_s = (k + 1) * step_s
         try:
@@ -152,18 +157,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         forecast_w = decision.power_forecast_w
         if (k + 1) % log_every == 0:
             last_logged = k
-            yield Step(
-                time_s,
-                stage.index,
-                x,
-                y,
-                aircraft.altitude_m,
-                aircraft.heading_rad,
-                power_w,
-                forecast_w,
-                charge.soc,
-                parameters,
-            )
+            yield logged()
         try:
             changed = advance(x, y)
             if itinerary.complete:
@@ -183,18 +177,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             computing_w = world.computing.power_w(parameters, stage.sets)
             log.change(time_s, parameters, stage.sets)
     if k != last_logged:
-        yield Step(
-            time_s,
-            stage.index,
-            aircraft.x_m,
-            aircraft.y_m,
-            aircraft.altitude_m,
-            aircraft.heading_rad,
-            power_w,
-            forecast_w,
-            charge.soc,
-            parameters,
-        )
+        yield logged()
     totals.energy_j, totals.distance_m = energy_w * step_s, distance_m * step_s
     totals.power_min_w, totals.power_max_w = lowest_w, highest_w
     log.close(time_s)
