@@ -51,6 +51,14 @@ def command(
     time_unit: Annotated[
         TimeUnit | None, typer.Option("--time-unit", help="Unit of the times, where their column's name has none.")
     ] = None,
+    battery: Annotated[
+        bool, typer.Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
+    ] = False,
+    capacity: Annotated[float | None, typer.Option(metavar="AH", help="The battery's capacity [Ah].")] = None,
+    k_b: Annotated[
+        float, typer.Option("--k-b", metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")
+    ] = 1 / 3600,
+    soc: Annotated[float, typer.Option(metavar="SHARE", help="State of charge where the log begins.")] = 1.0,
     format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
 ) -> int:
     """Example: eadp fit scenarios/example-power-log.csv
@@ -74,6 +82,13 @@ def command(
     if period_prior is not None and not 0 < period_prior < math.inf:
         raise usage_fault("--period-prior", f"{period_prior:g}", "no period", "a number of seconds above 0")
     names = [name.strip() for name in columns.split(",")] if columns else []
+    if battery:
+        if power:
+            raise usage_fault("--power", power, "a power tells nothing of a battery", "voltage and current")
+        from eadp.cli.fit_battery import fit_battery_from
+
+        wanted = Columns(time, "", voltage or "", current or "", names, time_unit or "")
+        return fit_battery_from(log, wanted, capacity, k_b, soc, output, format)
     readings = read_power_log(log, Columns(time, power, voltage, current, names, time_unit or ""))
     spectrum = _analysed(readings, order, period_prior)
     model = energy_model(spectrum)

@@ -98,12 +98,17 @@ class BatteryKeys(_Strict):
     k_b_per_s: Positive = 1 / 3600
     soc: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
     crate_per_h: Positive = 10.0
+    voltage_empty_v: Positive | None = Field(
+        default=None, description="open-circuit voltage without charge; voltage_v is then that at full charge"
+    )
     prescribed: list[tuple[NotNegative, Share]] | None = Field(
         default=None, description="[[t_s, soc], …] replayed instead"
     )
 
     @model_validator(mode="after")
     def _in_order(self) -> BatteryKeys:
+        if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
+            raise ValueError("voltage_empty_v: above voltage_v")
         times = [t for t, _ in self.prescribed or []]
         if self.prescribed is not None and not times:
             raise ValueError("prescribed: an empty trace")

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import bisect
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from eadp.core.battery import current_a, soc_rate_per_s
+
+VOLTAGE_STEP_V = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """A Rint battery. `crate_per_h` bounds the power by b Q_c V crate (letter, Def. III.3, with its missing unit)."""
+    """A Rint battery. `crate_per_h` bounds the power by b Q_c V crate (letter, Def. III.3, with its missing unit).
+
+    `voltage_v` is the open-circuit voltage [V] at full charge, and at any charge where `voltage_empty_v`, that of the
+    empty battery, is None; else it is linear in the state of charge.
+    """
 
     voltage_v: float = 14.8
     resistance_ohm: float = 0.05
@@ -19,9 +26,26 @@ class Battery:
     soc: float = 1.0
     crate_per_h: float = 10.0
     prescribed: tuple[tuple[float, float], ...] = ()
+    voltage_empty_v: float | None = None
+
+    def voltage_at(self, soc: float) -> float:
+        """Open-circuit voltage [V] at a state of charge."""
+        if self.voltage_empty_v is None:
+            return self.voltage_v
+        return self.voltage_empty_v + (self.voltage_v - self.voltage_empty_v) * soc
+
+    def near(self, soc: float) -> Battery:
+        """A battery of one voltage, that of this one near a state of charge: a step of `VOLTAGE_STEP_V` or less below.
+
+        For a planner that looks a short way ahead, and builds its problem anew only where the voltage has changed.
+        """
+        if self.voltage_empty_v is None:
+            return self
+        volts = math.floor(self.voltage_at(soc) / VOLTAGE_STEP_V) * VOLTAGE_STEP_V
+        return replace(self, voltage_v=max(volts, VOLTAGE_STEP_V), voltage_empty_v=None)
 
     def current_a(self, power_w: float) -> float:
-        """Current [A] that delivers a power [W]. Raises Infeasible where it cannot."""
+        """Current [A] that delivers a power [W] at full charge. Raises Infeasible where it cannot."""
         return current_a(power_w, self.voltage_v, self.resistance_ohm)
 
     def rate_per_s(self, power_w: float) -> float:

@@ -319,7 +319,8 @@ class PaperPlanner(StaticPlanner):
         plan, settings = self._mission.plan, self._settings
         sets = plan.stages[o.stage - 1].sets
         fixed = tuple(o.parameters[: self._rho]) if settings.trade_offs else ()
-        key = (steps, fixed, *(sets[i] for i in free))
+        battery = self._mission.battery.near(o.soc)
+        key = (steps, fixed, battery.voltage_v, *(sets[i] for i in free))
         if key not in self._horizons:
             base = list(o.parameters)
 
@@ -341,7 +342,7 @@ class PaperPlanner(StaticPlanner):
                 rows.append(([coefficients.get(names[i], 0.0) for i in free], least - rest))
             self._horizons[key] = Horizon(
                 computations,
-                self._mission.battery,
+                battery,
                 steps,
                 settings.cost,
                 rows,
@@ -441,12 +442,12 @@ class PaperPlanner(StaticPlanner):
         """t_b: how long the predicted battery lasts [s], down to the reserve.
 
         The horizon's computations, then its last one held; the motion is periodic, so whole periods are divided out and
-        the look-ahead costs one period whatever the battery.
+        the look-ahead costs one period whatever the battery. A voltage that falls with the charge is taken half way.
         """
         spare = o.soc - self._settings.reserve_soc
         if spare <= 0:
             return 0.0
-        b = self._mission.battery
+        b = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         step_s = LOOK_AHEAD_STEP_S
         head = max(1, round(len(self._ahead_w) * self._settings.every_s / step_s))
         period = max(1, round((self.period_s or step_s) / step_s))

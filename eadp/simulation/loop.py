@@ -190,7 +190,8 @@ class _Charge:
     def __init__(self, battery: Battery, faults: tuple[Fault, ...], step_s: float) -> None:
         self._battery = battery
         self._faults = sorted(faults, key=lambda fault: -fault.at_s)
-        self._square = battery.voltage_v**2
+        empty_v = battery.voltage_at(0.0)
+        self._empty_v, self._rise_v = empty_v, battery.voltage_v - empty_v
         self._four_r = 4 * battery.resistance_ohm
         self._factor = 2 * battery.k_b_per_s * step_s / battery.capacity_ah
         self.soc = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
@@ -200,14 +201,15 @@ class _Charge:
         """Draw a power for one step; return whether the battery could give it and is not empty."""
         b = self._battery
         # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c: eadp.core.battery, inlined for the loop
-        discriminant = self._square - self._four_r * power_w
+        volts = self._empty_v + self._rise_v * self.soc
+        discriminant = volts * volts - self._four_r * power_w
         if discriminant < 0:
-            self.failure = "the battery cannot deliver: " + undeliverable(power_w, b.voltage_v, b.resistance_ohm)
+            self.failure = "the battery cannot deliver: " + undeliverable(power_w, volts, b.resistance_ohm)
             return False
         if b.prescribed:
             self.soc = b.prescribed_soc(time_s)
         else:
-            self.soc -= self._factor * power_w / (b.voltage_v + math.sqrt(discriminant))
+            self.soc -= self._factor * power_w / (volts + math.sqrt(discriminant))
             while self._faults and time_s >= self._faults[-1].at_s - 1e-9:
                 self.soc -= self._faults.pop().soc_drop
         if self.soc <= 0:
