@@ -225,14 +225,62 @@ def test_just_enough_readings() -> None:
     assert len(parse(table("time_s,power_w", "{i},5", MIN_SAMPLES)).times_s) == MIN_SAMPLES
 
 
-@pytest.mark.parametrize(
-    ("head", "kind"), [(b"ULog\x01\x12\x35\x01\x00", "a PX4 ULog"), (b"\xa3\x95\x80\x80", "an ArduPilot DataFlash log")]
-)
-def test_autopilots_binary_logs_are_named(tmp_path: Path, head: bytes, kind: str) -> None:
+@pytest.mark.parametrize("head", [b"ULog\x01\x12\x35\x01\x00", b"\xa3\x95\x80\x80"])
+def test_autopilots_logs_without_a_battery(tmp_path: Path, head: bytes) -> None:
     file = tmp_path / "flight.bin"
     file.write_bytes(head + bytes(100))
-    with pytest.raises(InputError, match=f"flight.bin:1:1: error: is {kind}, which is binary and not read as CSV"):
+    with pytest.raises(InputError, match=r"flight.bin:1:1: error: no message tells of a battery; expected ba"):
         read_power_log(str(file))
+
+
+def test_a_clock_set_back_keeps_the_longest_run() -> None:
+    log = parse(table("time_s,power_w", "{i},3", 40) + table("", "{i},5", 60) + table("", "{i},7", 30))
+    assert set(log.power_w.tolist()) == {5.0}
+    assert len(log.times_s) == 60
+    assert log.counts["restart"] == 70
+    assert [first_line(fault) for fault in log.warnings] == [
+        "42:1: warning: the clock is set back here: 70 rows outside the longest run left out"
+    ]
+    log = parse(table("time_s,power_w", "{i},3", 40) + table("", "{i},5", 25))
+    assert set(log.power_w.tolist()) == {3.0}
+
+
+def test_what_was_left_out_is_counted() -> None:
+    log = parse(rows("30,", "31,nan", "31,5", "31,6", "30.5,1", "90,1", "34", "135,30"))
+    assert log.counts == {
+        "rows": N + 8,
+        "empty": 2,
+        "not_finite": 1,
+        "late": 1,
+        "repeated": 1,
+        "gaps": 3,
+        "longest_gap_s": 59.0,
+    }
+    assert parse(rows()).counts == {"rows": N}
+
+
+def test_position_and_other_columns() -> None:
+    log = parse(table("time_s,x_m,power_w,y_m,fps", "{i},1{i},5,2{i},{i}"), also=["fps"])
+    assert log.position_m is not None
+    assert log.position_m[7].tolist() == [17, 27]
+    assert log.also["fps"].tolist() == list(range(N))
+    assert parse(table("time_s,power_w", "{i},5")).position_m is None
+    sparse = parse(table("time_s,x_m,power_w,y_m", "{i},1{i},5,2{i}") + "30,,5,\n")
+    assert sparse.position_m is not None
+    assert np.isnan(sparse.position_m[-1]).all()
+    with pytest.raises(InputError, match="no column fps; expected one beside time_s, power_w"):
+        parse(table("time_s,power_w", "{i},5"), also=["fps"])
+
+
+@pytest.mark.parametrize("names", ["lat,lon", "latitude,longitude"])
+def test_latitude_and_longitude_are_metres_from_the_first(names: str) -> None:
+    log = parse(table(f"time_s,power_w,{names}", "{i},5,55.3{i:02d},10.4"))
+    assert log.position_m is not None
+    # a degree of latitude is 111.3 km there
+    np.testing.assert_allclose(log.position_m[-1], [0, 0.024 * 111_340], atol=5)
+    tiny = parse(table(f"time_s,power_w,{names}", "{i},5,553{i:02d}0000,104000000"))
+    assert tiny.position_m is not None
+    np.testing.assert_allclose(tiny.position_m, log.position_m, atol=1e-3)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
