@@ -9,10 +9,14 @@ import typer
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
+LEAST_RADIUS_M = 0.1
+FARTHEST_M = 50_000.0
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from eadp.core.geometry import Point
+    from eadp.errors import Fault
     from eadp.io.scenario_file import Scenario
     from eadp.models.computing import Computing
     from eadp.models.field import Field
@@ -54,7 +58,7 @@ def command(
     spacing: Annotated[
         float | None,
         typer.Option(
-            help="Distance of the lines [m]; at c1 = 0 where c1 widens it up to the swath, 0.75 of which it is unless "
+            help="Distance of the lines [m]; at c1 = 0 where c1 widens it up to the swath, half of which it is unless "
             "given. Lines in an order lie a swath apart unless given.",
             metavar="METRES",
         ),
@@ -100,7 +104,7 @@ def command(
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
-    from eadp.errors import Infeasible
+    from eadp.errors import Fault, Infeasible
     from eadp.io.fields import read_field
     from eadp.io.plan_text import plan_text
     from eadp.io.streams import read_text, write_text
@@ -123,22 +127,25 @@ def command(
         _point("--home", home, field),
         order_spacing_m=spacing,
     )
+    _check_places(file, out, plot)
     try:
         solution = cover(request)
     except Infeasible as error:
-        warn([usage_fault("--pattern", pattern.value, str(error), "another pattern, or auto").faults[0]])
+        warn([Fault(text.name, 1, 1, str(error), "a field, a pattern, a swath and a spacing that go together")])
         return 1
     plan = plan_of(solution, name=text.name, sensors=sensors, min_radius_m=min_radius, origin_deg=field.origin_deg)
     power = _power(plan, measured, setting, sensors)
     ends = [flown(solution, field, motion, c1, power) for c1 in dict.fromkeys((0.0, solution.lowest_c1))]
     body = "".join(f"% {line}\n" for line in _comments(text.name, solution, motion, ends)) + plan_text(plan)
+    wanted = format_ or (CoverFormat.plan if out in (None, "-") else CoverFormat.text)
+    if out == "-" and wanted is not CoverFormat.plan:
+        raise usage_fault("--out", out, f"standard output is taken by --format {wanted.value}", "a file")
+    if out not in (None, "-"):
+        write_text(out, body)
     if plot is not None:
         from eadp.io.figures import write_coverage_figure
 
         write_coverage_figure(plot, field, _titled(solution, ends), swath)
-    if out is not None:
-        write_text(out, body)
-    wanted = format_ or (CoverFormat.plan if out is None else CoverFormat.text)
     if wanted is not CoverFormat.json:
         warn([_note(text.name, what) for what in mended])
     if turns_off and measured is None:
@@ -152,10 +159,30 @@ def command(
     return 0
 
 
-def _note(name: str, what: str) -> Any:
+def _note(name: str, what: str) -> Fault:
     from eadp.errors import Fault
 
     return Fault(name, 1, 1, what, severity="note")
+
+
+def _check_places(file: str, out: str | None, plot: str | None) -> None:
+    """Refuse places that cannot be written to before anything is written, and one place for two files."""
+    from pathlib import Path
+
+    from eadp.io.figures import check_picture_name
+
+    places = {"--out": out, "--plot": plot}
+    taken = [Path(file).resolve()] if file != "-" else []
+    for option, place in places.items():
+        if place is None or place == "-":
+            continue
+        if option == "--plot":
+            check_picture_name(place)
+        if not Path(place).absolute().parent.is_dir():
+            raise usage_fault(option, place, "no such folder", "a place that can be written to")
+        if Path(place).resolve() in taken:
+            raise usage_fault(option, place, "is the field's own file, or the plan's", "a file of its own")
+        taken.append(Path(place).resolve())
 
 
 # --- options ----------------------------------------------------------------------------------------------------------
@@ -190,6 +217,7 @@ def _sensors(profile: AnyProfile | None, turns_off: bool) -> Sensors:
     sets = []
     for name in profile.names:
         lo, hi = profile.range_of(name)
+        lo = max(lo, 0.0)  # computations' sets begin at 0 or more
         whole = Box(float(math.ceil(lo)), float(math.floor(hi))) if math.ceil(lo) <= math.floor(hi) else Box(lo, hi)
         sets.append(whole)
     return Sensors(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), turns_off)
@@ -206,19 +234,19 @@ def _motion(
 ) -> Motion:
     from eadp.planning.sweep import RADIUS_SHARE, SPACING_SHARE, Motion
 
-    ideal = RADIUS_SHARE * min_radius if radius is None else radius
+    ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
     speed = setting.vehicle.airspeed_mps if airspeed is None else airspeed
     for option, value, least, most in (
-        ("--min-radius", min_radius, 0.0, 1e5),
+        ("--min-radius", min_radius, LEAST_RADIUS_M, 1e5),
         ("--swath", swath, 0.0, 1e5),
         ("--radius", ideal, min_radius, 1e5),
         ("--spacing", apart, 0.0, swath),
         ("--airspeed", speed, 0.0, 1e3),
     ):
-        inside = least <= value if option == "--radius" else least < value
-        if not (inside and value <= most):
-            expected = f"from {least:g} to {most:g}" if option == "--radius" else f"above {least:g}, at most {most:g}"
+        closed = option in ("--radius", "--min-radius")
+        if not ((least <= value if closed else least < value) and value <= most):
+            expected = f"from {least:g} to {most:g}" if closed else f"above {least:g}, at most {most:g}"
             raise usage_fault(option, f"{value:g}", f"{value:g} cannot stand here", expected)
     blowing = setting.wind.steady_mps if wind is None else _wind_mps(wind)
     speed_of_wind = (blowing[0] ** 2 + blowing[1] ** 2) ** 0.5
@@ -254,11 +282,22 @@ def _point(option: str, raw: str | None, field: Field) -> Point | None:
     if raw is None:
         return None
     if field.origin_deg is None:
-        return _two(option, raw, "X,Y in metres, like -50,20")
+        return _near(option, raw, _two(option, raw, "X,Y in metres, like -50,20"), field)
     lat, lon = _two(option, raw, "LAT,LON in degrees, like 55.37,10.43")
     if not (abs(lat) <= 90 and abs(lon) <= 180):
         raise usage_fault(option, raw, "no latitude and longitude", "LAT,LON in degrees, like 55.37,10.43")
-    return to_local_m(lat, lon, field.origin_deg)
+    return _near(option, raw, to_local_m(lat, lon, field.origin_deg), field)
+
+
+def _near(option: str, raw: str, point: Point, field: Field) -> Point:
+    """A place no farther from the field than a flight could mean."""
+    import math
+
+    away_m = min(math.dist(point, vertex) for vertex in field.outline)
+    if away_m > FARTHEST_M:
+        message = f"{away_m / 1000:.0f} km from the field"
+        raise usage_fault(option, raw, message, f"{FARTHEST_M / 1000:g} km or less (LAT,LON in that order, or X,Y)")
+    return point
 
 
 def _two(option: str, raw: str, expected: str) -> Point:
@@ -314,6 +353,7 @@ def _document(
         "min_radius_m": round(min(full.min_radius_m, least.min_radius_m), 6),
         "c1": [least.c1, full.c1] if least is not full else None,
         "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
+        "c1_steps": solution.blocks[0].steps() if solution.blocks else [],
         "blocks": len(solution.blocks),
         "other_pattern_share": solution.other_share,
         "origin_deg": origin_deg,
@@ -330,8 +370,10 @@ def _document(
 
 def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
     """The way at each end of c1 under its title."""
+    from eadp.core.expressions import number_text
+
     return {
-        (f"c1 = {end.c1:g}: " if len(ends) > 1 else "")
+        (f"c1 = {number_text(end.c1)}: " if len(ends) > 1 else "")
         + f"{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": solution.way(end.c1)
         for end in ends
     }
@@ -340,6 +382,7 @@ def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
 def _comments(name: str, solution: Solution, motion: Motion, ends: Sequence[Flown]) -> list[str]:
     import math
 
+    from eadp.core.expressions import number_text
     from eadp.errors import printable
 
     full, least = ends[0], ends[-1]
@@ -349,7 +392,9 @@ def _comments(name: str, solution: Solution, motion: Motion, ends: Sequence[Flow
         f"{full.lines} lines, {full.length_m:.0f} m",
     ]
     if least is not full:
-        lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {least.c1:g}"
+        at = number_text(least.c1)
+        lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {at}"
+        lines.append(f"A lap less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in solution.blocks[0].steps())}")
     return lines
 
 
@@ -357,22 +402,29 @@ def _text(solution: Solution, motion: Motion, ends: Sequence[Flown], field: Fiel
     """A summary for people."""
     import math
 
+    from eadp.core.expressions import number_text
+
     what = {
         "zamboni": f"Zamboni-like, {len(solution.blocks)} block{'s' if len(solution.blocks) != 1 else ''}",
         "dubins": "lines in an order, Dubins turns",
     }[solution.pattern]
     lines = [
-        f"field      {field.area_m2 / 1e4:.2f} ha" + (f", {len(field.holes)} holes" if field.holes else ""),
+        f"field      {field.area_m2 / 1e4:.2f} ha"
+        + (f", {len(field.holes)} hole{'s' if len(field.holes) > 1 else ''}" if field.holes else ""),
         f"pattern    {what}; lines heading {math.degrees(solution.heading_rad):.1f}°",
     ]
     for end in ends:
-        at = f" at c1 = {end.c1:g}" if len(ends) > 1 else ""
+        at = f" at c1 = {number_text(end.c1)}" if len(ends) > 1 else ""
         energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
         lines.append(
             f"{'covers' if end is ends[0] else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
             f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
         )
-    lines.append(f"turns      {min(end.min_radius_m for end in ends):.2f} m or wider")
+    if solution.blocks:
+        steps = ", ".join(f"{c1:.0f}" for c1 in solution.blocks[0].steps())
+        lines.append(f"laps       one less in each block at c1 = {steps}")
+    tightest = min(end.min_radius_m for end in ends)
+    lines.append(f"turns      {f'{tightest:.2f} m or wider' if math.isfinite(tightest) else 'none'}")
     if solution.other_share is not None:
         other = "lines in an order" if solution.pattern == "zamboni" else "the Zamboni-like motion, whose c1 varies it,"
         lines.append(f"instead    {other} would take {solution.other_share:.2f} times as long")

@@ -96,6 +96,8 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     """Parameters as set, else as at take-off: each at its maximum, or 0 where it has no set."""
     import math
 
+    from eadp.core.expressions import number_text
+
     values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     for raw in overrides or []:
         name, _, number = raw.partition("=")
@@ -111,8 +113,9 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
         index = plan.names.index(name.strip())
         if plan.has_sets and plan.hull(index).clip(value) != value:
             box = plan.hull(index)
-            message = f"{name} = {value:g} is outside its set"
-            raise usage_fault("--set", raw, message, f"a value in [{box.lo:g}, {box.hi:g}]", len(name) + 2)
+            message = f"{name} = {number_text(value)} is outside its set"
+            expected = f"a value in [{number_text(box.lo)}, {number_text(box.hi)}]"
+            raise usage_fault("--set", raw, message, expected, len(name) + 2)
         values[index] = value
     return values
 

@@ -181,6 +181,12 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         _draw_plan(figure.add_subplot(), plan, parameters, legs)
 
 
+def check_picture_name(path: str) -> None:
+    """Refuse a picture's name that ends in neither .svg nor .png; raises InputError."""
+    if Path(path).suffix.lower() not in (".svg", ".png"):
+        raise InputError.at(path, 1, 1, "is no picture's name", "a name that ends in .svg or .png")
+
+
 @contextmanager
 def picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
     """A figure that is saved under a name that says whether as SVG or PNG.
@@ -192,9 +198,8 @@ def picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
     """
     import tempfile
 
+    check_picture_name(path)
     ending = Path(path).suffix.lower()
-    if ending not in (".svg", ".png"):
-        raise InputError.at(path, 1, 1, "is no picture's name", "a name that ends in .svg or .png")
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "picture"
         with _figure(draft, width_in, height_in) as figure:

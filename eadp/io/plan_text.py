@@ -45,6 +45,9 @@ _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
+QUANTITIES_LIMIT = 200
+"""Most quantities of laps that end on a condition."""
+
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
 T = TypeVar("T")
@@ -364,6 +367,10 @@ class _Reader:
         """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
         formulas: set[str] = set()
         names = {name for name, _, _ in group.definitions}
+        if len(names) > QUANTITIES_LIMIT:
+            line = group.definitions[QUANTITIES_LIMIT][2]
+            self._fault(line, 0, f"{len(names)} quantities in a part", f"at most {QUANTITIES_LIMIT}")
+            return
         for name, start, line in group.definitions:
             rest = line.text[start:]
             values = self._attempt(line, start, "", lambda rest=rest: read_expressions(rest, names))  # type: ignore[misc]
@@ -590,7 +597,9 @@ class _Reader:
     def _with_laps(self, plan: Plan) -> Plan:
         """A plan of parts: how many stages a lap has, and the shift of its laps where there is one."""
         counts = {part.count for part in plan.parts if part.repeats}
-        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
+        plan = replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
+        self._compare_header(plan)
+        return plan
 
     def _structured(self, plan: Plan) -> Plan:
         """An explicit plan with the structure that its stages show."""
@@ -852,7 +861,7 @@ def plan_text(plan: Plan) -> str:
 def _part_lines(plan: Plan, part: Part) -> list[str]:
     """The sections of a part."""
     lines = []
-    if part.quantities:
+    if part.repeats or part.quantities:
         lines += ["init:", f"n = {part.count}"]
         for q in part.quantities:
             lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))

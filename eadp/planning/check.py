@@ -110,7 +110,11 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
         looked_at = _walked(plan)
     else:
         looked_at = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
+    troubled = any(measures.trouble for _, measured in looked_at for _, measures in measured)
     for stage, measured in looked_at:
+        if troubled and not measured:  # no flight came so far
+            witness.append(None)
+            continue
         findings += _stage_findings(plan, stage, measured, least)
         witness.append(_leads_on(plan, measured))
     findings += _sets_findings(plan)
@@ -241,11 +245,15 @@ def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]
         free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
         return (*free, *fixed[rho:])
 
-    for point in _grid(boxes):
-        _walk_along(plan, (*point, *fixed[rho:]), None, measured)
+    flights: list[tuple[Parameters, Callable[[], Parameters] | None]] = [
+        ((*point, *fixed[rho:]), None) for point in _grid(boxes)
+    ]
     if not all(box.fixed for box in boxes):
-        for _ in range(CHANGING_FLIGHTS):
-            _walk_along(plan, drawn(), drawn, measured)
+        flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
+    for start, changed in flights:
+        # a flight that comes to no end is as long as flights may be: one is enough
+        if not _walk_along(plan, start, changed, measured):
+            break
     return [(stage, measured[stage.index]) for stage in plan.stages]
 
 
@@ -254,8 +262,8 @@ def _walk_along(
     parameters: Parameters,
     changed: Callable[[], Parameters] | None,
     measured: dict[int, list[tuple[Parameters, _Measures]]],
-) -> None:
-    """Measure every stage that a flight through a plan of parts meets."""
+) -> bool:
+    """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
     before: Stage | None = None
     join: Point | None = None
     place: Place | None = None
@@ -276,6 +284,8 @@ def _walk_along(
     except PathUndefined as error:
         index = place.stage.index if place is not None else 1
         measured[index].append((parameters, _Measures(trouble=str(error))))
+        return False
+    return True
 
 
 def _measure(plan: Plan, joint: _Joint, parameters: Parameters) -> _Measures:

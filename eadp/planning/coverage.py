@@ -84,8 +84,8 @@ class Section:
 class Solution:
     """A way that covers a field.
 
-    `time_s` is at the lowest c1. `other_share` says how many times as long the other pattern would take, where both
-    were looked at.
+    `time_s` is at the lowest c1, `access_s` what of it the ways from the start and home take. `other_share` says how
+    many times as long the other pattern would take, these left out, where both were looked at.
     """
 
     pattern: str
@@ -93,6 +93,7 @@ class Solution:
     sections: tuple[Section, ...]
     time_s: float
     other_share: float | None = None
+    access_s: float = 0.0
 
     def way(self, c1: float) -> Way:
         """All legs at a fixed parameter."""
@@ -139,12 +140,19 @@ def cover(request: Request) -> Solution:
                 f"the field is too narrow for the Zamboni-like motion: across its lines it needs about {least:.0f} m"
             )
         return zamboni
-    order = _best_in_order(request, headings)
+    try:
+        order = _best_in_order(request, headings)
+    except Infeasible:
+        if zamboni is None:
+            raise
+        return zamboni
     if zamboni is None:
         return order
-    if zamboni.time_s <= PLAINLY_LONGER * order.time_s:
-        return replace(zamboni, other_share=order.time_s / zamboni.time_s)
-    return replace(order, other_share=zamboni.time_s / order.time_s)
+    # ways to the field and home are much the same for both
+    laps_s, lines_s = zamboni.time_s - zamboni.access_s, order.time_s - order.access_s
+    if laps_s <= PLAINLY_LONGER * lines_s:
+        return replace(zamboni, other_share=lines_s / laps_s)
+    return replace(order, other_share=laps_s / lines_s)
 
 
 def _headings(field: Field) -> Iterator[float]:
@@ -206,7 +214,8 @@ def _best_zamboni(request: Request, headings: Sequence[float]) -> Solution | Non
     assert at is not None
     home = _exit(request, at)
     sections += [Section(tuple(home))] if home else []
-    solution = Solution(ZAMBONI, corners[0].heading_rad, tuple(sections), 0.0)
+    access = [leg.piece for leg in (*_entry(request, blocks[0].start()), *home)]
+    solution = Solution(ZAMBONI, corners[0].heading_rad, tuple(sections), 0.0, access_s=request.motion.time_s(access))
     return replace(solution, time_s=request.motion.time_s(solution.way(solution.lowest_c1).pieces))
 
 
@@ -233,7 +242,8 @@ def _zamboni_at(request: Request, heading: float) -> Iterator[tuple[float, list[
     }
     for shape in splits:
         lines = left + (np.arange(shape.blocks * shape.lines) + 0.5) * shape.pitch_m
-        top, low = sides.above.over(lines, shape.pitch_m), -sides.below.over(lines, shape.pitch_m)
+        reach = shape.widest_m(motion)
+        top, low = sides.above.over(lines, reach), -sides.below.over(lines, reach)
         rows = []
         for index in range(shape.blocks):
             own = slice(index * shape.lines, (index + 1) * shape.lines)
@@ -367,8 +377,10 @@ def _best_in_order(request: Request, headings: Sequence[float]) -> Solution:
         solutions.append((time_s, index, lines, order))
     _, _, lines, order = min(solutions, key=lambda item: (round(item[0], 9), item[1]))
     legs = _legs_in_order(request, lines, order)
-    time_s = request.motion.time_s([leg.piece for leg in legs])
-    return Solution(DUBINS, lines.heading_rad, (Section(tuple(legs)),), time_s)
+    over = [i for i, leg in enumerate(legs) if leg.sensing]
+    access = [leg.piece for leg in (*legs[: over[0]], *legs[over[-1] + 1 :])]
+    time_s, access_s = (request.motion.time_s(pieces) for pieces in ([leg.piece for leg in legs], access))
+    return Solution(DUBINS, lines.heading_rad, (Section(tuple(legs)),), time_s, access_s=access_s)
 
 
 def _lines_at(request: Request, heading: float) -> Iterator[_Lines]:

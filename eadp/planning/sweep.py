@@ -16,8 +16,10 @@ from eadp.core.geometry import Point
 
 FloatArray = NDArray[np.float64]
 
-SPACING_SHARE = 0.75
-"""Distance of the lines at the highest path parameter as a share of the swath, unless given: a side overlap of 25 %."""
+SPACING_SHARE = 0.5
+"""Distance of the lines at the highest path parameter as a share of the swath, unless given: a side overlap of half.
+
+The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves c1 one lap to spare, or none."""
 
 RADIUS_SHARE = 1.5
 """The ideal turning radius as a share of the smallest one, unless given."""

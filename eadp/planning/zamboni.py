@@ -7,8 +7,8 @@ The letter's Algorithm 1, with what its print leaves wrong or open put right:
   edge is square to the lines.)
 - A line reaches as far as the whole strip that it covers, not as far as its middle.
 - The distance of the lines, d(c1) = x_d + 2(r − √(r² + c1)), leaves no gap only while it is at most the swath: c1 has
-  that bound beside the one of the smallest radius. A width is split so that both are kept at the lowest c1, where the
-  lines lie evenly over the whole of it.
+  that bound beside the one of the smallest radius. A width is split so that lines can lie evenly over the whole of it
+  within both.
 - Laps end when the ground is covered, whatever the parameters were on the way, and the last one is drawn in to where
   the block ends; a fixed final point would be missed or met too soon.
 
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from eadp.core.dubins import Pose
 from eadp.core.envelope import Envelope, Levels, levels_above, upper_envelope
+from eadp.errors import Infeasible
 from eadp.planning.sweep import Frame, Leg, Motion, half_circle, straight
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,10 @@ SHORTEST_LINE_M = 5.0
 """Lines of a corner of the field are made at least this long."""
 
 C1_STEP = 1e-6
-"""The lowest c1 is a whole multiple of this, below what is exact: a lap more would be flown for a rounding above it."""
+"""Bounds of c1 are whole multiples of this."""
+
+LINES_LIMIT = 5000
+"""Most lines of a field at c1 = 0."""
 
 END_M = 1e-6
 """Laps nearer to the block's end than this are at it."""
@@ -44,7 +48,7 @@ UP = math.pi / 2
 
 @dataclass(frozen=True)
 class Shape:
-    """How a width is split: into `blocks` of equal width, each of `lines` lines `pitch_m` apart at the lowest c1.
+    """How a width is split: into `blocks` of equal width, each of at least `lines` lines, then `pitch_m` apart.
 
     The first line of a block lies half a pitch inside it. Of the lines the first `firsts` belong to the laps' first
     lines, the others to their second lines; an odd number of lines leaves out the last second line.
@@ -69,9 +73,24 @@ class Shape:
         """The second circle's radius at the lowest c1 [m]."""
         return self.circle_m - self.pitch_m / 2
 
+    @property
+    def travel_m(self) -> float:
+        """How far the laps move in all [m]."""
+        return (self.firsts - 1) * self.pitch_m
+
     def spacing_m(self, motion: Motion) -> float:
-        """x_d: how far the lines move from lap to lap at c1 = 0 [m]."""
-        return motion.spacing_m * self.pitch_m / motion.swath_m
+        """x_d: how far the lines move from lap to lap at c1 = 0 [m], a whole part of the travel."""
+        wanted = motion.spacing_m * self.pitch_m / motion.swath_m
+        return self.travel_m / math.ceil(self.travel_m / wanted - 1e-9)
+
+    def widest_m(self, motion: Motion) -> float:
+        """How far the lines may move from lap to lap at most [m]: no gap is left, and r2 is no less than allowed.
+
+        A pitch or more, so that a lap is spared before the lowest c1 is reached. The last second line of an odd number
+        of lines may lie one step before the end, so that half of what it covers must reach the block's edge.
+        """
+        by_swath = motion.swath_m if self.lines % 2 == 0 else (motion.swath_m + self.pitch_m) / 2
+        return max(self.pitch_m, min(by_swath, 2 * (self.circle_m - motion.min_radius_m)))
 
 
 @dataclass(frozen=True)
@@ -87,6 +106,7 @@ class Block:
     frame: Frame
     shape: Shape
     spacing_m: float
+    widest_m: float
     first_m: float
     top: Levels
     low_first: Levels
@@ -106,7 +126,7 @@ class Block:
     @property
     def travel_m(self) -> float:
         """How far the laps move in all [m]."""
-        return (self.shape.firsts - 1) * self.shape.pitch_m
+        return self.shape.travel_m
 
     @property
     def ends_on_second(self) -> bool:
@@ -115,10 +135,22 @@ class Block:
 
     @property
     def lowest_c1(self) -> float:
-        """The lowest c1: at it the lines lie a pitch apart, no more than the swath, and r2 is no less than allowed."""
-        # √(r² + c1) ≥ r1 − pitch/2
-        lowest = self.shape.least_radius_m**2 - self.radius_m**2
-        return min(0.0, round(math.floor(lowest / C1_STEP) * C1_STEP, 6))
+        """The lowest c1: at it the lines move as far as they may from lap to lap."""
+        # √(r² + c1) ≥ r1 − d/2
+        lowest = (self.circle_m - self.widest_m / 2) ** 2 - self.radius_m**2
+        return min(0.0, round(math.ceil(lowest / C1_STEP - 1e-9) * C1_STEP, 6))
+
+    def steps(self) -> list[float]:
+        """The c1 at and below which a lap less is flown, for each lap that can be spared, highest first."""
+        most = round(self.travel_m / self.spacing_m)
+        found = []
+        for laps in range(most - 1, 0, -1):
+            # d = travel/laps
+            c1 = (self.circle_m - self.travel_m / laps / 2) ** 2 - self.radius_m**2
+            if c1 < self.lowest_c1:
+                break
+            found.append(math.floor(c1 / C1_STEP) * C1_STEP)
+        return found
 
     def spacing_at(self, c1: float) -> float:
         """d(c1): how far the lines move from lap to lap [m]. Source: letter, Sec. IV-A."""
@@ -204,6 +236,10 @@ def shapes(width_m: float, motion: Motion) -> list[Shape]:
             shape = Shape(blocks, lines, width_m / (blocks * lines))
             if shape.least_radius_m >= motion.min_radius_m - 1e-9 and shape.firsts > 1:
                 found.append(shape)
+    for shape in found:
+        count = 2 * shape.blocks * (1 + round(shape.travel_m / shape.spacing_m(motion)))
+        if count > LINES_LIMIT:
+            raise Infeasible(f"the field needs about {count} lines at c1 = 0, more than {LINES_LIMIT}")
     return found
 
 
@@ -268,9 +304,9 @@ def sketch(shape: Shape, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray) 
 
 def block_of(frame: Frame, sides: Sides, first_m: float, shape: Shape, motion: Motion) -> Block:
     """The block whose first line is at u = `first_m` of a frame, over a polygon's two sides."""
-    travel = (shape.firsts - 1) * shape.pitch_m
+    travel = shape.travel_m
     second = first_m + 2 * shape.circle_m
-    reach = shape.pitch_m
+    reach = shape.widest_m(motion)
     top = levels_above([(sides.above, first_m), (sides.above, second)], travel, reach)
     low_first = _negated(levels_above([(sides.below, first_m)], travel, reach))
     low_second = _negated(levels_above([(sides.below, second)], travel, reach))
@@ -281,7 +317,7 @@ def block_of(frame: Frame, sides: Sides, first_m: float, shape: Shape, motion: M
         top = Levels(tuple(knots), tuple(np.maximum(top.at(knots), floor).tolist()))
     last_low = float(low_first.at(travel))
     last_top = max(float(sides.above.over(first_m + travel, reach)[0]), last_low + SHORTEST_LINE_M)
-    return Block(frame, shape, shape.spacing_m(motion), first_m, top, low_first, low_second, last_top)
+    return Block(frame, shape, shape.spacing_m(motion), reach, first_m, top, low_first, low_second, last_top)
 
 
 def _negated(levels: Levels) -> Levels:

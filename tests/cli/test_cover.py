@@ -139,6 +139,9 @@ def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):
     ("arguments", "where"),
     [
         (("--min-radius", "0", "--swath", "30"), "--min-radius:1:1"),
+        (("--min-radius", "1e-9", "--swath", "30"), "--min-radius:1:1"),
+        ((*FLAGS, "--start", "1e9,0"), "--start:1:1"),
+        ((*FLAGS, "--plot", "nowhere/at/all.svg"), "--plot:1:1"),
         (("--min-radius", "30", "--swath", "nan"), "--swath:1:1"),
         (("--min-radius", "30", "--swath", "-3"), "--swath:1:1"),
         ((*FLAGS, "--radius", "20"), "--radius:1:1"),
@@ -178,3 +181,37 @@ def test_outlines_that_are_none_are_refused(eadp, tmp_path, body, message):
     assert message in answer.err
     assert answer.out == ""
     assert answer.err.startswith(f"{path}:")
+
+
+def test_the_lowest_c1_that_is_printed_can_be_set(eadp, tmp_path):
+    plan = tmp_path / "m.plan"
+    text = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "zamboni", "-o", plan).out
+    lowest = text.split("at c1 = -")[1].split(":")[0]
+    lines = int(text.split(f"-{lowest}: ")[1].split()[0])
+    trace = eadp("plan", plan, "--trace", "50", "--set", f"c1=-{lowest}")
+    assert trace.code == 0
+    runs = [row.split(",")[:2] for row in trace.out.splitlines()[1:]]
+    changes = [a for a, b in zip(runs, [None, *runs], strict=False) if a != b]
+    # the first line is two stages, and a straight between two blocks may be one more
+    assert lines <= sum(kind == "line" for _, kind in changes) <= lines + 3
+
+
+def test_standard_output_takes_one_document(eadp, box):
+    assert eadp("cover", box, *FLAGS, "-o", "-").out.startswith("%")
+    answer = eadp("cover", box, *FLAGS, "-o", "-", "--format", "json")
+    assert answer.code == 2
+    assert answer.out == ""
+
+
+def test_the_fields_own_file_is_not_overwritten(eadp, box, tmp_path):
+    assert eadp("cover", box, *FLAGS, "-o", box).code == 2
+    assert box.read_text() == BOX
+    same = tmp_path / "same.svg"
+    assert eadp("cover", box, *FLAGS, "-o", same, "--plot", same).code == 2
+    assert not same.exists()
+
+
+def test_a_field_of_too_many_lines_is_a_no(eadp, box):
+    answer = eadp("cover", box, "--min-radius", "30", "--swath", "0.05")
+    assert answer.code == 1
+    assert "lines" in answer.err

@@ -192,3 +192,27 @@ def test_laps_before_another_part_end_on_a_condition():
     laps = "init:\na = 0, 10\npath:\n0.1; 90; x - a\na, 50\ntrig:\n90, 50\n"
     with pytest.raises(InputError, match="laps that do not end on a condition"):
         plan(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
+
+
+def test_laps_without_quantities_keep_their_text():
+    text = "init:\npath:\n0.1; 90; y\n0, 0\ntrig:\n1 >= 0\npath:\n0.1; 90; y\n10, 0\n"
+    written = plan_text(plan(text))
+    assert plan_text(plan(written)) == written
+
+
+def test_a_shift_that_the_laps_do_not_have_is_a_finding():
+    laps = "init:\ns = 0, 10\npath:\n0.1; 90; x - s\ns, 50\n0.1; 270; x - s\ns, 0\ntrig:\ns >= 95\n"
+    _, findings = read_plan(Text("p", "-77, -3\n" + laps + "path:\n0.1; 90; x - 100\n100, 500\n"))
+    assert [item.code for item in findings] == ["header-shift"]
+
+
+def test_laps_without_end_are_one_finding():
+    report = check_plan(plan(PARTS.replace("next - s", "0")))
+    assert [item.code for item in report.findings] == ["no-path"]
+    assert "10000 laps" in report.findings[0].message
+
+
+def test_more_quantities_than_the_limit_are_refused():
+    many = "\n".join(f"q{i} = {i}" for i in range(300))
+    with pytest.raises(InputError, match="at most 200"):
+        plan(PARTS.replace("top = 500", many + "\ntop = 500"))

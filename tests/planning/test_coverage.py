@@ -28,7 +28,7 @@ from eadp.planning.coverage_report import Power, covered_lines, flown
 from eadp.planning.sweep import Leg, Motion, straight
 from eadp.simulation.loop import Outcome, fly
 
-MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=22.5)
+MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 
 SHAPES = {
     "rectangle": [(0, 0), (420, 60), (380, 340), (-40, 280)],
@@ -176,7 +176,7 @@ def test_the_way_begins_at_the_start_and_ends_at_home():
 
 
 def test_wind_changes_the_time_as_each_leg_is_flown():
-    motion = Motion(30.0, 30.0, 45.0, 22.5, 15.0, (6.0, 0.0))
+    motion = Motion(30.0, 30.0, 45.0, 15.0, 15.0, (6.0, 0.0))
     for pattern in (ZAMBONI, DUBINS):
         solution = cover(Request(FIELDS["L"], motion, pattern))
         lowest = solution.lowest_c1
@@ -195,7 +195,7 @@ def test_wind_changes_the_time_as_each_leg_is_flown():
 
 def test_a_wind_as_fast_as_the_aircraft_is_refused():
     with pytest.raises(Infeasible, match="wind"):
-        cover(Request(HOLE, Motion(30, 30, 45, 22.5, 15.0, (15.0, 0.0))))
+        cover(Request(HOLE, Motion(30, 30, 45, 15.0, 15.0, (15.0, 0.0))))
 
 
 def test_more_lines_than_the_limit_are_refused():

@@ -21,7 +21,7 @@ from eadp.planning.coverage_plan import plan_of
 from eadp.planning.sweep import Motion, frame_of
 from eadp.planning.zamboni import Shape, Sides, block_of, shapes
 
-MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=22.5)
+MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 rounding = 1e-6
 
 
@@ -65,9 +65,10 @@ def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
     r2 = math.sqrt(block.radius_m**2 + c1)
     assert block.spacing_at(c1) == pytest.approx(2 * block.circle_m - 2 * r2, abs=rounding)
     assert block.spacing_at(0.0) == pytest.approx(block.spacing_m, abs=rounding)
-    # at its lowest the lines lie a pitch apart, and no radius is smaller than the shape says
-    assert block.spacing_at(block.lowest_c1) == pytest.approx(pitch, abs=rounding)
-    assert math.sqrt(block.radius_m**2 + block.lowest_c1) == pytest.approx(shape.least_radius_m, abs=rounding)
+    # at the lowest they move as far as they may, a pitch or more
+    assert block.spacing_at(block.lowest_c1) == pytest.approx(block.widest_m, abs=rounding)
+    assert block.widest_m >= pitch - rounding
+    assert block.spacing_m <= 0.5 * pitch + rounding
 
 
 @given(st.floats(100, 2000))
@@ -76,6 +77,8 @@ def test_shapes_fill_the_width_and_keep_the_radius(width):
         assert shape.blocks * shape.lines * shape.pitch_m == pytest.approx(width)
         assert shape.pitch_m <= MOTION.swath_m + rounding
         assert shape.least_radius_m >= MOTION.min_radius_m - rounding
+        assert shape.widest_m(MOTION) <= MOTION.swath_m + rounding
+        assert shape.circle_m - shape.widest_m(MOTION) / 2 >= MOTION.min_radius_m - rounding
 
 
 def test_a_width_that_needs_tighter_turns_has_no_shape():
@@ -92,9 +95,22 @@ def test_a_smaller_parameter_never_needs_more_lines(seed, a, b):
     assert solution.way(low).lines <= solution.way(high).lines
 
 
-def test_the_lowest_parameter_spares_lines():
+def test_laps_are_spared_one_by_one_where_it_is_said():
     solution = solution_of(quadrilateral(1))
-    assert solution.way(solution.lowest_c1).lines < solution.way(0.0).lines
+    lines = [solution.way(c1).lines for c1 in (0.0, *solution.blocks[0].steps())]
+    assert len(lines) >= 3
+    assert all(later < earlier for earlier, later in itertools.pairwise(lines))
+    for c1, count in zip(solution.blocks[0].steps(), lines, strict=False):
+        assert solution.way(c1 + 1e-3).lines == count  # a hair above it is a lap more
+    assert solution.way(solution.lowest_c1).lines == lines[-1]
+
+
+def test_laps_are_spared_in_the_air_too():
+    """A parameter lowered after the first lap still shortens what is left of the block."""
+    block = solution_of(quadrilateral(1)).blocks[0]
+    ways = [block.legs(values) for values in ([0.0], [0.0, block.lowest_c1], [block.lowest_c1])]
+    lines = [sum(leg.sensing for leg in legs) for legs in ways]
+    assert lines[0] > lines[1] >= lines[2]
 
 
 # --- the ground -------------------------------------------------------------------------------------------------------
