@@ -64,6 +64,31 @@ def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
     return matrix
 
 
+def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
+    """Columns of harmonic least squares: 1, cos, sin, cos 2, sin 2, …, so that lower orders lead.
+
+    Parameters
+    ----------
+    times_s : array, shape (n,)
+        Times [s].
+    frequency_hz : float
+        1/T [Hz].
+    order : int
+        Number of harmonics r, 0 or more.
+
+    Returns
+    -------
+    array, shape (n, 2r + 1)
+    """
+    turn = np.exp(2j * np.pi * frequency_hz * times_s)
+    columns = np.ones((2 * order + 1, len(times_s)))
+    power = turn
+    for harmonic in range(1, order + 1):
+        columns[2 * harmonic - 1], columns[2 * harmonic] = power.real, power.imag
+        power = power * turn
+    return columns.T
+
+
 def forecast_w(state_w: ArrayLike, period_s: float, ahead_s: ArrayLike) -> FloatArray:
     """Power that a state leads to, C e^{A t} q, at many times ahead at once.
 

@@ -5,10 +5,11 @@ The schema here is the contract with users; `Scenario` hands out the domain's ow
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -155,11 +156,24 @@ class GuidanceKeys(_Strict):
 class EstimatorKeys(_Strict):
     """From power readings to the energy model's state."""
 
-    kind: Literal["exact", "published"] = "exact"
+    kind: Literal["exact", "published"] = Field(
+        default="exact", description="published: as the papers ran it, with order and every_s alone"
+    )
     order: Annotated[int, Field(ge=0, le=20)] = 3
-    gate_w: NotNegative = 0.0
+    gate_w: NotNegative = Field(
+        default=0.0, description="a reading no farther than this from its forecast corrects nothing; 0: every one does"
+    )
     every_s: Positive = 0.1
-    noise_w: Positive = 0.5
+    noise_w: Positive = Field(default=0.5, description="standard deviation of the readings' white noise")
+    disturbance_std_w: NotNegative = Field(
+        default=0.5, le=1e6, description="standard deviation of what stays a while beside the laps' pattern"
+    )
+    disturbance_time_s: Positive = Field(
+        default=5.0, ge=0.01, le=1e6, description="how long it stays: its Matérn-3/2 time constant"
+    )
+    learn_noise: bool = Field(
+        default=True, description="learn the three above from the readings, now and then; they are where it starts"
+    )
 
 
 class TradeOffKeys(_Strict):
@@ -331,18 +345,44 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
     InputError
         With every fault that was found.
     """
-    document = read_yaml(read_text(path)) if path is not None else Document("scenario", {})
+    return scenario_of(Document("scenario", {}) if path is None else scenario_document(read_text(path)), overrides)
+
+
+def scenario_document(text: Text) -> Document:
+    """A scenario's document, its keys not yet checked.
+
+    Raises
+    ------
+    InputError
+        If it is no YAML or no mapping, or does not say that it is a scenario.
+    """
+    document = read_yaml(text)
     if document.value is None:
         document.value = {}
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {SCHEMA}"))
-    if path is not None and "schema" not in document.value:
+    if "schema" not in document.value:
         raise InputError(document.fault((), "has no key schema", f"schema: {SCHEMA}"))
+    return document
+
+
+def scenario_of(document: Document, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """`read_scenario` of a document, which stays as it is."""
+    document = replace(
+        document, value=copy.deepcopy(document.value), places=dict(document.places), overrides=dict(document.overrides)
+    )
     for key, value in (overrides or {}).items():
-        _put(document, key, value)
+        _put(document, key, copy.deepcopy(value))
     _drop_nulls(document.value)
     keys = validated(ScenarioKeys, document, _tuples(document.value), lambda keys: _faults(keys, document))
     return Scenario(keys, document)
+
+
+def override_key(name: str) -> str | None:
+    """The dotted key that a name stands for, as `c1` does for `parameters.c1`; None if it is no such name."""
+    if not name or not all(part.isidentifier() for part in name.split(".")):
+        return None
+    return f"parameters.{name}" if name[0] == "c" and name[1:].isdigit() else name
 
 
 def read_override(raw: str) -> tuple[str, Any]:
@@ -353,12 +393,10 @@ def read_override(raw: str) -> tuple[str, Any]:
     InputError
         If it is not of that form.
     """
-    key, equals, text = raw.partition("=")
-    key = key.strip()
-    if not equals or not key or not all(part.isidentifier() for part in key.split(".")):
+    name, equals, text = raw.partition("=")
+    key = override_key(name.strip())
+    if not equals or key is None:
         raise InputError.at("--set", 1, 1, f"{printable(raw)} sets no key", "key=value, as in wind.speed_mps=8", raw)
-    if key[0] == "c" and key[1:].isdigit():
-        key = f"parameters.{key}"
     try:
         return key, read_yaml(Text("--set", text)).value
     except InputError as error:

@@ -32,6 +32,14 @@ class Coefficients:
     b: tuple[float, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What stays a while beside the laps' pattern: a Matérn-3/2 process of this spread [W] and time constant [s]."""
+
+    std_w: float
+    time_s: float
+
+
 @dataclass(frozen=True)
 class EnergyModel:
     """power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample kept.
@@ -44,7 +52,7 @@ class EnergyModel:
         Mean power [W].
     harmonics : tuple of Harmonic
     noise_std_w : float
-        Standard deviation of what the model leaves [W].
+        Standard deviation of all that the model leaves, the disturbance included [W].
     period_std_s : float or None
         Standard deviation of the period [s].
     cv_r2 : float
@@ -52,6 +60,11 @@ class EnergyModel:
     samples : int
     span_s : float
         Time from the first sample to the last [s].
+    disturbance : Disturbance or None
+        What of the noise stays a while; None where it is white, or not known.
+    mean_std_w : float or None
+    amplitude_std_w : tuple of float
+        Standard deviations of the mean and of the amplitudes [W]; None and empty where they are not known.
     """
 
     period_s: float | None
@@ -62,6 +75,9 @@ class EnergyModel:
     cv_r2: float = 0.0
     samples: int = 0
     span_s: float = 0.0
+    disturbance: Disturbance | None = None
+    mean_std_w: float | None = None
+    amplitude_std_w: tuple[float, ...] = ()
 
     @property
     def periodic(self) -> bool:
@@ -132,4 +148,6 @@ def energy_model(spectrum: Spectrum) -> EnergyModel:
         cv_r2=spectrum.cv_r2,
         samples=spectrum.samples,
         span_s=spectrum.span_s,
+        mean_std_w=spectrum.mean_std_w,
+        amplitude_std_w=tuple(spectrum.amplitude_std_w.tolist()),
     )

@@ -91,7 +91,7 @@ def best_order(
     seeded = np.array(given, dtype=np.int64).reshape(-1, problem.lines)
     starts = _starts(problem, np.concatenate([_sequences(problem.lines), _greedy(problem), seeded]))
     search = _Search(problem)
-    return problem.answer(search.kicked(search.best_of(starts[:DESCENTS])))
+    return problem.answer(search.best_of([search.kicked(search.best_of(starts[:DESCENTS]))]))
 
 
 def quick_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> tuple[list[int], float]:
@@ -361,8 +361,20 @@ class _Search:
         for start in starts:
             self._begin(start)
             self._descend(range(self.problem.lines + 1))
+            while self._directed_anew():
+                self._descend(range(self.problem.lines + 1))
             found.append((self.total, self.tour[1:-1]))
         return min(found)[1]
+
+    def _directed_anew(self) -> bool:
+        """Give the lines the directions that are best for their sequence; return whether that is any better."""
+        order, cost = self.problem.answer(self.tour[1:-1])
+        sequence = np.array([order], dtype=np.int64) // 2
+        totals, ways = _directed(self.problem, sequence)
+        if not totals[0] < cost - self.least:
+            return False
+        self._begin((2 * sequence[0] + ways[0]).tolist())
+        return True
 
     def kicked(self, order: Sequence[int]) -> list[int]:
         """The best order found by throwing the search off its best time and again: never worse than the first."""

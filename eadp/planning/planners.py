@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -26,7 +26,10 @@ from eadp.models.itinerary import Vector
 from eadp.models.nominal import nominal_legs
 from eadp.models.plan import Plan
 from eadp.planning.estimator import (
+    LEAST_NOISE_W,
+    ONE_LAP_SHARE,
     PUBLISHED,
+    SHORTEST_DISTURBANCE_S,
     Estimator,
     EstimatorSettings,
     ExactEstimator,
@@ -489,10 +492,26 @@ def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | 
     if settings.kind == PUBLISHED:
         return PublishedEstimator(settings)
     if mission.energy is not None:
-        return ExactEstimator(settings, mission.energy.period_s, mission.energy.state_w(settings.order))
+        return _of_fit(settings, mission.energy)
     if not lap_stages:
         return ExactEstimator(settings, None)
     return ExactEstimator(settings, _nominal_lap_s(mission))
+
+
+def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
+    """An estimator that starts from what a log has told: its noise takes the place of the settings'."""
+    std_s, disturbance = None, fitted.disturbance
+    if fitted.period_s is not None and fitted.period_std_s is not None:
+        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # it was another flight's
+    if disturbance is not None:
+        white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
+        settings = replace(
+            settings,
+            noise_w=max(white_w, LEAST_NOISE_W),
+            disturbance_std_w=disturbance.std_w,
+            disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
+        )
+    return ExactEstimator(settings, fitted.period_s, fitted.state_w(settings.order), period_std_s=std_s)
 
 
 def _nominal_lap_s(mission: Mission) -> float | None:

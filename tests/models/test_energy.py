@@ -63,6 +63,8 @@ def spectrum(periodic: bool) -> Spectrum:
         period_s=46.0,
         period_std_s=0.1,
         mean_w=36.0,
+        mean_std_w=0.02,
+        amplitude_std_w=np.array([0.1] if periodic else []),
         amplitude_w=np.array([2.0] if periodic else []),
         phase_rad=np.array([0.5] if periodic else []),
         noise_std_w=0.4,
@@ -74,8 +76,10 @@ def spectrum(periodic: bool) -> Spectrum:
 
 
 def test_model_of_an_analysis() -> None:
-    assert energy_model(spectrum(True)) == EnergyModel(46.0, 36.0, (Harmonic(2.0, 0.5),), 0.4, 0.1, 0.9, 500, 250.0)
+    assert energy_model(spectrum(True)) == EnergyModel(
+        46.0, 36.0, (Harmonic(2.0, 0.5),), 0.4, 0.1, 0.9, 500, 250.0, None, 0.02, (0.1,)
+    )
 
 
 def test_a_period_that_does_not_count_is_left_out() -> None:
-    assert energy_model(spectrum(False)) == EnergyModel(None, 36.0, (), 0.4, None, 0.9, 500, 250.0)
+    assert energy_model(spectrum(False)) == EnergyModel(None, 36.0, (), 0.4, None, 0.9, 500, 250.0, None, 0.02)

@@ -14,6 +14,7 @@ from eadp.io.plan_text import read_plan
 from eadp.io.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.horizon import Horizon
@@ -286,3 +287,17 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
     assert pilot._times == pytest.approx([length / 15 for length in lengths])
     # flown, triggers fire 20 m early and cut the corners: 717 s at the highest, 5 % less
     assert pilot._times[1] == pytest.approx(717.35 * 1.06, rel=0.02)
+
+
+def test_a_fit_is_what_the_estimator_starts_from():
+    fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
+    pilot = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
+    estimator = pilot._estimator
+    assert estimator.state_w == pytest.approx(fitted.state_w(3))
+    assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
+    assert estimator.disturbance == (0.3, 7.0)
+    assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
+    white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
+    assert white._estimator.disturbance == (0.5, 5.0)
+    mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
+    assert mean._estimator.state_w.tolist() == [31.0]

@@ -1,0 +1,446 @@
+"""Forecasts of the motion power in flight: ours beside the mean, statsmodels' and the papers' filter.
+
+usage: python benchmarks/forecast.py [--runs 6] [--seed 0] [--opterra FILE] [--px4 FILE]
+
+Two figures, each for every method, over the same instants of the same signals:
+
+- one period ahead: from two periods on, the mean absolute error of a forecast of the whole period ahead against the
+  readings, as a ratio to that of the mean of what has been seen so far;
+- energy to the end: at each tenth of the mission, the absolute error of the energy of what remains, in per cent of it.
+
+Simulations: three harmonics, white noise and a Matérn-3/2 disturbance, with little noise (the signal 21 dB above it)
+and with much (10 dB); `floor` is a forecast that knows the harmonics. Flights: plans/survey.plan in gusts, with the
+lift that makes its power periodic. Both have laps: the last one is the period of every method, and before there is one
+ours starts from a lap that is 3 % too long. Logs have none, nor has the simulation "without laps": there the period is
+what `eadp.core.spectrum` finds in the readings so far, looked for again whenever there is a tenth more, and none
+where it finds none.
+
+Where a method has no period, or less than two, it tells the mean (seasonal naive: the last reading). Holt-Winters
+(additive, without a trend) and ARIMA (1, 0, 1), the latter also with the period's Fourier terms as regressors, are
+statsmodels'; they read means over 1 s. The papers' filter runs every 0.01 s on the last reading, as in their flights.
+Needs statsmodels: pip install 'eadp[bench]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import statistics
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from eadp.core import disturbance
+from eadp.core.spectrum import analyse
+from eadp.errors import Infeasible
+from eadp.io.flight_inputs import load_flight
+from eadp.planning.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
+from eadp.simulation.loop import Outcome, fly
+
+try:
+    from statsmodels.tsa.arima.model import ARIMA
+    from statsmodels.tsa.holtwinters import ExponentialSmoothing
+except ImportError:
+    sys.exit("this benchmark compares with statsmodels, which is not installed: pip install 'eadp[bench]'")
+
+ROOT = Path(__file__).resolve().parent.parent
+ORDER = 3
+PERIOD_S, DURATION_S, STEP_S = 46.7, 600.0, 0.1
+LEVEL_W, AMPLITUDES_W = 31.0, (2.0, 1.2, 0.6)
+CLEAN = (0.1, 0.1, 5.0)  # white noise [W], disturbance [W] and its time constant [s]
+NOISY = (0.38, 0.38, 5.0)
+ORIGINS_PER_PERIOD = 2
+COARSE_S = 1.0
+FILTER_STEP_S = 0.01
+NO_PERIOD_HORIZON_S = 46.0
+AGAIN = 1.1
+NOMINAL_SHARE = 1.03
+TENTHS = [k / 10 for k in range(1, 10)]
+
+
+@dataclass
+class Log:
+    """Readings of a motion power, evenly spaced, and the ends of laps where they are known."""
+
+    name: str
+    times_s: np.ndarray
+    power_w: np.ndarray
+    laps_s: list[float] | None = None
+    truth: Callable[[np.ndarray], np.ndarray] | None = None
+    found: list[tuple[float, float | None, float]] = field(default_factory=list)
+
+    @property
+    def step_s(self) -> float:
+        """Sampling step [s]."""
+        return float(np.median(np.diff(self.times_s)))
+
+    def period(self, time_s: float) -> tuple[float | None, float]:
+        """Period known at a time and its standard deviation [s]: of the last lap, else found in what has been seen."""
+        if self.laps_s is not None:
+            ended = [lap for lap in self.laps_s if lap <= time_s]
+            return (ended[-1] - ended[-2], 0.0) if len(ended) > 1 else (None, 0.0)
+        seen_s = time_s - self.times_s[0]
+        if not self.found or seen_s > AGAIN * (self.found[-1][0] - self.times_s[0]):
+            self.found.append((time_s, *self._look(time_s)))
+        return next((period, std) for at, period, std in reversed(self.found) if at <= time_s)
+
+    def _look(self, time_s: float) -> tuple[float | None, float]:
+        keep = self.times_s <= time_s
+        every = max(1, round(0.3 / self.step_s))  # the spectrum of what is slower than a second
+        try:
+            spectrum = analyse(self.times_s[keep][::every], self.power_w[keep][::every])
+        except Infeasible:
+            return None, 0.0
+        return (spectrum.period_s, spectrum.period_std_s) if spectrum.periodic else (None, 0.0)
+
+
+Forecast = Callable[[np.ndarray], np.ndarray]
+
+
+# --- methods: each takes a log and an instant, and returns a forecast of the power at later times
+
+
+def the_mean(log: Log, now_s: float) -> Forecast:
+    """The mean of the readings so far."""
+    mean = log.power_w[log.times_s <= now_s].mean()
+    return lambda times: np.full(len(times), mean)
+
+
+def seasonal_naive(log: Log, now_s: float) -> Forecast:
+    """The last period again; without a period the last reading."""
+    period_s, _ = log.period(now_s)
+    seen = log.times_s <= now_s
+    times, power = log.times_s[seen], log.power_w[seen]
+    if period_s is None or times[-1] - times[0] < period_s:
+        return lambda later: np.full(len(later), power[-1])
+    return lambda later: np.interp(later - period_s * np.ceil((later - now_s) / period_s + 1e-9), times, power)
+
+
+def holt_winters(log: Log, now_s: float) -> Forecast:
+    """Additive Holt-Winters of means over a second."""
+    period_s, _ = log.period(now_s)
+    times, power = coarse(log, now_s)
+    if period_s is None or len(power) < 2 * round(period_s / COARSE_S):
+        return the_mean(log, now_s)
+    fit = ExponentialSmoothing(power, seasonal="add", seasonal_periods=round(period_s / COARSE_S)).fit()
+    return stepped(lambda count, _: fit.forecast(count), times)
+
+
+def arima(log: Log, now_s: float) -> Forecast:
+    """ARIMA (1, 0, 1) with a mean, of means over a second."""
+    times, power = coarse(log, now_s)
+    fit = ARIMA(power, order=(1, 0, 1)).fit()
+    return stepped(lambda count, _: fit.forecast(count), times)
+
+
+def arima_fourier(log: Log, now_s: float) -> Forecast:
+    """The same with three harmonics of the period as regressors."""
+    period_s, _ = log.period(now_s)
+    times, power = coarse(log, now_s)
+    if period_s is None or times[-1] - times[0] < period_s:
+        return arima(log, now_s)
+
+    def terms(at_s: np.ndarray) -> np.ndarray:
+        angle = 2 * np.pi / period_s * at_s
+        return np.column_stack([wave(j * angle) for j in range(1, ORDER + 1) for wave in (np.cos, np.sin)])
+
+    fit = ARIMA(power, order=(1, 0, 1), exog=terms(times)).fit()
+    return stepped(lambda count, later: fit.forecast(count, exog=terms(later)), times)
+
+
+def coarse(log: Log, now_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Means over a second each, and their middles: whole ones up to now."""
+    seen = log.times_s <= now_s
+    times, power = log.times_s[seen], log.power_w[seen]
+    back = np.floor((now_s - times) / COARSE_S).astype(int)[::-1]
+    sums, counts = np.bincount(back, power[::-1]), np.bincount(back)
+    whole = counts >= max(1, 0.9 * COARSE_S / log.step_s - 1)
+    middle = now_s - (np.arange(len(sums)) + 0.5) * COARSE_S
+    return middle[whole][::-1], (sums[whole] / counts[whole])[::-1]
+
+
+def stepped(forecast: Callable[[int, np.ndarray], np.ndarray], times_s: np.ndarray) -> Forecast:
+    """A forecast of seconds after the last of some, at any later times."""
+
+    def at(later: np.ndarray) -> np.ndarray:
+        count = math.ceil((later[-1] - times_s[-1]) / COARSE_S) + 1
+        middles = times_s[-1] + COARSE_S * np.arange(1, count + 1)
+        return np.interp(later, middles, np.asarray(forecast(count, middles)))
+
+    return at
+
+
+class Published:
+    """The papers' filter on a log, from its start to each instant in turn."""
+
+    def __init__(self, log: Log) -> None:
+        self._log, self._filter = log, PublishedEstimator(EstimatorSettings(order=ORDER))
+        self._step, self._reading, self._laps, self._lap_s = 0, 0, 0, 0.0
+
+    def __call__(self, log: Log, now_s: float) -> Forecast:
+        """The forecast of the filter's state at an instant."""
+        start_s = log.times_s[0]
+        period_s, _ = log.period(now_s)
+        while start_s + (self._step + 1) * FILTER_STEP_S <= now_s + 1e-9:
+            self._step += 1
+            time_s = start_s + self._step * FILTER_STEP_S
+            while self._reading + 1 < len(log.times_s) and log.times_s[self._reading + 1] <= time_s + 1e-9:
+                self._reading += 1
+            if self._ended(time_s, period_s):
+                self._filter.lap(time_s - start_s)
+            self._filter.observe(time_s - start_s, float(log.power_w[self._reading]))
+        return lambda later: self._filter.forecast(later - now_s)
+
+    def _ended(self, time_s: float, period_s: float | None) -> bool:
+        """Whether a lap ends in this step."""
+        if self._log.laps_s is not None:
+            if self._laps < len(self._log.laps_s) and self._log.laps_s[self._laps] <= time_s:
+                self._laps += 1
+                return True
+            return False
+        if period_s is not None and time_s - self._lap_s >= period_s:
+            self._lap_s = time_s
+            return True
+        return False
+
+
+class Exact:
+    """Our estimator on a log, from its start to each instant in turn; where the period is found anew, once more."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._estimator: ExactEstimator | None = None
+        self._known: tuple[float | None, float] = (None, 0.0)
+        self._reading = 0
+
+    def at(self, now_s: float) -> ExactEstimator:
+        """The estimator when it has read all up to an instant."""
+        log = self._log
+        known = (NOMINAL_SHARE * (log.laps_s[1] - log.laps_s[0]), 0.0) if log.laps_s else log.period(now_s)
+        if self._estimator is None or known != self._known:
+            period_s, std_s = self._known = known
+            nominal = None if log.laps_s else std_s
+            self._estimator = ExactEstimator(EstimatorSettings(order=ORDER), period_s, period_std_s=nominal)
+            self._reading = 0
+        laps = log.laps_s or []
+        while self._reading < len(log.times_s) and log.times_s[self._reading] <= now_s + 1e-9:
+            time_s = float(log.times_s[self._reading])
+            before_s = float(log.times_s[self._reading - 1]) if self._reading else -math.inf
+            for lap in laps:
+                if before_s < lap <= time_s:
+                    self._estimator.lap(lap)
+            self._estimator.observe(time_s, float(log.power_w[self._reading]))
+            self._reading += 1
+        return self._estimator
+
+    def __call__(self, log: Log, now_s: float) -> Forecast:
+        """Its forecast."""
+        estimator = self.at(now_s)
+        return lambda later: estimator.forecast(later - now_s)
+
+
+# --- what is measured
+
+
+def methods(log: Log) -> dict[str, Callable[[Log, float], Forecast]]:
+    """Every method by name."""
+    return {
+        "mean": the_mean,
+        "seasonal naive": seasonal_naive,
+        "Holt-Winters": holt_winters,
+        "ARIMA": arima,
+        "ARIMA, Fourier": arima_fourier,
+        "papers' filter": Published(log),
+        "eadp": Exact(log),
+    }
+
+
+def origins(log: Log) -> list[tuple[float, float]]:
+    """Instants from two periods on, and the period there [s]; as if it were 46 s where there is none."""
+    found, end_s = [], float(log.times_s[-1])
+    now_s = float(log.times_s[0])
+    while now_s < end_s:
+        period_s, _ = log.period(now_s)
+        period_s = period_s or NO_PERIOD_HORIZON_S
+        if now_s - log.times_s[0] >= 2 * period_s and now_s + period_s <= end_s:
+            found.append((now_s, period_s))
+        now_s += period_s / ORIGINS_PER_PERIOD
+    return found
+
+
+def one_period_ahead(log: Log) -> dict[str, float]:
+    """Mean absolute error of each method [W]."""
+    errors: dict[str, list[float]] = {}
+    tried = methods(log)
+    for now_s, period_s in origins(log):
+        ahead = (log.times_s > now_s) & (log.times_s <= now_s + period_s)
+        for name, method in tried.items():
+            forecast = method(log, now_s)(log.times_s[ahead])
+            errors.setdefault(name, []).append(float(np.abs(forecast - log.power_w[ahead]).mean()))
+        if log.truth is not None:
+            gap = np.abs(log.truth(log.times_s[ahead]) - log.power_w[ahead]).mean()
+            errors.setdefault("floor", []).append(float(gap))
+    return {name: statistics.fmean(values) for name, values in errors.items()}
+
+
+def energy_to_the_end(log: Log) -> tuple[dict[str, list[float]], list[float]]:
+    """Per cent of what remains that each method is off at each tenth; and our errors in standard deviations."""
+    start_s, end_s = float(log.times_s[0]), float(log.times_s[-1])
+    off: dict[str, list[float]] = {}
+    standard: list[float] = []
+    tried = methods(log)
+    ours = tried.pop("eadp")
+    for tenth in TENTHS:
+        now_s = float(log.times_s[np.searchsorted(log.times_s, start_s + tenth * (end_s - start_s))])
+        later = log.times_s > now_s
+        right = float(log.power_w[later].sum()) * log.step_s
+        for name, method in tried.items():
+            energy = float(method(log, now_s)(log.times_s[later]).sum()) * log.step_s
+            off.setdefault(name, []).append(100 * abs(energy / right - 1))
+        assert isinstance(ours, Exact)
+        estimator = ours.at(now_s)
+        energy, variance = estimator.energy_forecast(int(later.sum()) * log.step_s)
+        off.setdefault("eadp", []).append(100 * abs(energy / right - 1))
+        sensor = log.step_s * estimator.noise_w * math.sqrt(later.sum())
+        standard.append((energy - right) / math.sqrt(variance + sensor**2))
+    return off, standard
+
+
+# --- signals
+
+
+def simulated(rng: np.random.Generator, noise: tuple[float, float, float], name: str, laps: bool = True) -> Log:
+    """Three harmonics with any phases, a disturbance and white noise."""
+    times = np.arange(0.0, DURATION_S, STEP_S)
+    phases = rng.uniform(0, 2 * np.pi, len(AMPLITUDES_W))
+
+    def truth(at_s: np.ndarray) -> np.ndarray:
+        waves = [
+            a * np.cos(2 * np.pi * j * at_s / PERIOD_S + p)
+            for j, (a, p) in enumerate(zip(AMPLITUDES_W, phases, strict=True), 1)
+        ]
+        return LEVEL_W + np.sum(waves, axis=0)
+
+    white_w, std_w, time_s = noise
+    power = truth(times) + matern(rng, len(times), std_w, time_s) + white_w * rng.standard_normal(len(times))
+    marks = np.arange(rng.uniform(0, PERIOD_S), DURATION_S, PERIOD_S).tolist()
+    return Log(name, times, power, marks if laps else None, truth)
+
+
+def matern(rng: np.random.Generator, count: int, std_w: float, time_s: float) -> np.ndarray:
+    """A Matérn-3/2 process every STEP_S."""
+    step = disturbance.transition(STEP_S, time_s)
+    root = np.linalg.cholesky(disturbance.process_noise(STEP_S, std_w, time_s))
+    state = np.sqrt(np.diag(disturbance.stationary_covariance(std_w, time_s))) * rng.standard_normal(2)
+    result = np.empty(count)
+    for k, noise in enumerate(rng.standard_normal((count, 2))):
+        result[k] = state[0]
+        state = step @ state + root @ noise
+    return result
+
+
+def flown(seed: int, gust_std_mps: float) -> Log:
+    """The survey in gusts: motion power every tenth of a second, and the ends of its laps."""
+    overrides = {
+        "planner.name": "static",
+        "battery.capacity_ah": 3.2,
+        "vehicle.wind_in_lift": True,
+        "wind.gust_std_mps": gust_std_mps,
+        "faults": [],
+        "seed": seed,
+    }
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
+    )
+    outcome = Outcome()
+    steps = list(fly(inputs.world, inputs.planner(), outcome))[:-1]
+    sets = inputs.world.plan.stages[0].sets
+    computing_w = inputs.world.computing.power_w(steps[0].parameters, sets)
+    stages = inputs.world.plan.primitive_stages
+    laps = outcome.stage_times_s[stages - 1 :: stages]
+    times, power = np.array([step.time_s for step in steps]), np.array([step.power_w for step in steps])
+    return Log(f"flight in gusts of {gust_std_mps:g} m/s", times, power - computing_w, laps)
+
+
+def opterra(path: str) -> Log:
+    """A log of time and power every 0.5 s, its first 25 s left out."""
+    with open(path, newline="", encoding="utf-8") as stream:
+        rows = np.array([[float(cell) for cell in row[:2]] for row in csv.reader(stream) if row])
+    rows = rows[rows[:, 0] >= 25.0]
+    return Log("Opterra log", rows[:, 0], rows[:, 1])
+
+
+def px4(path: str) -> Log:
+    """A log of voltage and current."""
+    with open(path, newline="", encoding="utf-8") as stream:
+        rows = [(r["timestamp"], r["voltage_v"], r["current_a"]) for r in csv.DictReader(stream)]
+    stamp, voltage, current = np.array(rows, dtype=float).T
+    return Log("PX4 log", (stamp - stamp[0]) * 1e-6, voltage * current)
+
+
+# --- the tables
+
+
+def report(name: str, logs: list[Log], ahead_aim: float | None, energy_aim: float | None) -> None:
+    """Print both figures of some logs of a kind."""
+    ahead = [one_period_ahead(log) for log in logs]
+    energy = [energy_to_the_end(log) for log in logs]
+    found = {period for log in logs for _, period, _ in log.found}
+    periods = "laps known" if logs[0].laps_s else "no period found" if found <= {None} else "period found"
+    print(f"\n{name} ({len(logs)} run{'s' * (len(logs) > 1)}, {periods})")
+    print(f"  {'':16}{'one period ahead':>18}{'energy to the end, % off: mean':>32}{'worst':>8}")
+    for method in ("mean", "seasonal naive", "Holt-Winters", "ARIMA", "ARIMA, Fourier", "papers' filter", "eadp"):
+        ratio = statistics.fmean(run[method] / run["mean"] for run in ahead)
+        off = [value for run, _ in energy for value in run[method]]
+        print(f"  {method:16}{ratio:>18.3f}{statistics.fmean(off):>32.2f}{max(off):>8.2f}")
+    if "floor" in ahead[0]:
+        print(f"  {'floor':16}{statistics.fmean(run['floor'] / run['mean'] for run in ahead):>18.3f}")
+    standard = [value for _, values in energy for value in values]
+    print(f"  eadp's energy errors: {math.sqrt(statistics.fmean(z * z for z in standard)):.2f} standard deviations")
+    verdict("one period ahead", "eadp", {m: statistics.fmean(run[m] / run["mean"] for run in ahead) for m in ahead[0]})
+    verdict("energy", "eadp", {m: statistics.fmean(v for run, _ in energy for v in run[m]) for m in energy[0][0]})
+    aims = [f"one period ahead {ahead_aim:g}" if ahead_aim else "", f"energy {energy_aim:g} %" if energy_aim else ""]
+    if any(aims):
+        print(f"  aims: {', '.join(aim for aim in aims if aim)}")
+
+
+def verdict(what: str, own: str, figures: dict[str, float]) -> None:
+    """Say who is better than we are."""
+    better = [name for name, value in figures.items() if name not in (own, "floor") and value < figures[own]]
+    if better:
+        print(f"  {what}: better than eadp: {', '.join(better)}")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--runs", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--opterra", metavar="FILE")
+    parser.add_argument("--px4", metavar="FILE")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")  # statsmodels' about convergence and starting values
+    seeds = range(arguments.seed, arguments.seed + arguments.runs)
+    print(f"seeds {seeds.start} to {seeds.stop - 1}")
+    for noise, name, aim in ((CLEAN, "simulation, 21 dB", 0.12), (NOISY, "simulation, 10 dB", None)):
+        report(name, [simulated(np.random.default_rng(seed), noise, name) for seed in seeds], aim, 0.3)
+    name = "simulation without laps, 21 dB"
+    report(name, [simulated(np.random.default_rng(seed), CLEAN, name, laps=False) for seed in seeds[:2]], 0.12, None)
+    for gust in (0.0, 0.5):
+        few = seeds[:1] if not gust else seeds[:3]
+        report(
+            f"survey flown, gusts {gust:g} m/s", [flown(seed, gust) for seed in few], 0.12 if not gust else None, 0.3
+        )
+    if arguments.opterra:
+        report("Opterra log", [opterra(arguments.opterra)], 0.9, 2.0)
+    if arguments.px4:
+        report("PX4 log", [px4(arguments.px4)], 1.02, None)
+
+
+if __name__ == "__main__":
+    main()

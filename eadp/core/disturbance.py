@@ -1,0 +1,269 @@
+"""A disturbance that stays a while: a Matérn-3/2 process as two states, its exact step, and what samples tell of it.
+
+The process d has mean 0 and the covariance σ² (1 + λ|τ|) e^{−λ|τ|}, λ = √3/ℓ, with σ its `std_w` and ℓ its `time_s`. It
+is smooth enough to have a slope, and with it as a second state it is a linear system driven by white noise:
+
+    d/dt [d, ḋ] = F [d, ḋ] + [0, 1] w,   F = [[0, 1], [−λ², −2λ]],   w of spectral density 4λ³σ²
+
+Source: Hartikainen and Särkkä 2010, Sec. 4.1; λ as in Rasmussen and Williams 2006, Eq. 4.17.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammainc
+
+FloatArray = NDArray[np.float64]
+
+SAMPLES = 1024
+"""Most samples that `learned` looks at, unless told otherwise."""
+RUNS = 8
+"""Of more samples half are taken evenly, half in this many runs of consecutive ones."""
+FEWEST = 8
+"""Samples left after the columns' coefficients; with fewer there is no telling a disturbance from noise."""
+
+_TIMES, _SHARES = 8, 8
+_NEAR = np.linspace(-1.0, 1.0, 5)
+_ZOOMS = 3
+_MOST_LOGIT = 12.0
+_FORGOTTEN = 40.0
+
+
+def rate_per_s(time_s: float) -> float:
+    """λ = √3/ℓ [1/s] of a time constant ℓ [s], above 0."""
+    return math.sqrt(3) / time_s
+
+
+def transition(step_s: float, time_s: float) -> FloatArray:
+    """The exact step of the two states, e^{F Δt}.
+
+    Parameters
+    ----------
+    step_s : float
+        Δt [s], 0 or more.
+    time_s : float
+        ℓ [s], above 0.
+
+    Returns
+    -------
+    array, shape (2, 2)
+
+    Source: Hartikainen and Särkkä 2010, Sec. 4.1.
+    """
+    rate = rate_per_s(time_s)
+    turns = rate * step_s
+    # e^{FΔt} = e^{−λΔt} [[1 + λΔt, Δt], [−λ²Δt, 1 − λΔt]]
+    return math.exp(-turns) * np.array([[1 + turns, step_s], [-rate * turns, 1 - turns]])
+
+
+def process_noise(step_s: float, std_w: float, time_s: float) -> FloatArray:
+    """Covariance of what one step adds to the two states.
+
+    Parameters
+    ----------
+    step_s : float
+        Δt [s], 0 or more.
+    std_w, time_s : float
+        σ [W], 0 or more, and ℓ [s], above 0.
+
+    Returns
+    -------
+    array, shape (2, 2)
+        Q with units W², W²/s, W²/s²: P∞ − e^{FΔt} P∞ e^{FᵀΔt}, in a form that keeps its digits for short steps.
+    """
+    rate = rate_per_s(time_s)
+    turns = rate * step_s
+    fade = math.exp(-2 * turns)
+    # 1 − e^{−2a} (1 + 2a + 2a²) is the incomplete gamma function P(3, 2a), a = λΔt
+    place = float(gammainc(3, 2 * turns))
+    both = 2 * turns**2 * fade
+    # 1 − e^{−2a} (1 − 2a + 2a²)
+    slope = -math.expm1(-2 * turns) + 2 * turns * (1 - turns) * fade
+    return std_w**2 * np.array([[place, rate * both], [rate * both, rate**2 * slope]])
+
+
+def stationary_covariance(std_w: float, time_s: float) -> FloatArray:
+    """Covariance of the two states when nothing is known but σ and ℓ: P∞ = diag(σ², λ²σ²), shape (2, 2)."""
+    return std_w**2 * np.diag([1.0, rate_per_s(time_s) ** 2])
+
+
+def covariance_w2(apart_s: ArrayLike, std_w: float, time_s: float) -> FloatArray:
+    """Covariance [W²] of the process with itself `apart_s` [s] later, any shape.
+
+    Source: Rasmussen and Williams 2006, Eq. 4.17.
+    """
+    turns = rate_per_s(time_s) * np.abs(np.asarray(apart_s, dtype=float))
+    covariance: FloatArray = std_w**2 * (1 + turns) * np.exp(-turns)
+    return covariance
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What samples tell: σ [W] and ℓ [s] of the disturbance, the white noise beside it [W], and how likely that is."""
+
+    std_w: float
+    time_s: float
+    noise_w: float
+    log_likelihood: float
+
+
+def learned(
+    time_s: ArrayLike,
+    residual_w: ArrayLike,
+    *,
+    columns: ArrayLike | None = None,
+    samples: int = SAMPLES,
+) -> Learned:
+    """The disturbance and the white noise under which a residual is likeliest.
+
+    The likelihood is that of the innovations of a Kalman filter with the exact step, so sampling may be irregular. The
+    variance is eliminated, the time constant and the disturbance's share of the variance are searched on a grid, then
+    on ever finer grids round its best. With `columns` the likelihood is the restricted one, of what the columns cannot
+    follow: coefficients fitted to the same samples do not make the noise look less than it is.
+
+    Parameters
+    ----------
+    time_s : array, shape (n,)
+        Strictly increasing [s].
+    residual_w : array, shape (n,)
+        [W]; its mean counts as 0 unless a column is constant.
+    columns : array, shape (n, p), optional
+        What the residual may also be made of, with coefficients of any size.
+    samples : int
+        Of more samples than this only as many are looked at: half evenly spread, half in `RUNS` runs of consecutive
+        ones, so that both slow and fast parts are seen.
+
+    Returns
+    -------
+    Learned
+        The time constant is between the shortest step and the span. All white (`std_w` 0) where there are fewer than
+        `FEWEST` samples more than columns, or where they do not vary.
+
+    Source: Schweppe 1965 (likelihood of the innovations); Patterson and Thompson 1971 (restricted likelihood).
+    """
+    times = np.asarray(time_s, dtype=float)
+    power = np.asarray(residual_w, dtype=float)
+    table = np.empty((len(times), 0)) if columns is None else np.asarray(columns, dtype=float)
+    keep = _kept(len(times), samples)
+    times, series = times[keep], _orthonormal(table[keep], power[keep])
+    least = max((1e-7 * float(np.max(np.abs(power), initial=0.0))) ** 2, 1e-300)
+    white = _white(series, least)
+    span_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
+    if len(times) - series.shape[1] + 1 < FEWEST or white[0] <= least:
+        return Learned(0.0, span_s or 1.0, math.sqrt(white[0]), white[1])
+    likelihood, variance, log_time, logit = _searched(times, series, least)
+    if white[1] >= likelihood:
+        return Learned(0.0, span_s, math.sqrt(white[0]), white[1])
+    share = 1 / (1 + math.exp(-logit))
+    return Learned(math.sqrt(share * variance), math.exp(log_time), math.sqrt((1 - share) * variance), likelihood)
+
+
+def _kept(count: int, most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` of `count` samples: half of them evenly, half in runs; fewer where the two meet."""
+    if count <= most:
+        return np.arange(count)
+    length = most // (2 * RUNS)
+    even = np.linspace(0, count - 1, most - RUNS * length).astype(np.int64)
+    starts = np.linspace(0, count - length, RUNS).astype(np.int64)
+    return np.unique(np.concatenate([even, (starts[:, np.newaxis] + np.arange(length)).ravel()]))
+
+
+def _orthonormal(columns: FloatArray, power_w: FloatArray) -> FloatArray:
+    """An orthonormal basis of what the columns can follow, and the power less that, beside each other."""
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, size > 1e-10 * np.max(size, initial=0.0)]
+    return np.column_stack([basis, power_w - basis @ (basis.T @ power_w)])
+
+
+def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[float, float, float, float]:
+    """The best log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
+    steps = np.diff(times_s)
+    low, high = math.log(float(steps.min())), math.log(float(times_s[-1] - times_s[0]))
+    spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MOST_LOGIT / (_SHARES - 1)])
+    log_times, logits = np.linspace(low, high, _TIMES), np.linspace(-_MOST_LOGIT, _MOST_LOGIT, _SHARES)
+    best = (-math.inf, 0.0, low, 0.0)
+    for _ in range(1 + _ZOOMS):
+        grid = [axis.ravel() for axis in np.meshgrid(log_times, logits)]
+        likelihood, variance = _likelihoods(steps, series, np.exp(grid[0]), 1 / (1 + np.exp(-grid[1])), least)
+        i = int(np.argmax(likelihood))
+        if likelihood[i] > best[0]:
+            best = (float(likelihood[i]), float(variance[i]), float(grid[0][i]), float(grid[1][i]))
+        log_times = np.clip(best[2] + spacing[0] * _NEAR, low, high)
+        logits = best[3] + spacing[1] * _NEAR
+        spacing /= 2
+    return best
+
+
+def _likelihoods(
+    steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray, least: float
+) -> tuple[FloatArray, FloatArray]:
+    """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
+    innovations, spread = _innovations(steps_s, series, time_s, share)
+    root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
+    gram = root.transpose(0, 2, 1) @ root
+    return _restricted(gram, np.log(spread).sum(axis=0), len(series), least)
+
+
+def _restricted(gram: FloatArray, log_spread: FloatArray, count: int, least: float) -> tuple[FloatArray, FloatArray]:
+    """Restricted log-likelihood and variance from [X y]ᵀ V⁻¹ [X y], shape (k, p + 1, p + 1), and log |V|."""
+    p = gram.shape[-1] - 1
+    free = count - p
+    error = gram[:, p, p].copy()
+    log_columns = np.zeros(len(gram))
+    if p:
+        inner = gram[:, :p, :p]
+        fitted = np.linalg.solve(inner, gram[:, :p, p:])[..., 0]
+        error -= np.einsum("ki,ki->k", fitted, gram[:, :p, p])
+        log_columns = np.linalg.slogdet(inner)[1]
+    variance = np.maximum(error / free, least)
+    # −½ ((n − p)(ln 2πs² + 1) + ln |V| + ln |XᵀV⁻¹X|)
+    likelihood: FloatArray = -0.5 * (free * (np.log(2 * np.pi * variance) + 1) + log_spread + log_columns)
+    return likelihood, variance
+
+
+def _white(series: FloatArray, least: float) -> tuple[float, float]:
+    """Variance and log-likelihood of white noise alone."""
+    count, p = len(series), series.shape[1] - 1
+    if count <= p:
+        return 0.0, -math.inf
+    likelihood, variance = _restricted((series.T @ series)[np.newaxis], np.zeros(1), count, least)
+    return float(variance[0]), float(likelihood[0])
+
+
+def _innovations(
+    steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Innovations of every series under every candidate, shape (n, k, p + 1), and their variance, shape (n, k).
+
+    The total variance is 1, of which the disturbance has `share`. The states are d and ḋ/λ, both of that variance, and
+    what is carried is by how much their covariance is less than it: Δ ← Φ Δ Φᵀ needs no process noise.
+    """
+    size = series.shape[1]
+    phi = _scaled_transitions(steps_s, time_s)
+    # `carried` is the state of every series, then Δ; a row of `left` is y − C x of each, then P Cᵀ = P∞ Cᵀ − Δ Cᵀ
+    carried = np.zeros((len(time_s), 2, size + 2))
+    left = np.zeros((len(series), len(time_s), size + 2))
+    left[:, :, :size], left[:, :, size] = series[:, np.newaxis, :], share
+    noise = 1 - share + 1e-12
+    for n, row in enumerate(left):
+        if n:
+            step = phi[n - 1]
+            carried = step @ carried
+            carried[:, :, size:] = carried[:, :, size:] @ step.transpose(0, 2, 1)
+        row -= carried[:, 0, :]
+        # K = P Cᵀ / S, S = C P Cᵀ + R;  x ← x + K e,  Δ ← Δ + K C P
+        gain = row[:, size:] / (row[:, size] + noise)[:, np.newaxis]
+        carried += gain[:, :, np.newaxis] * row[:, np.newaxis, :]
+    return left[:, :, :size], left[:, :, size] + noise
+
+
+def _scaled_transitions(steps_s: FloatArray, time_s: FloatArray) -> FloatArray:
+    """e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)."""
+    turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
+    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # numbers as small as e^−700 are slow
+    matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
+    return matrix.reshape(*turns.shape, 2, 2)
