@@ -187,7 +187,7 @@ def main() -> None:
     groups = {"generated": generated()} | ({"outlines": outlines(arguments.outlines)} if arguments.outlines else {})
     print(f"seed {SEED}; ratio: flight time at the lowest c1 / best Dubins order of the same lines")
     for (group, fields), (swath, radius) in itertools.product(groups.items(), sizes):
-        motion = Motion(float(swath), float(radius), 1.5 * radius, 0.75 * swath)
+        motion = Motion(float(swath), float(radius), 1.5 * radius, 0.5 * swath)
         for pattern in arguments.patterns.split(","):
             rows = []
             for field in fields:

@@ -149,7 +149,7 @@ class Block:
             c1 = (self.circle_m - self.travel_m / laps / 2) ** 2 - self.radius_m**2
             if c1 < self.lowest_c1:
                 break
-            found.append(math.floor(c1 / C1_STEP) * C1_STEP)
+            found.append(round(math.floor(c1 / C1_STEP) * C1_STEP, 6))
         return found
 
     def spacing_at(self, c1: float) -> float:
