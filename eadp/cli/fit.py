@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 import os
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
-from eadp.errors import Infeasible, InputError
 
 if TYPE_CHECKING:
-    from eadp.core.spectrum import Spectrum
-    from eadp.io.power_log import PowerLog
+    from collections.abc import Mapping
+
+    from eadp.io.fit_inputs import Fit
     from eadp.models.energy import EnergyModel
+
+AIRSPEED_MPS = 15.0
+"""Of a plan's lap, unless another is given: the papers' aircraft's."""
 
 
 class TimeUnit(StrEnum):
@@ -30,13 +33,24 @@ class TimeUnit(StrEnum):
 
 
 def command(
-    log: Annotated[str, typer.Argument(metavar="LOG", help="Power log (CSV); - is standard input.")],
+    log: Annotated[
+        str, typer.Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input.")
+    ],
     output: Annotated[
         str, typer.Option("--output", "-o", metavar="MODEL.yaml", help="Write the model; - is standard output.")
     ] = "",
     period_prior: Annotated[
         float | None,
-        typer.Option("--period-prior", metavar="S", help="Look for a period near this one [s], within a factor of √2."),
+        typer.Option(
+            "--period-prior", metavar="S", help="Look for a period near this one [s], within a factor of 1.3."
+        ),
+    ] = None,
+    plan: Annotated[
+        str, typer.Option("--plan", metavar="FILE", help="Look for a period near the nominal time of this plan's lap.")
+    ] = "",
+    airspeed: Annotated[
+        float | None,
+        typer.Option("--airspeed", metavar="MPS", help="Speed the plan's lap is flown at; default 15 m/s."),
     ] = None,
     order: Annotated[
         int | None, typer.Option("--order", metavar="R", min=1, help="Number of harmonics; default: as many as help.")
@@ -51,6 +65,29 @@ def command(
     time_unit: Annotated[
         TimeUnit | None, typer.Option("--time-unit", help="Unit of the times, where their column's name has none.")
     ] = None,
+    instance: Annotated[
+        int | None, typer.Option("--instance", metavar="N", help="Which battery of an autopilot's log.")
+    ] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Leave out what is before, in seconds of the log.")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Leave out what is after, in seconds of the log.")
+    ] = None,
+    keep_spikes: Annotated[
+        bool, typer.Option("--keep-spikes", help="Fit single samples far from their neighbours, too.")
+    ] = False,
+    profile: Annotated[
+        str,
+        typer.Option(
+            "--profile",
+            metavar="FILE",
+            help="Take the computations' power off first: configurations are in the log, under the profile's names.",
+        ),
+    ] = "",
+    plot: Annotated[
+        str, typer.Option("--plot", metavar="FILE", help="Draw log, fit, residual, spectrum and lap (.svg or .png).")
+    ] = "",
     battery: Annotated[
         bool, typer.Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
     ] = False,
@@ -66,65 +103,114 @@ def command(
     Find the period of a power log, and fit its mean, harmonics and noise.
 
     The log is a CSV with a header that names its columns and their units: time_s (or time_ms, or timestamp, in µs), and
-    power_w or voltage_v and current_a.
+    power_w or voltage_v and current_a; or a PX4 ULog, or an ArduPilot DataFlash log. Where a log has positions (x_m and
+    y_m, or lat and lon), and no other prior is given, the period is looked for near the time of their laps.
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
     # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from eadp.io.energy_file import energy_document, energy_yaml
-    from eadp.io.power_log import Columns, read_power_log
+    from eadp.io.energy_file import energy_yaml
+    from eadp.io.fit_inputs import FitOptions, read_fit
+    from eadp.io.power_log import Columns
     from eadp.io.streams import write_text
-    from eadp.models.energy import energy_model
 
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
     if period_prior is not None and not 0 < period_prior < math.inf:
         raise usage_fault("--period-prior", f"{period_prior:g}", "no period", "a number of seconds above 0")
+    for option, seconds in (("--from", begin), ("--to", end)):
+        if seconds is not None and not 0 <= seconds < math.inf:
+            raise usage_fault(option, f"{seconds:g}", "no time of a log", "a number of seconds, 0 or more")
+    if airspeed is not None and not (0 < airspeed < math.inf and plan):
+        raise usage_fault("--airspeed", f"{airspeed:g}", "no speed of a plan's lap", "a speed above 0, beside --plan")
     names = [name.strip() for name in columns.split(",")] if columns else []
     if battery:
         if power:
             raise usage_fault("--power", power, "a power tells nothing of a battery", "voltage and current")
         from eadp.cli.fit_battery import fit_battery_from
 
-        wanted = Columns(time, "", voltage or "", current or "", names, time_unit or "")
+        wanted = Columns(time, "", voltage or "", current or "", names, time_unit or "", instance=instance)
         return fit_battery_from(log, wanted, capacity, k_b, soc, output, format)
-    readings = read_power_log(log, Columns(time, power, voltage, current, names, time_unit or ""))
-    spectrum = _analysed(readings, order, period_prior)
-    model = energy_model(spectrum)
+    wanted = Columns(time, power, voltage, current, names, time_unit or "", instance=instance)
+    options = FitOptions(order, period_prior, plan, airspeed or AIRSPEED_MPS, begin, end, keep_spikes, profile)
+    fit = read_fit(log, wanted, options)
+    model = fit.fitted.model
+    if plot:
+        from eadp.io.fit_figure import write_fit_figure
+
+        write_fit_figure(plot, fit.fitted)
     if output:
         write_text(output, energy_yaml(model))
-    warn(readings.warnings)
+    warn(fit.warnings)
     if format is Format.json:
-        emit_json(energy_document(model))
+        emit_json(_document(fit))
     elif output != "-":
-        emit(_report(model) if model.periodic else _refusal(spectrum))
+        emit(
+            "\n".join([*(_report(model) if model.periodic else _refusal(fit)), *_left_out(fit.counts), *_terms(model)])
+        )
     return 0 if model.periodic else 1
 
 
-def _analysed(readings: PowerLog, order: int | None, period_prior_s: float | None) -> Spectrum:
-    from eadp.core.spectrum import analyse
+def _document(fit: Fit) -> dict[str, Any]:
+    """The model's document; beside it, what was judged and what was left out."""
+    from eadp.io.energy_file import energy_document
 
-    try:
-        return analyse(readings.times_s, readings.power_w, order=order, period_prior_s=period_prior_s)
-    except Infeasible as error:
-        raise InputError.at(readings.name, 1, 1, str(error)) from None
+    spectrum = fit.fitted.spectrum
+    candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
+    return energy_document(fit.fitted.model) | {
+        "candidate": {"period_s": candidate, "chance": spectrum.chance},
+        "prior": None if fit.prior_s is None else {"period_s": fit.prior_s, "source": fit.prior_source},
+        "log": fit.counts,
+    }
 
 
-def _report(model: EnergyModel) -> str:
+_SPOKEN = {
+    "empty": "with an empty cell",
+    "not_finite": "not finite",
+    "unknown": "unknown",
+    "restart": "outside the longest run",
+    "repeated": "at the time of another",
+    "no_configuration": "without a configuration",
+    "outside": "outside --from and --to",
+    "spikes": "spikes",  # and one of them is "1 spike"
+}
+
+
+def _left_out(counts: Mapping[str, int | float]) -> list[str]:
+    parts = [f"{counts[key]} {words}" for key, words in _SPOKEN.items() if counts.get(key)]
+    parts = ["1 spike" if part == "1 spikes" else part for part in parts]
+    lines = [f"left out {', '.join(parts)}"] if parts else []
+    if counts.get("gaps"):
+        lines.append(f"gaps     {counts['gaps']}, the longest {counts['longest_gap_s']:.3g} s")
+    return lines
+
+
+def _report(model: EnergyModel) -> list[str]:
     assert model.period_s is not None
-    lines = [
+    return [
         f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s",
         f"order    {model.order}",
-        f"mean     {model.mean_w:.6g} W",
-        f"noise    {model.noise_std_w:.3g} W",
+        f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
+        f"noise    {model.noise_std_w:.3g} W{_stays(model)}",
         f"R²       {model.cv_r2:.4f} of blocks held out",
         f"samples  {model.samples} over {model.span_s:.6g} s",
-        "",
-        "harmonic  amplitude [W]  phase [rad]",
     ]
-    terms = enumerate(model.harmonics, start=1)
-    return "\n".join([*lines, *(f"{j:8d}  {term.amplitude_w:13.4f}  {term.phase_rad:11.4f}" for j, term in terms)])
+
+
+def _stays(model: EnergyModel) -> str:
+    stays = model.disturbance
+    return "" if stays is None else f", of it {stays.std_w:.3g} W that stay for {stays.time_s:.2g} s"
+
+
+def _terms(model: EnergyModel) -> list[str]:
+    if not model.periodic:
+        return []
+    stds = model.amplitude_std_w or (0.0,) * model.order
+    lines = ["", "harmonic   amplitude [W]  phase [rad]"]
+    for j, (term, std) in enumerate(zip(model.harmonics, stds, strict=True), start=1):
+        lines.append(f"{j:8d}  {_with_std(term.amplitude_w, std):>14}  {term.phase_rad:11.4f}")
+    return lines
 
 
 def _with_std(value: float, std: float) -> str:
@@ -135,23 +221,28 @@ def _with_std(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def _refusal(spectrum: Spectrum) -> str:
+def _refusal(fit: Fit) -> list[str]:
     """What was found instead of a period."""
-    from eadp.core.spectrum import MAX_CHANCE, MIN_CV_R2
+    from eadp.core.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
+
+    spectrum, model = fit.fitted.spectrum, fit.fitted.model
 
     if math.isnan(spectrum.period_s):
         reason = "the power is constant"
     elif spectrum.cv_r2 < MIN_CV_R2:
         explained = f"{100 * max(0.0, spectrum.cv_r2):.1f} % of the variance of blocks held out"
         reason = f"the best, {spectrum.period_s:.4g} s, explains {explained}; {100 * MIN_CV_R2:g} % are needed"
+    elif spectrum.chance <= MAX_CHANCE:
+        twice = spectrum.span_s >= MIN_PERIODS * spectrum.period_s
+        short = "which does not fit twice into the log"
+        unlike = "which is known too badly, or lies beyond what was asked for"
+        reason = f"the best is {spectrum.period_s:.4g} s, {unlike if twice else short}"
     else:
         chance = f"noise looks so with a chance of {spectrum.chance:.2g}; at most {MAX_CHANCE:g} is allowed"
         reason = f"the best is {spectrum.period_s:.4g} s, but slow {chance}"
-    return "\n".join(
-        [
-            f"no period: {reason}",
-            f"mean     {spectrum.mean_w:.6g} W",
-            f"spread   {spectrum.noise_std_w:.3g} W",
-            f"samples  {spectrum.samples} over {spectrum.span_s:.6g} s",
-        ]
-    )
+    return [
+        f"no period: {reason}",
+        f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
+        f"spread   {model.noise_std_w:.3g} W{_stays(model)}",
+        f"samples  {model.samples} over {model.span_s:.6g} s",
+    ]

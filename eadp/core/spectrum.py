@@ -9,8 +9,10 @@ How a period is found:
    than the best the shortest is the period: a signal of period T also repeats every 2T.
 3. The period is refined on all samples, at their own times, by a bounded one-dimensional search, and the order is
    the smallest that forecasts no worse than the best.
-4. Slow noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
-   explain the samples better than such noise can: see `analyse`.
+4. Where the residual is not white, the range is searched again by likelihood, the noise fitted at every frequency:
+   least squares weighs the harmonics as if slow noise were as weak as fast.
+5. Slow noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
+   explain the samples better than they explain such noise: see `analyse`.
 
 Nothing is resampled: gaps, drop-outs and irregular steps are only fewer rows of the least squares.
 """
@@ -18,7 +20,6 @@ Nothing is resampled: gaps, drop-outs and irregular steps are only fewer rows of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -27,7 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
-from eadp.core.harmonics import phases_of_state
+from eadp.core.coloured import Bins, Noise, Scan, binned, tail
+from eadp.core.harmonics import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 
 FloatArray = NDArray[np.float64]
@@ -44,8 +46,14 @@ MAX_PERIODS = 400
 MAX_ORDER = 12
 MIN_CV_R2 = 0.05
 """A period must explain this part of the variance of what it has not seen."""
-MAX_CHANCE = 1e-4
+MAX_CHANCE = 0.03
 """And noise without a period may look as periodic as this with at most this probability."""
+MAX_STD_RATIO = 0.1
+"""And it must be known to this part of itself: what happens once may have any period."""
+BEYOND = 1.02
+"""How far a period may come to lie beyond the range it is looked for in."""
+PRIOR_RATIO = 1.3
+"""A period is looked for within this factor of a prior."""
 
 _BLOCKS = 12
 _SCAN_ORDER = 3
@@ -56,9 +64,20 @@ _PATIENCE = 4
 _NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
-_TEST_BINS = 256
-_TEST_BINS_PER_PERIOD = 12  # or 3 for each harmonic
-_COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
+_TEST_BINS = 220
+_TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
+_SURE = 1e-4  # chance of one frequency below which a longer period stands against its part
+_EVIDENT = 1e-9  # chance below which no surrogates are drawn
+_SURROGATES, _SEED = 48, 20260101
+_SETTLE_OVERSAMPLING = 12
+_SETTLE_BINS = 9  # to the shortest period
+_MARGIN = 2.0  # of log-likelihood that another period must be better by
+_WORTH = 2.5  # log-likelihood that a harmonic must bring, of two coefficients
+_ZOOMS = 6
+_WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 95 % hold for 88 to 96 %
+_WHITE = 1.3  # an inflation up to which noise counts as white
+_CLEAN = 0.01  # of the variance
+_PICTURE_BINS = 2000
 
 
 @dataclass(frozen=True)
@@ -76,6 +95,9 @@ class Spectrum:
     amplitude_w, phase_rad : array, shape (r,)
         Harmonics [W], [rad]: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first
         sample. Empty without a period.
+    mean_std_w : float
+    amplitude_std_w : array, shape (r,)
+        Standard deviations of the mean and the amplitudes in noise that is alike from sample to sample [W].
     noise_std_w : float
         Standard deviation of what the fit leaves [W].
     cv_r2 : float
@@ -92,7 +114,9 @@ class Spectrum:
     period_s: float
     period_std_s: float
     mean_w: float
+    mean_std_w: float
     amplitude_w: FloatArray
+    amplitude_std_w: FloatArray
     phase_rad: FloatArray
     noise_std_w: float
     cv_r2: float
@@ -107,13 +131,18 @@ def analyse(
     """Find the period of a sampled power and fit its Fourier series.
 
     Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log. A signal counts
-    as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, and (b) a likelihood-ratio test
-    of harmonics in coloured noise against coloured noise alone gives a chance of `MAX_CHANCE` or less, counted over
-    all the frequencies searched. The coloured noise of (b) is an exponential or a Matérn-3/2 correlation of any length,
-    up to what cannot be told from a random walk or a drift, plus white noise: each at its best for the samples.
+    as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, (b) its standard deviation is at
+    most `MAX_STD_RATIO` of it, (c) it lies in the range searched, and (d) noise looks as periodic with a chance of
+    `MAX_CHANCE` or less: a likelihood ratio of harmonics in coloured noise against coloured noise alone, the best over
+    frequencies and orders, is compared with that of surrogates of the noise that suits the samples best without
+    harmonics, always the same for the same samples. Where the ratio itself leaves no doubt no surrogates are drawn.
+    The coloured noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a
+    random walk or a drift, plus white noise: each at its best for the samples.
 
-    The standard deviation of the period is that of least squares, from the curvature in the period, times the factor
-    by which the noise fitted in (b) spreads that estimate more than white noise of the same variance would.
+    In noise that is nearly white the period is that of least squares, and its standard deviation that from the
+    curvature in the period, times the factor by which the noise fitted spreads that estimate more than white noise of
+    the same variance would. In coloured noise the period is the likeliest, and its standard deviation the root mean
+    square of the distance from it under the likelihood.
 
     Parameters
     ----------
@@ -125,7 +154,7 @@ def analyse(
         Number of harmonics of the result. Default: the smallest that forecasts held-out blocks no worse than the best.
         The period is found at the best order, whatever is asked for here.
     period_prior_s : float, optional
-        Look from 1/√2 to √2 times this period only [s].
+        Look within a factor of `PRIOR_RATIO` of this period only [s].
 
     Returns
     -------
@@ -145,21 +174,57 @@ def analyse(
     shortest_s, longest_s = _range_s(samples, period_prior_s)
     mean_w, spread_w = float(power.mean()), float(power.std(ddof=1))
     if spread_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
-        return _aperiodic(samples, mean_w, spread_w, cv_r2=0.0)
+        return _aperiodic(samples, mean_w, spread_w, 0.0)
     frequency_hz = _search(samples, shortest_s, longest_s)
     frequency_hz, free_order = _refine(samples, frequency_hz)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
     if free_r2 < MIN_CV_R2:
-        return _aperiodic(samples, mean_w, spread_w, cv_r2=free_r2, period_s=1 / frequency_hz)
-    frequencies = max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s))
-    evidence = _evidence(samples, 1 / frequency_hz, free_order)
-    chance = min(1.0, evidence.chance * frequencies)
-    if chance > MAX_CHANCE:
-        return _aperiodic(samples, mean_w, spread_w, cv_r2=free_r2, period_s=1 / frequency_hz, chance=chance)
-    if order is not None and order > (highest := _max_order(samples, 1 / frequency_hz, order)):
-        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / frequency_hz:.4g} s"
+        return _aperiodic(samples, mean_w, spread_w, free_r2, frequency_hz)
+    found = _judge(samples, frequency_hz, free_order, shortest_s, longest_s)
+    inside = shortest_s / BEYOND <= 1 / found.frequency_hz <= longest_s * BEYOND
+    if not (found.periodic and inside):
+        return _aperiodic(samples, mean_w, spread_w, found.cv_r2, found.frequency_hz, found.chance)
+    if order is not None and order > (highest := _max_order(samples, 1 / found.frequency_hz, order)):
+        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / found.frequency_hz:.4g} s"
         raise Infeasible(f"order {order} is too high: {least} to order {highest} at most")
-    return _periodic(samples, frequency_hz, order or free_order, mean_w, evidence, chance)
+    return _periodic(samples, found, order or found.order, mean_w)
+
+
+class _Found(NamedTuple):
+    frequency_hz: float
+    std_s: float  # of the period
+    order: int
+    cv_r2: float
+    chance: float
+    evidence: _Evidence
+
+    @property
+    def periodic(self) -> bool:
+        known = self.std_s * self.frequency_hz <= MAX_STD_RATIO
+        return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
+
+
+def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
+    """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
+    bins = _bins(samples, 1 / frequency_hz, order)
+    evidence = _evidence(bins, 1 / frequency_hz, order)
+    fitted, error = _fit(samples, frequency_hz, order)
+    noise = math.sqrt(error / max(1, len(samples.times_s) - 2 * order - 2))
+    inflation = _inflation(frequency_hz, fitted, noise, evidence)
+    std_s = _white_std_s(samples, frequency_hz, fitted, noise) * math.sqrt(inflation)
+    chance = min(1.0, evidence.chance * max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s)))
+    # what is left of a clean signal is what the bins, not the noise, have rounded
+    clean = error < _CLEAN * float(samples.square.sum())
+    coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
+    if chance > _EVIDENT or coloured:
+        low_hz, high_hz = 1 / longest_s, 1 / shortest_s
+        settled = _settle(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
+        chance = chance if settled.chance is None else settled.chance
+        if coloured:
+            frequency_hz, std_s = settled.frequency_hz, _WIDENED * settled.std_hz / settled.frequency_hz**2
+            order = _choose_order(samples, frequency_hz)
+            evidence = _evidence(bins, 1 / frequency_hz, order)
+    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
 
 
 # ---- samples and least squares -----------------------------------------------------------------------------------
@@ -201,20 +266,9 @@ class _Sums(NamedTuple):
     square: FloatArray  # (blocks,)
 
 
-def _columns(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
-    """Least-squares matrix, shape (n, 2 order + 1)."""
-    turn = np.exp(2j * np.pi * frequency_hz * times_s)
-    columns = np.ones((2 * order + 1, len(times_s)))
-    power = turn
-    for harmonic in range(1, order + 1):
-        columns[2 * harmonic - 1], columns[2 * harmonic] = power.real, power.imag
-        power = power * turn
-    return columns.T
-
-
 def _sums(samples: _Samples, frequency_hz: float, order: int) -> _Sums:
     """Normal equations at one frequency, from the samples themselves."""
-    columns = _columns(samples.times_s, frequency_hz, order)
+    columns = design_matrix(samples.times_s, frequency_hz, order)
     cuts = samples.edges[1:-1]
     parts = zip(np.split(columns, cuts), np.split(samples.power_w, cuts), strict=True)
     gram, moment = zip(*((x.T @ x, x.T @ y) for x, y in parts), strict=True)
@@ -291,7 +345,7 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
     longest = samples.span_s / MIN_PERIODS
     if prior_s is None:
         return shortest, longest
-    low, high = max(shortest, prior_s / math.sqrt(2)), min(longest, prior_s * math.sqrt(2))
+    low, high = max(shortest, prior_s / PRIOR_RATIO), min(longest, prior_s * PRIOR_RATIO)
     if low >= high:
         raise Infeasible(
             f"no period near {prior_s:g} s can be found in {len(samples.times_s)} samples over {samples.span_s:g} s:"
@@ -386,9 +440,11 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
         return True
     if part.total > (total + best.total) / 2:
         return False
-    evidence = _evidence(samples, 1 / (best.place * step_hz), best.order, part=round(part.place / best.place))
+    period_s = 1 / (best.place * step_hz)
+    bins = _bins(samples, period_s, best.order)
+    evidence = _evidence(bins, period_s, best.order, part=round(part.place / best.place))
     gains_little = part.total < 1.5 * best.total
-    return evidence.chance > (MAX_CHANCE**2 if gains_little else MAX_CHANCE)
+    return evidence.chance > (_SURE**2 if gains_little else _SURE)
 
 
 def _is_part(index: int, of: int) -> bool:
@@ -456,7 +512,7 @@ def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
 
 def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
     """Coefficients [W] and the squared error that remains [W²]."""
-    columns = _columns(samples.times_s, frequency_hz, order)
+    columns = design_matrix(samples.times_s, frequency_hz, order)
     # least squares of the normal equations: samples in bursts may leave a harmonic undetermined
     solution, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ samples.power_w, rcond=None)
     fitted = np.asarray(solution, dtype=np.float64)
@@ -467,112 +523,131 @@ def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray
 # ---- 4: is it a period, and how well is it known? ----------------------------------------------------------------
 
 
-class _Noise(NamedTuple):
-    """A noise model at its best for some columns: its likelihood, and its covariance in units of `variance`."""
-
-    log_likelihood: float
-    correlation: FloatArray  # (bins, bins)
-    variance: float
-
-
 class _Evidence(NamedTuple):
     chance: float  # of this frequency alone
-    times_s: FloatArray  # of the bins
-    noise: _Noise  # with the period
-    samples_per_bin: float
+    bins: Bins
+    noise: Noise  # with the period
 
 
-def _evidence(samples: _Samples, period_s: float, order: int, part: int = 0) -> _Evidence:
+def _bins(samples: _Samples, period_s: float, order: int) -> Bins:
+    """At most 220 bins, 20 to a period and 3 to a harmonic: the middle of a log that is longer than that."""
+    per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
+    width_s = max(samples.step_s, period_s / per_period)
+    middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
+    return binned(samples.times_s[middle], samples.power_w[middle], width_s, samples.span_s)
+
+
+def _evidence(bins: Bins, period_s: float, order: int, part: int = 0) -> _Evidence:
     """Likelihood ratio of harmonics in coloured noise against coloured noise alone.
 
-    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long. On at
-    most 256 bins, at least 12 to a period and 3 to a harmonic: the middle of a log that is longer than that.
+    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long.
     """
-    per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
-    width_s = max(samples.step_s, min(samples.span_s / _TEST_BINS, period_s / per_period))
-    middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
-    times, power, per_bin = _binned(samples.times_s[middle], samples.power_w[middle], width_s)
-    columns = _columns(times, 1 / period_s, order)
+    columns = design_matrix(bins.times_s, 1 / period_s, order)
+    n = len(bins.times_s)
     harmonic = (np.arange(2 * order + 1) + 1) // 2
     granted = harmonic % part == 0 if part else harmonic == 0
-    if len(times) <= len(granted) + 1:
-        return _Evidence(1.0, times, _Noise(0.0, np.eye(len(times)), float(np.var(power))), per_bin)
-    alone, periodic = _best_noise(times, power, width_s, samples.span_s, (columns[:, granted], columns))
+    if n <= len(granted) + 1:
+        return _Evidence(1.0, bins, Noise(0.0, np.eye(n), float(np.var(bins.power_w))))
+    alone, periodic = bins.best_noise((columns[:, granted], columns))
     # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
     # samples it is larger by about n/(n − m)
-    few = max(0.0, 1 - len(granted) / len(times))
+    few = max(0.0, 1 - len(granted) / n)
     half_ratio = few * max(0.0, periodic.log_likelihood - alone.log_likelihood)
     chance = float(special.gammaincc(int(np.count_nonzero(~granted)) / 2, float(half_ratio)))
-    return _Evidence(chance, times, periodic, per_bin)
+    return _Evidence(chance, bins, periodic)
 
 
-def _binned(times_s: FloatArray, power_w: FloatArray, width_s: float) -> tuple[FloatArray, FloatArray, float]:
-    """Mean time and power of every bin that is not empty, and the mean number of samples in one."""
-    bins = np.rint((times_s - times_s[0]) / width_s).astype(int)
-    count = np.bincount(bins)
-    full = count > 0
-    times = np.bincount(bins, times_s)[full] / count[full]
-    return times, np.bincount(bins, power_w)[full] / count[full], float(count[full].mean())
+class _Settled(NamedTuple):
+    """The likeliest period in coloured noise, and the chance that noise alone makes one as likely, if asked for."""
+
+    frequency_hz: float
+    std_hz: float
+    chance: float | None
 
 
-def _best_noise(
-    times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: float, designs: Sequence[FloatArray]
-) -> list[_Noise]:
-    """For each matrix of columns, the noise model under which the samples are likeliest, coefficients included."""
-    best = [_Noise(-np.inf, np.empty((0, 0)), 0.0) for _ in designs]
-    for correlation in _correlations(times_s, width_s, span_s):
-        # one eigendecomposition serves every mixture with white noise: ρK + (1 − ρ)I has the same eigenvectors
-        eigenvalues, vectors = np.linalg.eigh(correlation)
-        turned = vectors.T @ power_w
-        for number, columns in enumerate(vectors.T @ design for design in designs):
-            for part in _COLOURED_PARTS:
-                spread = part * np.maximum(eigenvalues, 0.0) + (1 - part)
-                likelihood, variance = _profile(columns, turned, spread)
-                if likelihood > best[number].log_likelihood:
-                    mixed = part * correlation + (1 - part) * np.eye(len(times_s))
-                    best[number] = _Noise(likelihood, mixed, variance)
-    return best
+def _settle(bins: Bins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
+    """Search the range again for the frequency under which the bins are likeliest, the noise fitted with it.
+
+    Surrogates are judged by the same search: noise of the model that suits the bins best without a period. It sees no
+    shorter period than the bins do, so that the chance is raised by as much as the range asked for is wider.
+    """
+    step_hz = 1 / (_SETTLE_OVERSAMPLING * bins.covered_s)
+    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_SETTLE_BINS * bins.width_s))
+    grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
+    highest = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    designs = np.stack([design_matrix(bins.times_s, f, highest) for f in grid])
+    worth = _WORTH * np.arange(1, highest + 1)[:, np.newaxis]
+    score = bins.scan(designs)[0].gain - worth
+    likeliest = float(grid[int(np.argmax(score.max(axis=0)))])
+    if score[:, -1].max() >= score.max() - _MARGIN:
+        likeliest = frequency_hz
+    chance = None
+    if judge:
+        draws = bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))
+        drawn = np.array([float((one.gain - worth).max()) for one in bins.scan(designs, draws)])
+        wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
+        chance = min(1.0, tail(float(score.max()), drawn) * wider)
+    return _Settled(*_posterior(bins, likeliest, highest, step_hz, low, high), chance)
 
 
-def _correlations(times_s: FloatArray, width_s: float, span_s: float) -> Iterator[FloatArray]:
-    """Exponential and Matérn-3/2 correlations of the times, from a bin to ten spans long."""
-    apart = np.abs(times_s[:, np.newaxis] - times_s)
-    for length_s in np.geomspace(width_s, 10 * span_s, 9):
-        yield np.exp(-apart / length_s)
-        scaled = math.sqrt(3) * apart / length_s
-        yield (1 + scaled) * np.exp(-scaled)
+def _posterior(
+    bins: Bins, frequency_hz: float, order: int, step_hz: float, low_hz: float, high_hz: float
+) -> tuple[float, float]:
+    """Frequency of the greatest density near a start, and the root mean square of the distance from it [Hz]."""
+    low, high = max(low_hz, 0.75 * frequency_hz), min(high_hz, 1.25 * frequency_hz)
+    low, high = min(low, frequency_hz), max(high, frequency_hz)
+    grid = np.linspace(low, high, max(9, 2 * math.ceil((high - low) / (2 * step_hz)) + 1))
+    for _ in range(_ZOOMS):
+        designs = np.stack([design_matrix(bins.times_s, f, order) for f in grid])
+        density = _mixture(bins.scan(designs)[0])
+        weight = np.exp(density - density.max())
+        at, step = int(np.argmax(density)), float(grid[1] - grid[0])
+        spread = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
+        if spread > 1.5 * step:
+            break
+        grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
+    return float(grid[at]) + step * _vertex(density, at), max(spread, step / 4)
 
 
-def _profile(columns: FloatArray, power_w: FloatArray, spread: FloatArray) -> tuple[float, float]:
-    """Log-likelihood at the best coefficients and variance, and that variance, unbiased [W²]."""
-    n, m = columns.shape
-    root = np.sqrt(spread)
-    white, target = columns / root[:, np.newaxis], power_w / root
-    fitted, *_ = np.linalg.lstsq(white, target, rcond=None)
-    residual = target - white @ fitted
-    # rounding is no noise: a clean signal keeps a billionth of its variance
-    error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w), 1e-200)
-    return -0.5 * (n * math.log(error / n) + float(np.log(spread).sum())), error / max(1, n - m)
+def _mixture(scan: Scan) -> FloatArray:
+    """Logarithm of the density of the frequency, every order counted by how likely it is at its best."""
+    orders = np.arange(1, len(scan.gain) + 1)
+    weight = scan.gain.max(axis=1) - _WORTH * orders - scan.posterior.max(axis=1)
+    density: FloatArray = np.logaddexp.reduce(scan.posterior + weight[:, np.newaxis], axis=0)
+    return density
 
 
-def _period_std_s(
-    samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence
-) -> float:
-    """Standard deviation of the period [s]."""
-    slope = _slope(samples.times_s, frequency_hz, fitted)
-    # white noise: var T = σ² / Σ (∂y/∂T)², what the other coefficients could follow taken off the derivative
-    white = noise**2 / float(slope @ slope)
-    binned = _slope(evidence.times_s, frequency_hz, fitted)
-    correlated = evidence.noise.variance * float(binned @ evidence.noise.correlation @ binned)
+def _vertex(density: FloatArray, at: int) -> float:
+    """Where the parabola through a maximum and its neighbours has its own, in steps from it."""
+    if not 0 < at < len(density) - 1:
+        return 0.0
+    before, here, after = density[at - 1 : at + 2].tolist()
+    bend = before - 2 * here + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence) -> float:
+    """How much more the noise spreads the period of least squares than white noise of its variance, 1 or more."""
+    bins = evidence.bins
+    slope = _slope(bins.times_s, frequency_hz, fitted)
+    correlated = evidence.noise.variance * float(slope @ evidence.noise.correlation @ slope)
     # the same noise as the bins have it, if the samples in them were independent
-    independent = noise**2 / evidence.samples_per_bin * float(binned @ binned)
-    return math.sqrt(white * max(1.0, correlated / independent)) if independent > 0 else 0.0
+    independent = noise**2 / bins.samples_per_bin * float(slope @ slope)
+    return max(1.0, correlated / independent) if independent > 0 else 1.0
+
+
+def _white_std_s(samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float) -> float:
+    """Standard deviation of the period in white noise [s]."""
+    slope = _slope(samples.times_s, frequency_hz, fitted)
+    # var T = σ² / Σ (∂y/∂T)², what the other coefficients could follow taken off the derivative
+    square = float(slope @ slope)
+    return noise / math.sqrt(square) if square > 0 else 0.0
 
 
 def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> FloatArray:
     """Derivative of the fit by the period, less what the fit's own columns can follow [W/s]."""
     order = len(fitted) // 2
-    columns = _columns(times_s, frequency_hz, order)
+    columns = design_matrix(times_s, frequency_hz, order)
     harmonic = np.arange(1, order + 1)
     # ∂/∂T [α cos(2πjt/T) + β sin(2πjt/T)] = (2πjt/T²) (α sin − β cos)
     turning = columns[:, 2::2] @ (harmonic * fitted[1::2]) - columns[:, 1::2] @ (harmonic * fitted[2::2])
@@ -585,36 +660,54 @@ def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> Floa
 # ---- results -----------------------------------------------------------------------------------------------------
 
 
-def _periodic(
-    samples: _Samples, frequency_hz: float, order: int, mean_w: float, evidence: _Evidence, chance: float
-) -> Spectrum:
-    fitted, error = _fit(samples, frequency_hz, order)
-    noise = math.sqrt(error / (len(samples.times_s) - 2 * order - 2))
+def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Spectrum:
+    fitted, error = _fit(samples, found.frequency_hz, order)
     offset_w, amplitude, phase = phases_of_state(fitted)
+    mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
     return Spectrum(
         periodic=True,
-        period_s=1 / frequency_hz,
-        period_std_s=_period_std_s(samples, frequency_hz, fitted, noise, evidence),
+        period_s=1 / found.frequency_hz,
+        period_std_s=found.std_s,
         mean_w=mean_w + offset_w,
+        mean_std_w=mean_std_w,
         amplitude_w=amplitude,
+        amplitude_std_w=amplitude_std_w,
         phase_rad=phase,
-        noise_std_w=noise,
-        cv_r2=_cv_r2(samples, frequency_hz, order),
-        chance=chance,
+        noise_std_w=math.sqrt(error / (len(samples.times_s) - 2 * order - 2)),
+        cv_r2=_cv_r2(samples, found.frequency_hz, order),
+        chance=found.chance,
         samples=len(samples.times_s),
         span_s=samples.span_s,
     )
 
 
+def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
+    """Standard deviations of the mean and of the amplitudes in the noise as it was fitted [W]."""
+    bins, noise = found.evidence.bins, found.evidence.noise
+    columns = design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2)
+    # least squares' own sandwich: (XᵀX)⁻¹ XᵀCX (XᵀX)⁻¹
+    inverse = np.linalg.pinv(columns)
+    covariance = noise.variance * inverse @ noise.correlation @ inverse.T
+    covariance *= min(1.0, bins.covered_s / samples.span_s)  # the bins may be the middle of the log alone
+    amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
+    along = np.zeros((len(amplitude), len(fitted)))
+    rows = np.arange(len(amplitude))
+    along[rows, 2 * rows + 1], along[rows, 2 * rows + 2] = fitted[1::2] / amplitude, fitted[2::2] / amplitude
+    variance = np.einsum("ij,jk,ik->i", along, covariance, along)
+    return math.sqrt(max(0.0, float(covariance[0, 0]))), np.sqrt(np.maximum(variance, 0.0))
+
+
 def _aperiodic(
-    samples: _Samples, mean_w: float, spread_w: float, *, cv_r2: float, period_s: float = math.nan, chance: float = 1.0
+    samples: _Samples, mean_w: float, spread_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
 ) -> Spectrum:
     return Spectrum(
         periodic=False,
-        period_s=period_s,
+        period_s=1 / frequency_hz,
         period_std_s=math.nan,
         mean_w=mean_w,
+        mean_std_w=_mean_std_w(samples) if math.isfinite(frequency_hz) else 0.0,
         amplitude_w=np.empty(0),
+        amplitude_std_w=np.empty(0),
         phase_rad=np.empty(0),
         noise_std_w=spread_w,
         cv_r2=cv_r2,
@@ -622,3 +715,43 @@ def _aperiodic(
         samples=len(samples.times_s),
         span_s=samples.span_s,
     )
+
+
+def _mean_std_w(samples: _Samples) -> float:
+    """Standard deviation of the mean of the samples, from that of the blocks' means [W]."""
+    means = np.add.reduceat(samples.power_w, samples.edges[:-1]) / np.diff(samples.edges)
+    return float(np.std(means, ddof=1)) / math.sqrt(_BLOCKS)
+
+
+# ---- for a picture -----------------------------------------------------------------------------------------------
+
+
+def scores(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
+    """Cross-validated R² over the periods that a log can tell.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        As `analyse`; more than 2000 samples are averaged in as many bins, periods below 8 of which are left out.
+    order : int
+        Number of harmonics, 1 or more; fewer where a period is sampled too coarsely for them.
+    points : int
+        About how many periods, evenly spread in their logarithm.
+
+    Returns
+    -------
+    period_s, cv_r2 : array, shape (points,)
+        Increasing periods [s], and the part of the variance explained of blocks held out at each.
+    """
+    times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    width_s = max((times[-1] - times[0]) / _PICTURE_BINS, 1e-12)
+    if len(times) > _PICTURE_BINS:
+        bins = binned(times, power, width_s, times[-1] - times[0])
+        times, power = bins.times_s, bins.power_w
+    samples = _Samples(times - times[0], power - power.mean())
+    shortest_s, longest_s = _range_s(samples, None)
+    if not np.any(samples.power_w):
+        return np.geomspace(shortest_s, longest_s, points), np.zeros(points)
+    period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
+    orders = [_max_order(samples, one, order) for one in period.tolist()]
+    return period, np.array([_cv_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])

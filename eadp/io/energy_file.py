@@ -14,7 +14,7 @@ from eadp.errors import Fault, InputError, capped
 from eadp.io.schema_faults import validated
 from eadp.io.streams import Text, read_text
 from eadp.io.yaml_text import Document, read_yaml
-from eadp.models.energy import EnergyModel, Harmonic
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
 AGREEMENT = 1e-6
@@ -42,6 +42,14 @@ class _Coefficients(BaseModel):
     b: list[float]
 
 
+class _Disturbance(BaseModel):
+    """What stays a while beside the laps' pattern: a Matérn-3/2 process."""
+
+    model_config = _STRICT
+    std_w: Annotated[_Spread, Field(description="standard deviation")]
+    time_s: Annotated[_Seconds, Field(description="time constant")]
+
+
 class EnergyFile(BaseModel):
     """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
 
@@ -55,9 +63,12 @@ class EnergyFile(BaseModel):
     period_std_s: _Spread | None = None
     order: Annotated[int, Field(ge=0)] | None = None
     mean_w: _Watts
+    mean_std_w: _Spread | None = None
     harmonics: Annotated[list[_Harmonic], Field(max_length=1000)]
+    amplitude_std_w: Annotated[list[_Spread], Field(max_length=1000)] = []
     coefficients: _Coefficients | None = None
     noise_std_w: _Spread = 0.0
+    disturbance: _Disturbance | None = None
     cv_r2: Annotated[float, Field(le=1)] = 0.0
     samples: Annotated[int, Field(ge=0, le=2**53)] = 0
     span_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
@@ -96,6 +107,7 @@ def parse_energy(text: Text) -> EnergyModel:
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
+    stays = content.disturbance
     model = EnergyModel(
         period_s=content.period_s,
         mean_w=content.mean_w,
@@ -105,6 +117,9 @@ def parse_energy(text: Text) -> EnergyModel:
         cv_r2=content.cv_r2,
         samples=content.samples,
         span_s=content.span_s,
+        disturbance=None if stays is None else Disturbance(stays.std_w, stays.time_s),
+        mean_std_w=content.mean_std_w,
+        amplitude_std_w=tuple(content.amplitude_std_w),
     )
     faults = _disagreements(document, content, model)
     if faults:
@@ -124,6 +139,9 @@ def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) 
         faults.append(
             document.fault(("order",), f"order is {content.order}", f"{model.order}, the number of harmonics")
         )
+    if len(content.amplitude_std_w) not in (0, model.order):
+        message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
+        faults.append(document.fault(("amplitude_std_w",), message, f"{model.order}, the number of harmonics, or none"))
     if content.coefficients is not None:
         known = asdict(model.coefficients)
         tolerance = AGREEMENT * max(map(abs, (*known["a"], *known["b"])), default=0.0)
@@ -149,9 +167,12 @@ def energy_document(model: EnergyModel) -> dict[str, Any]:
         "period_std_s": model.period_std_s,
         "order": model.order,
         "mean_w": model.mean_w,
+        "mean_std_w": model.mean_std_w,
         "harmonics": [asdict(harmonic) for harmonic in model.harmonics],
+        "amplitude_std_w": list(model.amplitude_std_w),
         "coefficients": {key: list(values) for key, values in asdict(model.coefficients).items()},
         "noise_std_w": model.noise_std_w,
+        "disturbance": model.disturbance and asdict(model.disturbance),
         "cv_r2": model.cv_r2,
         "samples": model.samples,
         "span_s": model.span_s,
@@ -180,5 +201,7 @@ def _lines(key: str, value: Any) -> str:
         return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
     if isinstance(value, dict):
         return f"{key}:\n" + "".join(f"  {name}: {json.dumps(item)}\n" for name, item in value.items())
+    if not isinstance(value[0], dict):
+        return f"{key}: {json.dumps(value)}\n"
     items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
     return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)

@@ -26,12 +26,18 @@ KEYS = [
     "period_std_s",
     "order",
     "mean_w",
+    "mean_std_w",
     "harmonics",
+    "amplitude_std_w",
     "coefficients",
     "noise_std_w",
+    "disturbance",
     "cv_r2",
     "samples",
     "span_s",
+    "candidate",
+    "prior",
+    "log",
 ]
 
 
@@ -192,6 +198,140 @@ def test_warnings_go_to_stderr(run: Run, tmp_path: Path) -> None:
     code, out, err = run("fit", str(log), "--format", "json")
     assert (code, json.loads(out)["samples"]) == (0, 2303)
     assert err == f"{log}:2305:1: warning: 1 row with a cell that is not finite left out\n"
+
+
+def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int = 500) -> str:
+    """A log of 46 s laps, 0.5 s a row; {t}, {w} and what `row` computes from i."""
+    rng, rows = np.random.default_rng(5), []
+    for i in range(n):
+        t = i / 2
+        w = 30 + 3 * np.cos(2 * np.pi * t / 46) + noise_w * rng.normal()
+        turn = 2 * np.pi * t / 46
+        names = {"t": t, "w": w, "i": i, "x": 70 * np.cos(turn) + t, "y": 90 * np.sin(turn), "fps": 2 + 2 * (i // 100)}
+        rows.append(row.format(**names))
+    log = tmp_path / "flight.csv"
+    log.write_text("\n".join([header, *rows, ""]))
+    return str(log)
+
+
+def test_a_plan_says_where_to_look(run: Run) -> None:
+    code, out, _ = run("fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--format", "json")
+    document = json.loads(out)
+    assert code == 0
+    # the survey's laps take 45.8 to 46.3 s in the published flight; flown exactly at 15 m/s a little more
+    assert document["prior"] == {"period_s": pytest.approx(47, abs=2), "source": "plan"}
+    assert document["period_s"] == pytest.approx(46.05, abs=0.1)
+    code, out, _ = run(
+        "fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--airspeed", "30", "--format", "json"
+    )
+    assert json.loads(out)["prior"]["period_s"] == pytest.approx(document["prior"]["period_s"] / 2)
+
+
+def test_a_plan_without_laps_says_nothing(run: Run, tmp_path: Path) -> None:
+    plan = tmp_path / "line.plan"
+    plan.write_text("0.05; 90; x\n0, 400\n")
+    code, out, err = run("fit", EXAMPLE, "--plan", str(plan))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{plan}:1:1: error: the plan has no laps; expected a plan that repeats its stages")
+
+
+def test_positions_in_the_log_say_where_to_look(run: Run, tmp_path: Path) -> None:
+    log = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", noise_w=0.5)
+    code, out, _ = run("fit", log, "--format", "json")
+    document = json.loads(out)
+    assert (code, document["prior"]) == (0, {"period_s": pytest.approx(46, abs=1), "source": "position"})
+    assert document["period_s"] == pytest.approx(46, abs=0.2)
+    # a flight of one lap and a half has no prior of its own, and no error for it
+    short = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", n=140)
+    code, out, _ = run("fit", short, "--format", "json")
+    assert (code, json.loads(out)["prior"]) == (1, None)
+    _, out, _ = run("fit", short)
+    assert out.startswith("no period: the best is 46.21 s, which does not fit twice into the log\n")
+
+
+def test_known_power_of_the_computations_is_taken_off(run: Run, tmp_path: Path) -> None:
+    profile = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
+    log = flight(tmp_path, "time_s,power_w,fps", "{t},{w},{fps}")
+    code, out, _ = run("fit", log, "--profile", profile, "--format", "json")
+    document = json.loads(out)
+    powers = [
+        float(run("profile", profile, "--at", f"fps={fps}")[1].split(": ")[1].split()[0]) for fps in (2, 4, 6, 8, 10)
+    ]
+    assert code == 0
+    assert document["mean_w"] == pytest.approx(30 - np.mean(powers), abs=0.15)
+    code, out, err = run("fit", flight(tmp_path, "time_s,power_w", "{t},{w}"), "--profile", profile)
+    assert (code, out) == (2, "")
+    assert ":1:1: error: no column fps; expected one beside time_s, power_w" in err
+    code, out, err = run("fit", flight(tmp_path, "time_s,power_w,fps", "{t},{w},900"), "--profile", profile)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{profile}:1:1: error: the log has a configuration that it does not: ")
+
+
+def test_a_transient_is_left_out(run: Run, tmp_path: Path) -> None:
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}"))
+    rows = log.read_text().splitlines()
+    log.write_text("\n".join([rows[0], *(f"{i / 2 - 20},300" for i in range(40)), *rows[1:], ""]))
+    code, out, _ = run("fit", str(log), "--from", "20", "--to", "260", "--format", "json")
+    document = json.loads(out)
+    assert (code, document["samples"], document["log"]) == (0, 481, {"rows": 540, "outside": 59})
+    assert document["mean_w"] == pytest.approx(30, abs=0.1)
+    for arguments, message in (
+        (["--from", "900"], "--from:1:1: error: leaves nothing of the log; expected a time within its 269.5 s"),
+        (["--from", "-1"], "--from:1:1: error: no time of a log; expected a number of seconds, 0 or more"),
+        (["--to", "0.1"], f"{log}:1:1: error: 1 samples are too few"),
+        (["--airspeed", "15"], "--airspeed:1:1: error: no speed of a plan's lap"),
+    ):
+        code, out, err = run("fit", str(log), *arguments)
+        assert (code, out) == (2, "")
+        assert err.startswith(message)
+
+
+def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}"))
+    rows = log.read_text().splitlines()
+    rows[50] = rows[50].split(",")[0] + ",900"
+    del rows[200:240]
+    log.write_text("\n".join([*rows, "400,nan", ""]))
+    code, out, err = run("fit", str(log))
+    assert code == 0
+    assert "left out 1 not finite, 1 spike\ngaps     1, the longest 20.5 s\n" in out
+    assert "1 spike left out, the first at 24.5 s (--keep-spikes fits them, too)" in err
+    code, out, _ = run("fit", str(log), "--format", "json")
+    counts = {"rows": 461, "not_finite": 1, "gaps": 1, "longest_gap_s": 20.5, "spikes": 1}
+    assert (code, json.loads(out)["log"]) == (0, counts)
+    code, out, err = run("fit", str(log), "--keep-spikes", "--format", "json")
+    assert "spikes" not in json.loads(out)["log"]
+    assert "spike" not in err
+
+
+def test_a_picture_of_the_fit(run: Run, tmp_path: Path) -> None:
+    picture = tmp_path / "fit.svg"
+    code, out, err = run("fit", EXAMPLE, "--plot", str(picture), "--format", "json")
+    assert (code, err, json.loads(out)["order"]) == (0, "", 3)
+    assert picture.read_text().startswith("<?xml")
+    code, out, err = run("fit", EXAMPLE, "--plot", str(tmp_path / "fit.pdf"), "-o", str(tmp_path / "m.yaml"))
+    assert (code, out) == (2, "")
+    assert "expected a name that ends in .svg or .png" in err
+    assert not (tmp_path / "m.yaml").exists(), "nothing is written on an error"
+
+
+def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}", noise_w=0.0))
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    slow = 0.0
+    text = "time_s,power_w\n"
+    for t, w in rows:
+        slow = 0.9 * slow + 0.3 * rng.normal()
+        text += f"{t},{float(w) + slow}\n"
+    log.write_text(text)
+    model = tmp_path / "m.yaml"
+    code, out, _ = run("fit", str(log), "-o", str(model))
+    assert code == 0
+    assert ", of it 0." in out
+    disturbance = read_energy(str(model)).disturbance
+    assert disturbance is not None
+    assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
 
 
 def test_published_logs(run: Run) -> None:

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from eadp.errors import Fault, InputError
 from eadp.io.energy_file import energy_document, energy_yaml, json_schema, parse_energy, read_energy
 from eadp.io.streams import Text
-from eadp.models.energy import EnergyModel, Harmonic
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 
-MODEL = EnergyModel(46.05, 36.4, (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0)), 0.5, 0.01, 0.93, 2303, 230.2)
+HARMONICS = (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0))
+MODEL = EnergyModel(46.05, 36.4, HARMONICS, 0.5, 0.01, 0.93, 2303, 230.2, Disturbance(0.3, 4.5), 0.03, (0.04, 0.05))
 MINIMAL = "schema: eadp.energy/1\nperiod_s: 46\nmean_w: 36.4\nharmonics: []\n"
 
 numbers = st.floats(-1e6, 1e6)
@@ -27,6 +28,8 @@ statistics = {
     "cv_r2": st.floats(-10, 1),
     "samples": st.integers(0, 10**6),
     "span_s": spreads,
+    "disturbance": st.none() | st.builds(Disturbance, spreads, st.floats(1e-3, 1e6)),
+    "mean_std_w": st.none() | spreads,
 }
 periodic = st.builds(
     EnergyModel, st.floats(1e-3, 1e6), numbers, harmonics, period_std_s=st.none() | spreads, **statistics
@@ -63,13 +66,18 @@ def test_text_of_a_model() -> None:
         "period_std_s: 0.01",
         "order: 2",
         "mean_w: 36.4",
+        "mean_std_w: 0.03",
         "harmonics:",
         "  - {amplitude_w: 2.1, phase_rad: 0.8}",
         "  - {amplitude_w: 1e-09, phase_rad: -3.0}",
+        "amplitude_std_w: [0.04, 0.05]",
         "coefficients:",
         f"  a: {json.dumps(list(MODEL.coefficients.a))}",
         f"  b: {json.dumps(list(MODEL.coefficients.b))}",
         "noise_std_w: 0.5",
+        "disturbance:",
+        "  std_w: 0.3",
+        "  time_s: 4.5",
         "cv_r2: 0.93",
         "samples: 2303",
         "span_s: 230.2",
@@ -85,9 +93,12 @@ def test_document_without_a_period() -> None:
         "period_std_s": None,
         "order": 0,
         "mean_w": 73.0,
+        "mean_std_w": None,
         "harmonics": [],
+        "amplitude_std_w": [],
         "coefficients": {"a": [], "b": []},
         "noise_std_w": 40.0,
+        "disturbance": None,
         "cv_r2": 0.0,
         "samples": 100,
         "span_s": 50.0,
@@ -130,6 +141,19 @@ def test_what_can_be_derived_may_be_left_out() -> None:
             "[]",
             "[{amplitude_w: -1, phase_rad: 0}]",
             ["4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater than or equal to 0"],
+        ),
+        (
+            "[]",
+            "[]\namplitude_std_w: [1]",
+            ["5:1: error: 1 standard deviations of amplitudes; expected 0, the number of harmonics, or none"],
+        ),
+        (
+            "[]",
+            "[]\ndisturbance: {std_w: -1, time_s: 0}",
+            [
+                "5:15: error: disturbance.std_w cannot be -1; expected greater than or equal to 0",
+                "5:26: error: disturbance.time_s cannot be 0; expected greater than 0",
+            ],
         ),
         ("energy/1", "profile/1", ["1:1: error: not an energy model; expected schema: eadp.energy/1"]),
     ],

@@ -1,0 +1,217 @@
+"""Harmonics in coloured noise: how likely samples are, with every mixture of slow and white noise at its best.
+
+The noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a random walk or a
+drift, plus white noise. Samples are averaged in bins of equal width first, so that the matrices stay small, and the
+correlation matrices are taken apart once for all that is asked of one set of times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_LENGTHS = 12
+_COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
+_SCANNED_PARTS = (0.99999, 0.999, 0.99, 0.93, 0.75, 0.4)
+EULER_GAMMA = 0.5772156649015329
+
+
+class Noise(NamedTuple):
+    """A noise model at its best for some columns: its likelihood, and its covariance in units of `variance`."""
+
+    log_likelihood: float
+    correlation: FloatArray  # (bins, bins)
+    variance: float
+
+
+class _Turned(NamedTuple):
+    """A correlation matrix K by its eigenvalues and vectors: ρK + (1 − ρ)I has the same vectors."""
+
+    eigenvalues: FloatArray
+    vectors: FloatArray
+
+
+class Scan(NamedTuple):
+    """Log-likelihoods over noise models and frequencies."""
+
+    gain: FloatArray  # (orders, frequencies): best of all noise models, less the best without harmonics
+    posterior: FloatArray  # (orders, frequencies): the logarithm of the density at a flat prior
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Mean times and powers of n bins of equal width, those without a sample left out.
+
+    Attributes
+    ----------
+    times_s, power_w : array, shape (n,)
+    width_s, span_s : float
+        Of a bin; of the whole log [s].
+    samples_per_bin : float
+        The mean number of samples in one.
+    """
+
+    times_s: FloatArray
+    power_w: FloatArray
+    width_s: float
+    span_s: float
+    samples_per_bin: float
+
+    @property
+    def covered_s(self) -> float:
+        """Time from the first bin to the last [s]."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+    @cached_property
+    def _turned(self) -> list[_Turned]:
+        return [_Turned(np.maximum(w, 0.0), v) for w, v in map(np.linalg.eigh, self._correlations())]
+
+    def _correlations(self) -> Iterator[FloatArray]:
+        """Exponential and Matérn-3/2 correlations of the times, from a bin to five spans long."""
+        apart = np.abs(self.times_s[:, np.newaxis] - self.times_s)
+        for length_s in np.geomspace(self.width_s, 5 * self.span_s, _LENGTHS):
+            yield np.exp(-apart / length_s)
+            scaled = math.sqrt(3) * apart / length_s
+            yield (1 + scaled) * np.exp(-scaled)
+
+    def best_noise(self, designs: Sequence[FloatArray]) -> list[Noise]:
+        """For each matrix of columns, the noise model under which the bins are likeliest, coefficients included."""
+        best = [(-np.inf, 0.0, 0.0, self._turned[0])] * len(designs)
+        for turned in self._turned:
+            target = turned.vectors.T @ self.power_w
+            for number, columns in enumerate(turned.vectors.T @ design for design in designs):
+                for part in _COLOURED_PARTS:
+                    likelihood, variance = _profile(columns, target, part * turned.eigenvalues + (1 - part))
+                    if likelihood > best[number][0]:
+                        best[number] = likelihood, variance, part, turned
+        return [Noise(likelihood, _mixed(turned, part), variance) for likelihood, variance, part, turned in best]
+
+    def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[Scan]:
+        """Likelihood of every order at every frequency, for each of several powers.
+
+        Parameters
+        ----------
+        designs : array, shape (f, n, 2 order + 1)
+            Columns 1, cos, sin, cos 2, … at f frequencies; lower orders lead.
+        power_w : array, shape (n, s), optional
+            Powers in the bins [W]. Default: the bins' own, s = 1.
+
+        Returns
+        -------
+        list of s Scan
+            Of orders 1 to `order`.
+        """
+        powers = self.power_w[:, np.newaxis] if power_w is None else power_w
+        powers = powers / np.maximum(np.std(powers, axis=0), 1e-300)
+        f, n, m = designs.shape
+        gain = np.full((f, m // 2, powers.shape[1]), -np.inf)
+        density = np.full_like(gain, -np.inf)
+        alone = np.full(powers.shape[1], -np.inf)
+        flat = designs.transpose(1, 0, 2).reshape(n, f * m)
+        for number, turned in enumerate(self._turned):
+            columns, target = turned.vectors.T @ flat, turned.vectors.T @ powers
+            for part in _SCANNED_PARTS if number else (0.0, *_SCANNED_PARTS):
+                spread = part * turned.eigenvalues + (1 - part)
+                root = 1 / np.sqrt(spread)[:, np.newaxis]
+                white = (columns * root).reshape(n, f, m).transpose(1, 0, 2)
+                error, volume = _errors(white, target * root)
+                penalty = 0.5 * float(np.log(spread).sum())
+                alone = np.maximum(alone, -0.5 * n * np.log(error[0, 0]) - penalty)
+                likelihood = -0.5 * n * np.log(error[:, 1:]) - penalty
+                np.maximum(gain, likelihood, out=gain)
+                degrees = n - np.arange(3, m + 1, 2)[:, np.newaxis]
+                marginal = -0.5 * (degrees * np.log(error[:, 1:]) + volume[:, 1:, np.newaxis]) - penalty
+                np.logaddexp(density, marginal, out=density)
+        gain -= alone
+        return [Scan(gain[..., i].T, density[..., i].T) for i in range(powers.shape[1])]
+
+    def surrogates(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Powers in the bins that have the noise which suits the bins best without any harmonics, shape (n, count)."""
+        noise = self.best_noise([np.ones((len(self.times_s), 1))])[0]
+        w, v = np.linalg.eigh(noise.correlation)
+        draws: FloatArray = v @ (np.sqrt(np.maximum(w, 0.0))[:, np.newaxis] * rng.normal(size=(len(w), count)))
+        return draws
+
+
+def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: float) -> Bins:
+    """Averages of samples in bins of a width.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        Increasing times [s] and powers [W].
+    width_s, span_s : float
+        Of a bin; of the log that the samples are from, which may be longer than they are [s].
+
+    Returns
+    -------
+    Bins
+    """
+    bins = np.rint((times_s - times_s[0]) / width_s).astype(int)
+    count = np.bincount(bins)
+    full = count > 0
+    times = np.bincount(bins, times_s)[full] / count[full]
+    power = np.bincount(bins, power_w)[full] / count[full]
+    return Bins(times, power, width_s, span_s, float(count[full].mean()))
+
+
+def tail(statistic: float, drawn: FloatArray) -> float:
+    """Probability that a maximum as large comes from where others were drawn: Gumbel's law by their moments.
+
+    Parameters
+    ----------
+    statistic : float
+    drawn : array, shape (n,)
+        Maxima of noise.
+
+    Returns
+    -------
+    float
+        In [0, 1].
+    """
+    scale = max(math.sqrt(6) / math.pi * float(np.std(drawn, ddof=1)), 1e-12)
+    mode = float(np.mean(drawn)) - EULER_GAMMA * scale
+    return float(-np.expm1(-np.exp(-min(700.0, max(-700.0, (statistic - mode) / scale)))))
+
+
+def _mixed(turned: _Turned, part: float) -> FloatArray:
+    mixed: FloatArray = (turned.vectors * (part * turned.eigenvalues + 1 - part)) @ turned.vectors.T
+    return mixed
+
+
+def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squared errors of orders 0, 1, …, shape (f, orders, s), and ln |XᵀX| of each, shape (f, orders).
+
+    The Cholesky factor of all columns has that of the first of them in its corner: one serves every order.
+    """
+    gram = white.transpose(0, 2, 1) @ white
+    m = gram.shape[1]
+    # a rounding's worth of ridge: bins may leave a column undetermined
+    gram[:, np.arange(m), np.arange(m)] += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis]
+    factor = np.linalg.cholesky(gram)
+    fitted = np.linalg.solve(factor, white.transpose(0, 2, 1) @ target)
+    total = np.sum(target**2, axis=0)
+    explained = np.cumsum(fitted**2, axis=1)[:, 0::2]
+    volume = 2 * np.cumsum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, 0::2]
+    # rounding is no noise: a clean signal keeps a billionth of its variance
+    return np.maximum(total - explained, 1e-9 * total), volume
+
+
+def _profile(columns: FloatArray, power_w: FloatArray, spread: FloatArray) -> tuple[float, float]:
+    """Log-likelihood at the best coefficients and variance, and that variance, unbiased [W²]."""
+    n, m = columns.shape
+    root = np.sqrt(spread)
+    white, target = columns / root[:, np.newaxis], power_w / root
+    fitted, *_ = np.linalg.lstsq(white, target, rcond=None)
+    residual = target - white @ fitted
+    # rounding is no noise: a clean signal keeps a billionth of its variance
+    error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w), 1e-200)
+    return -0.5 * (n * math.log(error / n) + float(np.log(spread).sum())), error / max(1, n - m)
