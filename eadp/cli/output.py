@@ -41,12 +41,16 @@ def usage_fault(option: str, raw: str, message: str, expected: str, column: int 
 
 
 class Progress:
-    """A progress line on stderr: redrawn on a terminal once a job has taken a second, else a line every 10 s."""
+    """A progress line on stderr: redrawn on a terminal once a job has taken a second, else a line every 10 s.
 
-    def __init__(self, title: str) -> None:
+    `every_s` is the time between two lines where there is no terminal [s].
+    """
+
+    def __init__(self, title: str, every_s: float = 10.0) -> None:
         self._title = title
+        self._every_s = every_s
         self._terminal = sys.stderr.isatty()
-        self._due_s = time.monotonic() + (1.0 if self._terminal else 10.0)
+        self._due_s = time.monotonic() + (1.0 if self._terminal else every_s)
         self._drawn = False
 
     def show(self, status: str) -> None:
@@ -54,7 +58,7 @@ class Progress:
         now_s = time.monotonic()
         if now_s < self._due_s:
             return
-        self._due_s = now_s + (0.2 if self._terminal else 10.0)
+        self._due_s = now_s + (0.2 if self._terminal else self._every_s)
         self._drawn = True
         if self._terminal:
             sys.stderr.write(f"\r{self._title}: {status}\x1b[K")

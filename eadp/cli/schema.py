@@ -14,6 +14,7 @@ _MODULES = {
     "profile": "eadp.io.profile_file",
     "energy": "eadp.io.energy_file",
     "scenario": "eadp.io.scenario_file",
+    "sweep": "eadp.io.sweep_file",
 }
 _NAMES = ", ".join(_MODULES)
 

@@ -19,12 +19,38 @@ from eadp.models.computing import Computing, join_profile
 from eadp.models.energy import EnergyModel
 from eadp.models.itinerary import Vector
 from eadp.models.nominal import default_start
-from eadp.models.plan import Plan, Stage
+from eadp.models.plan import Finding, Plan, Stage
+from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import FixedWing
 from eadp.planning.planners import Mission, Planner, make_planner
 from eadp.simulation.loop import World
 
 CORNERS_LIMIT = 6
+
+
+class Files:
+    """Where the files of a flight come from: each is read where it stands."""
+
+    def text(self, path: str) -> Text:
+        """A file's text."""
+        return read_text(path)
+
+    def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
+        """A plan's text, the plan, and what reading it shows."""
+        text = self.text(path)
+        return text, *read_plan(text)
+
+    def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
+        """A scenario with some keys set anew."""
+        return read_scenario(path, overrides)
+
+    def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
+        """A profile and its warnings."""
+        return read_profile(path)
+
+    def energy(self, path: str) -> EnergyModel:
+        """An energy model."""
+        return read_energy(path)
 
 
 @dataclass(frozen=True)
@@ -49,26 +75,27 @@ def load_flight(
     profile_path: str | None = None,
     energy_path: str | None = None,
     overrides: Mapping[str, Any] | None = None,
+    files: Files | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files.
+    """Read and check a flight's files; `files` says where they come from, if not from the paths.
 
     Raises
     ------
     InputError
         With every fault found in the first file that has any.
     """
-    plan_text = read_text(plan_path)
-    plan, findings = read_plan(plan_text)
+    files = files or Files()
+    plan_text, plan, findings = files.plan(plan_path)
     warnings = [
         Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
     ]
-    scenario = read_scenario(scenario_path, overrides)
+    scenario = files.scenario(scenario_path, overrides)
     texts = {"plan": plan_text}
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
     plan = _with_sets(plan, plan_text, scenario).laps()
-    computing = _computing(plan, plan_text, scenario, profile_path, warnings, texts)
-    energy = _energy(energy_path, texts)
+    computing = _computing(plan, plan_text, scenario, profile_path, files, warnings, texts)
+    energy = _energy(energy_path, files, texts)
     parameters = _take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
@@ -130,16 +157,17 @@ def _computing(
     text: Text,
     scenario: Scenario,
     profile_path: str | None,
+    files: Files,
     warnings: list[Fault],
     texts: dict[str, Text],
 ) -> Computing:
     path = profile_path or scenario.profile_path
     profile = None
     if path is not None:
-        profile, found = read_profile(path)
+        profile, found = files.profile(path)
         warnings += found
         if path != "-":
-            texts["profile"] = read_text(path)
+            texts["profile"] = files.text(path)
     try:
         return join_profile(plan, profile)
     except EadpError as error:
@@ -150,12 +178,12 @@ def _computing(
         raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _energy(path: str | None, texts: dict[str, Text]) -> EnergyModel | None:
+def _energy(path: str | None, files: Files, texts: dict[str, Text]) -> EnergyModel | None:
     if path is None:
         return None
-    model = read_energy(path)
+    model = files.energy(path)
     if path != "-":
-        texts["energy"] = read_text(path)
+        texts["energy"] = files.text(path)
     return model
 
 

@@ -87,7 +87,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list
     InputError
         With the faults of the file, or of `names`.
     """
-    return parse_profile(read_text(path), names, is_model=_ends_as_model(path))
+    return parse_profile(read_text(path), names, is_model=ends_as_model(path))
 
 
 def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
@@ -105,7 +105,7 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     models = [
         text
         for path, text in zip(sources.files, texts, strict=True)
-        if _ends_as_model(path) or _begins_as_model(text.body)
+        if ends_as_model(path) or _begins_as_model(text.body)
     ]
     if models and len(texts) > 1:
         message = "a model among several files"
@@ -120,7 +120,7 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         profile, warnings = _measured(_traces(sources, texts), names, nameless=apart)
     profiles = [profile]
     for path in sources.added:
-        profile, more = parse_profile(read_text(path), is_model=_ends_as_model(path), nameless=apart)
+        profile, more = parse_profile(read_text(path), is_model=ends_as_model(path), nameless=apart)
         profiles.append(profile)
         warnings += more
     return _added(profiles, sources.names if apart else ()), warnings
@@ -202,7 +202,8 @@ def _warnings(profile: Profile, places: Places) -> list[Fault]:
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _ends_as_model(path: str) -> bool:
+def ends_as_model(path: str) -> bool:
+    """Whether a file's name says that it is a model."""
     return os.path.splitext(path)[1].lower() in (".yaml", ".yml", ".json")
 
 

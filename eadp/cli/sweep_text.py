@@ -1,0 +1,209 @@
+"""What `eadp sweep` prints: its runs, a row for each, and answers for people."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from eadp.cli.output import emit
+from eadp.errors import printable
+from eadp.io.results import COLUMNS, Results
+from eadp.io.sweep_file import Sweep
+from eadp.simulation.sweep_answers import Flight, Group, Table, label_of, marginal, table, totals
+
+SHOWN = 10
+"""Runs that a dry run shows, and kinds of errors that an answer lists."""
+
+WIDEST = 40
+
+
+# --- before
+
+
+def print_runs(sweep: Sweep, indices: Sequence[int], format_: str, made: int | None) -> None:
+    """The runs that a sweep would make."""
+    names = _varied(sweep)
+    if format_ == "csv":
+        _write_csv((*names, "seed"), (_cells(sweep, names, index) for index in indices))
+    elif format_ == "jsonl":
+        for index in indices:
+            _print_line(_head(sweep, index))
+    else:
+        emit(_runs_text(sweep, names, indices, made))
+
+
+def _runs_text(sweep: Sweep, names: Sequence[str], indices: Sequence[int], made: int | None) -> str:
+    there = "" if made is None else f", {made} made already"
+    lines = [f"{len(indices)} runs{there}"]
+    shown = [_cells(sweep, names, index) for index in indices[:SHOWN]]
+    rows = [[str(index), *map(_short, cells)] for index, cells in zip(indices, shown, strict=False)]
+    lines += _aligned(["run", *names, "seed"], rows)
+    if len(indices) > SHOWN:
+        lines.append(f"… {len(indices) - SHOWN} more; --format csv prints all")
+    return "\n".join(lines)
+
+
+def _varied(sweep: Sweep) -> list[str]:
+    """The varied keys less the seed, which every run has."""
+    return [name for name in sweep.design.names if name != "seed"]
+
+
+def _cells(sweep: Sweep, names: Sequence[str], index: int) -> list[str]:
+    point = sweep.design.point(index)
+    return [*(label_of(point.values[name]) for name in names), str(sweep.seed(point))]
+
+
+def _head(sweep: Sweep, index: int) -> dict[str, Any]:
+    point = sweep.design.point(index)
+    return {"run": index, "varied": dict(point.values), "seed": sweep.seed(point)}
+
+
+# --- a row for each run
+
+
+def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[Flight]:
+    """All runs with what came of them."""
+    points = map(sweep.design.point, indices)
+    return [
+        Flight(point.index, point.values, sweep.seed(point), **row)
+        for point, row in zip(points, results.rows(), strict=True)
+    ]
+
+
+def print_csv(sweep: Sweep, all_flights: Iterable[Flight]) -> None:
+    """A row for each run; text cells of values that are no single ones are JSON."""
+    names = _varied(sweep)
+
+    def rows() -> Iterator[list[str]]:
+        for flight in all_flights:
+            varied = [label_of(flight.values[name]) for name in names]
+            figures = [_cell(getattr(flight, name)) for name in COLUMNS]
+            yield [*varied, *figures, str(flight.seed), flight.error or ""]
+
+    _write_csv((*names, *COLUMNS, "seed", "error"), rows())
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else label_of(value)
+
+
+def _write_csv(head: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+
+
+def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> bool:
+    """A JSON object a line for each run, with its whole summary; return whether one could not be made."""
+    failed = False
+    for index, row in zip(indices, results.rows(summaries=True), strict=True):
+        failed |= row["error"] is not None
+        summary = None if row["summary"] is None else json.loads(row["summary"])
+        _print_line({**_head(sweep, index), "error": row["error"], "summary": summary})
+    return failed
+
+
+def _print_line(document: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+# --- answers
+
+
+def print_answer(sweep: Sweep, all_flights: Sequence[Flight], out: str | None) -> None:
+    """Counts, the share that completes, and what each varied key has to do with it."""
+    whole = totals(all_flights)
+    lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
+    if whole.interval is not None:
+        low, high = (_percent(end) for end in whole.interval)
+        share = _percent(whole.completed / whole.flights)
+        lines.append(f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval {low} to {high} %)")
+    if out is not None:
+        lines.append(f"results    {printable(out)}")
+    lines += _errors(all_flights)
+    keys = list(dict.fromkeys((*sweep.design.names, *(["seed"] if sweep.design.seeds else []))))
+    for key in keys if whole.flights else []:
+        lines += ["", *_marginal_lines(key, marginal(all_flights, key, sweep.design.listed(key)))]
+    emit("\n".join(lines))
+
+
+def _errors(all_flights: Sequence[Flight]) -> list[str]:
+    """The kinds of errors, with the first run of each."""
+    first: dict[str, int] = {}
+    for flight in all_flights:
+        if flight.error is not None:
+            first.setdefault(flight.error, flight.index)
+    lines = [f"error      run {index}: {error}" for error, index in itertools.islice(first.items(), SHOWN)]
+    return [*lines, f"error      … {len(first) - SHOWN} more kinds"] if len(first) > SHOWN else lines
+
+
+def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
+    head = [key, "flights", "completed [%]", "duration, median [s]", "SoC at the end, median"]
+    rows = []
+    for group in groups:
+        share = "" if math.isnan(group.completed) else _percent(group.completed)
+        duration = "" if math.isnan(group.duration_s) else f"{group.duration_s:.1f}"
+        charge = "" if math.isnan(group.soc_final) else f"{group.soc_final:.3f}"
+        rows.append([_short(group.label), str(group.flights), share, duration, charge])
+    return _aligned(head, rows)
+
+
+def print_table(
+    sweep: Sweep, all_flights: Sequence[Flight], keys: tuple[str, str], value: str, format_: str, plot: str | None
+) -> None:
+    """Means by two keys, and their picture."""
+    means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
+    if plot is not None:
+        from eadp.io.sweep_figure import write_table_figure
+
+        write_table_figure(plot, means)
+    if format_ == "text":
+        emit("\n".join(_table_lines(means)))
+        return
+    columns = (*keys, value, "flights")
+    if format_ == "csv":
+        _write_csv(columns, ([_cell(cell) for cell in line] for line in _long(means)))
+    else:
+        for line in _long(means):
+            _print_line(dict(zip(columns, line, strict=True)))
+
+
+def _long(means: Table) -> Iterator[tuple[str, str, float | None, int]]:
+    for i, row in enumerate(means.rows):
+        for j, column in enumerate(means.columns):
+            yield row, column, means.means[i][j], means.flights[i][j]
+
+
+def _table_lines(means: Table) -> list[str]:
+    digits = 1 if means.value == "duration_s" else 3
+    rows = [
+        [_short(label), *("" if mean is None else f"{mean:.{digits}f}" for mean in line)]
+        for label, line in zip(means.rows, means.means, strict=True)
+    ]
+    title = f"{means.value}, mean; {printable(means.keys[0])} downwards, {printable(means.keys[1])} to the right"
+    return [title, *_aligned(["", *map(_short, means.columns)], rows)]
+
+
+def _aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Columns set flush right, the first one flush left."""
+    head = [_short(cell) for cell in head]
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = []
+    for cells in (head, *rows):
+        first, *rest = cells
+        aligned = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))]
+        lines.append("  ".join(aligned).rstrip())
+    return lines
+
+
+def _short(text: str) -> str:
+    return printable(text, WIDEST)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"

@@ -1,0 +1,259 @@
+"""Many flights: which runs there are, in which order they are made, and the loop that hands them to an engine.
+
+Pure but for what it is handed: an engine that makes runs, and a ledger that knows which are made and keeps them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
+from statistics import NormalDist
+from typing import Any, Protocol
+
+import numpy as np
+
+RANDOM, LATIN = "random", "latin"
+_STANDARD = NormalDist()
+DIED = "the process that made it died, alone and twice (out of memory?)"
+
+
+# --- which runs
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Evenly between two numbers."""
+
+    low: float
+    high: float
+
+    def at(self, share: float) -> float:
+        """The value below which a share in (0, 1) of all draws lies."""
+        return self.low + (self.high - self.low) * share
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal with a mean and a standard deviation."""
+
+    mean: float
+    std: float
+
+    def at(self, share: float) -> float:
+        """The value below which a share in (0, 1) of all draws lies."""
+        return self.mean + self.std * _STANDARD.inv_cdf(share)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several values, each as likely."""
+
+    values: tuple[Any, ...]
+
+    def at(self, share: float) -> Any:
+        """The value that a share in (0, 1) falls on."""
+        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Keys drawn at random together, `runs` times: independently, or as a Latin hypercube.
+
+    Every key has a generator of its own, so that one key more leaves the draws of the keys before it as they are; so
+    do more runs of method random.
+    """
+
+    runs: int
+    keys: Mapping[str, Uniform | Normal | Choice]
+    seed: int = 0
+    method: str = RANDOM
+
+    @cached_property
+    def draws(self) -> dict[str, list[Any]]:
+        """Each key's value in each run."""
+        return {name: [law.at(u) for u in self._shares(j)] for j, (name, law) in enumerate(self.keys.items())}
+
+    def _shares(self, column: int) -> list[float]:
+        """Numbers in (0, 1), one a run; of a Latin hypercube, one in each of `runs` equal parts, in random order."""
+        generator = np.random.default_rng([self.seed, column])
+        if self.method == LATIN:
+            places = generator.permutation(self.runs)
+            shares = (places + generator.random(self.runs)) / self.runs
+        else:
+            shares = generator.random(self.runs)
+        # a normal's quantiles are infinite at 0 and 1
+        values: list[float] = np.clip(shares, 2.0**-54, 1 - 2.0**-53).tolist()
+        return values
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run's place in a design: the varied keys' values, and the seed where the design sets one."""
+
+    index: int
+    values: Mapping[str, Any]
+    seed: int | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The product of a grid, of values that go together, of a sample, and of seeds; the last changes fastest.
+
+    Runs are made when they are asked for: a design of a million of them takes no room.
+    """
+
+    grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    zipped: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    sample: Sample | None = None
+    seeds: int | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The varied keys."""
+        return (*self.grid, *self.zipped, *(self.sample.keys if self.sample else ()))
+
+    @cached_property
+    def _sizes(self) -> tuple[int, ...]:
+        together = min((len(values) for values in self.zipped.values()), default=1)
+        drawn = self.sample.runs if self.sample else 1
+        return (*(len(values) for values in self.grid.values()), together, drawn, self.seeds or 1)
+
+    def __len__(self) -> int:
+        return math.prod(self._sizes)
+
+    def point(self, index: int) -> Point:
+        """The run of an index, from 0."""
+        places = []
+        rest = index
+        for size in reversed(self._sizes):
+            rest, place = divmod(rest, size)
+            places.append(place)
+        seed, drawn, together, *axes = places
+        values = {name: choices[i] for (name, choices), i in zip(self.grid.items(), reversed(axes), strict=True)}
+        values |= {name: choices[together] for name, choices in self.zipped.items()}
+        if self.sample:
+            values |= {name: draws[drawn] for name, draws in self.sample.draws.items()}
+        return Point(index, values, None if self.seeds is None else seed)
+
+    def listed(self, name: str) -> tuple[Any, ...]:
+        """The values that a key is given by name; none where it is drawn from a range."""
+        law = self.sample.keys.get(name) if self.sample else None
+        if isinstance(law, Choice):
+            return law.values
+        return tuple(self.grid.get(name, ()) or self.zipped.get(name, ()))
+
+
+# --- in which order
+
+
+def spread(items: Sequence[int]) -> Iterator[int]:
+    """All items, each once, any few in a row spread over the whole.
+
+    What a sweep has made when it is stopped, or when it estimates how long it takes, is then no corner of its grid.
+    """
+    count = len(items)
+    # steps of the golden ratio, made coprime to the count so that every item is met
+    stride = max(1, round(count * (math.sqrt(5) - 1) / 2))
+    while math.gcd(stride, count) > 1:
+        stride += 1
+    return (items[i * stride % count] for i in range(count))
+
+
+def shard(count: int, part: int, parts: int) -> Sequence[int]:
+    """The indices of part `part` (from 1) of `parts`, in order; each part is spread over the whole."""
+    if parts == 1:
+        return range(count)
+    return sorted(islice(spread(range(count)), count * (part - 1) // parts, count * part // parts))
+
+
+# --- on which engine
+
+
+@dataclass(frozen=True)
+class Run:
+    """One flight to make: files by kind, overrides of the scenario's keys, and the key of all that it depends on."""
+
+    index: int
+    key: str
+    files: Mapping[str, str]
+    overrides: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a run: its summary, or why there is none; and the time it took [s]."""
+
+    summary: Mapping[str, Any] | None
+    error: str | None = None
+    took_s: float = 0.0
+
+
+class Engine(Protocol):
+    """Makes runs somewhere."""
+
+    @property
+    def room(self) -> int:
+        """How many runs it would take now."""
+
+    @property
+    def busy(self) -> int:
+        """How many runs it has and has not given back."""
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+
+    def finished(self) -> list[tuple[Run, Result | None]]:
+        """Wait until something has happened; the runs that are made since, None for one that its process died of."""
+
+
+class Ledger(Protocol):
+    """Knows which runs are made, which are being made, and keeps results."""
+
+    def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
+        """The runs that are now ours to make, and those that another is making; made ones are in neither."""
+
+    def store(self, results: Sequence[tuple[Run, Result]]) -> None:
+        """Keep results for good."""
+
+    def wait(self) -> None:
+        """Wait a moment for others."""
+
+
+def make_runs(runs: Iterable[Run], engine: Engine, ledger: Ledger) -> Iterator[tuple[Run, Result]]:
+    """Make every run that is not made, storing each result before it is yielded.
+
+    Ends when every run is made, here or by another process that works on the same ledger: runs that it claims are
+    waited for, and made here if it dies.
+    """
+    pending = iter(runs)
+    others: deque[Run] = deque()
+    while True:
+        others.extend(_fill(engine, ledger, pending))
+        if engine.busy:
+            made = [(run, result or Result(None, DIED)) for run, result in engine.finished()]
+            if made:
+                ledger.store(made)
+                yield from made
+        elif others:
+            ledger.wait()
+            pending, others = iter(tuple(others)), deque()
+        else:
+            return
+
+
+def _fill(engine: Engine, ledger: Ledger, pending: Iterator[Run]) -> list[Run]:
+    """Give an engine the runs it has room for; return the ones met that another process is making."""
+    others: list[Run] = []
+    while (room := engine.room) > 0:
+        batch = [run for _, run in zip(range(room), pending, strict=False)]
+        if not batch:
+            break
+        mine, theirs = ledger.claim(batch)
+        others += theirs
+        for run in mine:
+            engine.submit(run)
+    return others
