@@ -12,9 +12,10 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ALL_COMPLETED, FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from eadp import __version__
@@ -77,6 +78,9 @@ class Pool:
 
     When a process dies, runs that were under way are made again one by one; one that kills its process then too is
     given back as such.
+
+    Futures that are done come through a queue: waiting on the futures themselves takes locks that Ctrl-C, raised in the
+    midst of taking them, would leave taken for ever.
     """
 
     def __init__(self, make: Make, jobs: int) -> None:
@@ -88,11 +92,12 @@ class Pool:
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
-        worker_end, self._line = context.Pipe(duplex=False)
+        self._worker_end, self._line = context.Pipe(duplex=False)
+        self._done: SimpleQueue[Future[Result]] = SimpleQueue()
+        self._broken = False
         self._executor = ProcessPoolExecutor(
-            self.workers, mp_context=context, initializer=_begin, initargs=(self._make, worker_end)
+            self.workers, mp_context=context, initializer=_begin, initargs=(self._make, self._worker_end)
         )
-        self._worker_end = worker_end
 
     @property
     def room(self) -> int:
@@ -109,57 +114,65 @@ class Pool:
         try:
             # processes are started here, and inherit the mask: Ctrl-C is this process's to handle
             with _signals_held():
-                self._busy[self._executor.submit(_work, run)] = run
+                future = self._executor.submit(_work, run)
+                self._busy[future] = run
+                future.add_done_callback(self._done.put)
         except BrokenProcessPool:
+            self._broken = True
             self._suspects.append(run)
 
     def finished(self) -> list[tuple[Run, Result | None]]:
         """Wait for runs; none may be made when a process has died."""
         if not self._busy:
+            if self._broken:
+                self._restart()
             return self._again()
-        done, _ = wait(self._busy, return_when=FIRST_COMPLETED)
-        made, lost = self._taken(done)
+        made, lost = self._taken(self._done.get())
+        while not self._done.empty():
+            more, also_lost = self._taken(self._done.get())
+            made, lost = made + more, lost + also_lost
         if lost:
-            rest, _ = wait(self._busy, return_when=ALL_COMPLETED)  # a broken pool gives all back at once
-            more, also_lost = self._taken(rest)
-            made += more
-            self._suspects.extend((*lost, *also_lost))
-            self._stop()
-            self._start()
+            made += self._recovered(lost)
         return made
 
-    def _taken(self, done: set[Future[Result]]) -> tuple[list[tuple[Run, Result | None]], list[Run]]:
-        """Results of futures that are done, and the runs of those that have none because a process died."""
+    def _taken(self, future: Future[Result]) -> tuple[list[tuple[Run, Result | None]], list[Run]]:
+        """The result of a future that is done, or the run of one that has none because a process died."""
+        run = self._busy.pop(future)
+        try:
+            return [(run, future.result())], []
+        except BrokenProcessPool:
+            return [], [run]
+
+    def _recovered(self, lost: list[Run]) -> list[tuple[Run, Result | None]]:
+        """Start anew after a process has died; results that came before are given back, the rest is made alone."""
         made: list[tuple[Run, Result | None]] = []
-        lost = []
-        for future in done:
-            run = self._busy.pop(future)
-            try:
-                made.append((run, future.result()))
-            except BrokenProcessPool:
-                lost.append(run)
-        return made, lost
+        while self._busy:  # a broken pool gives all back at once
+            more, also_lost = self._taken(self._done.get())
+            made += more
+            lost += also_lost
+        self._suspects.extend(lost)
+        self._restart()
+        return made
 
     def _again(self) -> list[tuple[Run, Result | None]]:
         """Make one run alone that was under way when a process died."""
         run = self._suspects.popleft()
-        try:
-            with _signals_held():
-                future = self._executor.submit(_work, run)
-            return [(run, future.result())]
-        except BrokenProcessPool:
-            self._stop()
-            self._start()
-            return [(run, None)]
+        self.submit(run)
+        made, lost = self._taken(self._done.get())
+        if lost:
+            self._restart()
+        return made or [(run, None)]
 
-    def _stop(self) -> None:
-        self._line.close()  # processes in the middle of a run end too
-        self._worker_end.close()
-        self._executor.shutdown(wait=True, cancel_futures=True)
+    def _restart(self) -> None:
+        self.close()
+        self._start()
 
     def close(self) -> None:
         """End the processes at once; runs under way are dropped."""
-        self._stop()
+        with _signals_held():
+            self._line.close()  # processes in the middle of a run end too
+            self._worker_end.close()
+            self._executor.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
@@ -195,11 +208,15 @@ def _work(run: Run) -> Result:
 
 
 class Cluster:
-    """Workers of a Dask scheduler that is running somewhere; each needs eadp of this version, and no files."""
+    """Workers of a Dask scheduler that is running somewhere; each needs eadp of this version, and no files.
+
+    Dask gives up a run that was at hand when several workers died, whether or not it was the one they died of: it is
+    made again with no other under way.
+    """
 
     def __init__(self, make: Make, address: str) -> None:
         try:
-            from distributed import Client, as_completed
+            from distributed import Client
         except ImportError:
             what = "Dask is not installed"
             raise InputError.at("--scheduler", 1, 1, what, "pip install 'eadp[cluster]'", address) from None
@@ -212,7 +229,8 @@ class Cluster:
             # the result of a task and not scattered data: computed anew where the worker that holds it is lost
             self._make = self._client.submit(_same, make, pure=False)
         self._runs: dict[Any, Run] = {}
-        self._done = as_completed(loop=self._client.loop)
+        self._suspects: deque[Run] = deque()
+        self._done: SimpleQueue[Any] = SimpleQueue()
         self._address = address
 
     @property
@@ -224,38 +242,45 @@ class Cluster:
     @property
     def room(self) -> int:
         """How many runs it would take now."""
-        return QUEUED * self.workers - len(self._runs)
+        return 0 if self._suspects else QUEUED * self.workers - len(self._runs)
 
     @property
     def busy(self) -> int:
         """How many runs it has and has not given back."""
-        return len(self._runs)
+        return len(self._runs) + len(self._suspects)
 
     def submit(self, run: Run) -> None:
         """Take a run."""
         with _told(self._address):
             future = self._client.submit(_call, self._make, run, pure=False)
             self._runs[future] = run
-            self._done.add(future)
+            future.add_done_callback(self._done.put)
 
     def finished(self) -> list[tuple[Run, Result | None]]:
-        """Wait for runs; None for one that killed the workers it was given to."""
+        """Wait for runs; none may be made when workers have died."""
+        if not self._runs:
+            self.submit(self._suspects.popleft())
+            return [self._taken(self._done.get())]
+        results = [self._taken(self._done.get())]
+        while not self._done.empty():
+            results.append(self._taken(self._done.get()))
+        self._suspects.extend(run for run, result in results if result is None)
+        return [(run, result) for run, result in results if result is not None]
+
+    def _taken(self, future: Any) -> tuple[Run, Result | None]:
         from distributed import KilledWorker
 
-        made: list[tuple[Run, Result | None]] = []
+        run = self._runs.pop(future)
         with _told(self._address):
-            for future in self._done.next_batch(block=True):
-                run = self._runs.pop(future)
-                try:
-                    made.append((run, future.result()))
-                except KilledWorker:
-                    made.append((run, None))
-                except (OSError, CancelledError):
-                    raise
-                except Exception as error:  # what `make` itself meets is in its result
-                    what = f"a worker of {self._address} makes no runs: {type(error).__name__}: {_line(error)}"
-                    raise EadpError(f"{what}; it needs eadp {__version__}") from None
-        return made
+            try:
+                return run, future.result()
+            except KilledWorker:
+                return run, None
+            except (OSError, CancelledError):
+                raise
+            except Exception as error:  # what `make` itself meets is in its result
+                what = f"a worker of {self._address} makes no runs: {type(error).__name__}: {_line(error)}"
+                raise EadpError(f"{what}; it needs eadp {__version__}") from None
 
     def close(self) -> None:
         """Drop the runs under way and leave the scheduler."""

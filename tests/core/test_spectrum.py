@@ -231,6 +231,21 @@ def test_correlated_noise_widens_the_standard_deviation() -> None:
     assert spread[1] > 1.5 * spread[0]
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times = sampled(6)
+    memory = math.exp(-0.5 / 5)
+    slow = np.asarray(
+        lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 400))[-len(times) :]
+    )
+    std_w = math.sqrt(sum(a**2 for a, _ in THREE) / 2)
+    found = analyse(times, signal(times) + std_w * slow, period_prior_s=PERIOD_S * rng.uniform(0.75, 1.25))
+    assert found.periodic
+    assert found.period_s == pytest.approx(PERIOD_S, rel=0.05)
+    assert abs(found.period_s - PERIOD_S) < SIGMAS * found.period_std_s
+
+
 # what is not
 
 
@@ -349,6 +364,21 @@ def test_a_prior_confines_the_search() -> None:
     power = noisy(times, terms=((1.0, 0.3), (4.0, 1.0)))
     assert_found(analyse(times, power, period_prior_s=40), order=2)
     assert analyse(times, power, period_prior_s=24).period_s == pytest.approx(PERIOD_S / 2, rel=0.02)
+
+
+def test_a_period_that_does_not_fit_twice_does_not_count() -> None:
+    times = sampled(1.5)
+    found = analyse(times, noisy(times, std_w=0.1, terms=((2.1, 0.8),)))
+    assert not found.periodic
+    assert math.isnan(found.period_std_s)
+
+
+def test_surrogates_are_the_same_each_time() -> None:
+    times = sampled(3)
+    rng = np.random.default_rng(8)
+    power = signal(times) + 2 * np.asarray(lfilter([0.4], [1, -0.9], rng.normal(size=len(times))))
+    one, other = analyse(times, power), analyse(times, power)
+    assert 0 < one.chance == other.chance < 1
 
 
 @pytest.mark.parametrize("prior_s", [1e-3, 500.0])

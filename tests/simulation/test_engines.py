@@ -113,3 +113,9 @@ def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
     with pytest.raises(EadpError, match="makes no runs: TypeError: bad operand"):
         engine.finished()
     engine.close()
+
+
+def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
+    engine = Cluster(operator.call, scheduler)
+    assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
+    engine.close()
