@@ -131,7 +131,18 @@ def load_flight(
         sensors=scenario.sensors,
     )
     _check_names(plan, scenario)
-    mission = Mission(plan, computing, battery, vehicle.airspeed_mps, parameters, start, energy)
+    mission = Mission(
+        plan,
+        computing,
+        battery,
+        vehicle.airspeed_mps,
+        parameters,
+        start,
+        energy,
+        vehicle.cruise_power_w,
+        scenario.home_m,
+        scenario.rules,
+    )
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 

@@ -133,6 +133,12 @@ class StartKeys(_Strict):
     altitude_m: Finite | None = None
 
 
+class HomeKeys(_Strict):
+    """Where to be able to return to, for the point of no return."""
+
+    position_m: Pair | None = None
+
+
 class SensorKeys(_Strict):
     """What sensors make of the truth: standard deviations of white noise, age, and times without a power reading."""
 
@@ -189,6 +195,10 @@ class PlannerKeys(_Strict):
     name: str = "paper"
     every_s: Positive = 1.0
     horizon_s: Positive | Literal["period"] = 6.0
+    reserve_probability: Annotated[float, Field(ge=0.5, lt=1, allow_inf_nan=False)] = Field(
+        default=0.95, description="joint: how surely the reserve is kept"
+    )
+    keep_gain: Share = Field(default=0.005, description="joint: the quality U that a change of a parameter has to gain")
     weights: dict[ParameterName, NotNegative] = {}
     delta: dict[ParameterName, Positive] = {}
     levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}
@@ -219,6 +229,7 @@ class ScenarioKeys(_Strict):
     battery: BatteryKeys = BatteryKeys()
     faults: list[FaultKeys] = []
     start: StartKeys = StartKeys()
+    home: HomeKeys = HomeKeys()
     parameters: dict[ParameterName, Finite] = {}
     bounds: dict[ParameterName, Pair] = {}
     parameter_changes: Literal["latched", "live"] = "latched"
@@ -318,6 +329,11 @@ class Scenario:
     def start_m(self) -> Point | None:
         """Where the flight begins [m], if stated."""
         return self.keys.start.position_m
+
+    @property
+    def home_m(self) -> Point | None:
+        """Where home is [m], if stated."""
+        return self.keys.home.position_m
 
     @property
     def heading_rad(self) -> float | None:
@@ -437,7 +453,7 @@ def _tuples(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     result = dict(value)
-    for section, key in (("start", "position_m"), ("planner", "cost_weights")):
+    for section, key in (("start", "position_m"), ("home", "position_m"), ("planner", "cost_weights")):
         inner = result.get(section)
         if isinstance(inner, dict) and isinstance(inner.get(key), list):
             result[section] = {**inner, key: tuple(inner[key])}

@@ -19,7 +19,7 @@ from eadp.models.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
-from eadp.planning.planners import Observation, Planner
+from eadp.planning.planners import Observation, Planner, Record
 from eadp.simulation.aircraft import Gusts, make_aircraft
 from eadp.simulation.metrics import ParameterLog, Totals
 from eadp.simulation.sensing import SensorSuite
@@ -78,6 +78,7 @@ class Outcome:
     totals: Totals = field(default_factory=Totals)
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
+    records: list[Record] = field(default_factory=list)
 
 
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
@@ -118,6 +119,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     path, offset, gain, sense = itinerary.path, itinerary.offset_m, stage.gain, stage.sense
     energy_w, distance_m, lowest_w, highest_w = 0.0, 0.0, math.inf, -math.inf
     decided: Vector | None = None
+    recorded: Record | None = None
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason = TIME_LIMIT
     time_s, power_w, forecast_w, last_logged = 0.0, 0.0, 0.0, -1
@@ -151,10 +153,24 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             reason = charge.failure
             break
         observation = Observation(
-            time_s, x, y, stage.index, itinerary.stages_begun, power_w, charge.soc, parameters, None
+            time_s,
+            x,
+            y,
+            stage.index,
+            itinerary.stages_begun,
+            power_w,
+            charge.soc,
+            parameters,
+            None,
+            (aircraft.vx, aircraft.vy),
+            aircraft.heading_rad,
         )
         decision = update(observation if ideal else suite.observe(observation))
         forecast_w = decision.power_forecast_w
+        if decision.record is not recorded:
+            recorded = decision.record
+            if recorded is not None:
+                outcome.records.append(recorded)
         if (k + 1) % log_every == 0:
             last_logged = k
             yield logged()

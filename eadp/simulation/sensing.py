@@ -39,7 +39,14 @@ class SensorSuite:
             self._late.append(truth)
             old = self._late.popleft() if len(self._late) > self._delay_steps else self._late[0]
             # what the planner itself keeps count of is not late: the time, the stage and the parameters in force
-            truth = truth._replace(x_m=old.x_m, y_m=old.y_m, power_w=old.power_w, soc=old.soc)
+            truth = truth._replace(
+                x_m=old.x_m,
+                y_m=old.y_m,
+                power_w=old.power_w,
+                soc=old.soc,
+                velocity_mps=old.velocity_mps,
+                heading_rad=old.heading_rad,
+            )
         power = truth.power_w
         if sensors.drop_out_share:
             self._out = self._chance() >= self._recover if self._out else self._chance() < self._fail
