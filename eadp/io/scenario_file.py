@@ -199,6 +199,9 @@ class PlannerKeys(_Strict):
         default=0.95, description="joint: how surely the reserve is kept"
     )
     keep_gain: Share = Field(default=0.005, description="joint: the quality U that a change of a parameter has to gain")
+    objective: Literal["quality", "total"] = Field(
+        default="quality", description="joint: U averaged over the flight, or the computations summed over time"
+    )
     weights: dict[ParameterName, NotNegative] = {}
     delta: dict[ParameterName, Positive] = {}
     levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}

@@ -71,8 +71,8 @@ class Itinerary:
         self._rules = rules
         self._walk = Walk(plan, parameters) if plan.parts else None
         self._state: State | None = None
-        self._latch = [_latch_stage(plan, index) for index in range(len(plan.parameters))]
-        self._bent = [_bent_stage(plan, parameter.name) for parameter in plan.parameters]
+        self._latch = [latch_stage(plan, index) for index in range(len(plan.parameters))]
+        self._bent = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
         self._progress: _CircleProgress | _CurveProgress | None = None
         self._decided: Vector = tuple(parameters)
         self._waiting: Vector = tuple(parameters)
@@ -268,19 +268,19 @@ def reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
     return True
 
 
-def _bent_stage(plan: Plan, name: str) -> int:
+def shifting_stage(plan: Plan, name: str) -> int:
     """The first stage (from 0) whose path names a parameter; the first of all where none does."""
     return next((stage.index - 1 for stage in plan.stages if name in stage.path.names), 0)
 
 
-def _latch_stage(plan: Plan, index: int) -> int | None:
+def latch_stage(plan: Plan, index: int) -> int | None:
     """The stage (from 0) at whose start a path parameter takes effect; None for at every start."""
     parameter = plan.parameters[index]
     if parameter.kind != PATH or not plan.repeats:
         return None
     if not any(parameter.name in stage.path.names for stage in plan.stages):
         return 0
-    return (_bent_stage(plan, parameter.name) - 1) % len(plan.stages)
+    return (shifting_stage(plan, parameter.name) - 1) % len(plan.stages)
 
 
 # --- tests of a position, built once per stage ------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from eadp.models.walk import LAP_LIMIT, Walk
 
 POINTS_LIMIT = 5_000_000
 END_STEP_M = 1.0
+LEAST_BEYOND_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,6 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
         return _legs_of_parts(plan, parameters, begin)
     shift = shift_at(plan, parameters)
     final = point_at(plan.final_point, parameters, "the final point")
-    is_over = beyond(final, shift, plan.trigger_radius_m)
     bound = [(stage, stage.path_at(parameters), stage.trigger_at(parameters)) for stage in plan.stages]
     lengths: dict[int, float] = {}
     for lap in range(LAP_LIMIT):
@@ -76,7 +76,7 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
                 lengths[stage.index] = leg_length_m(stage, path, local, trigger)
             leg = Leg(lap, stage, path, offset, begin, end, lengths[stage.index])
             if ends and not plan.ends_at_trigger:
-                over_m = _first_beyond_m(leg, is_over)
+                over_m = first_beyond_m(leg, final, shift, plan.trigger_radius_m)
                 if over_m is not None:
                     return [*legs, replace(leg, flown_m=over_m)]
             legs.append(leg)
@@ -100,25 +100,70 @@ def _legs_of_parts(plan: Plan, parameters: Sequence[float], begin: Point) -> lis
     return legs
 
 
-def _first_beyond_m(leg: Leg, is_over: Callable[[float, float], bool]) -> float | None:
-    """How far along a leg the plan is over [m], to a millimetre; None where it is not."""
+def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
+    """How far along a leg the plan is over [m], to a millimetre; None where it is not. See `itinerary.beyond`."""
     if not math.isfinite(leg.length_m):
         return None
-    points = list(leg_points(leg, END_STEP_M))
-    for i, point in enumerate(points):
-        if not is_over(point.x_m, point.y_m):
-            continue
-        if i == 0:
-            return 0.0
-        before, step = points[i - 1], leg.length_m / (len(points) - 1)
-        low, high = 0.0, 1.0
-        while high - low > 1e-3 / max(step, 1e-3):
-            middle = (low + high) / 2
-            x = before.x_m + middle * (point.x_m - before.x_m)
-            y = before.y_m + middle * (point.y_m - before.y_m)
-            low, high = (low, middle) if is_over(x, y) else (middle, high)
-        return (i - 1 + high) * step
-    return None
+    if leg.stage.kind == LINE:
+        return _line_beyond_m(leg, final, shift, radius_m)
+    is_over = beyond(final, shift, radius_m)
+    count = max(1, math.ceil(leg.length_m / END_STEP_M))
+    if leg.stage.kind == CIRCLE:
+        at = _on_circle(leg)
+        found = next((i for i in range(count + 1) if is_over(*at(leg.length_m * i / count))), None)
+    else:
+        points = [(point.x_m, point.y_m) for point in leg_points(leg, END_STEP_M)]
+        count = len(points) - 1
+
+        def at(along_m: float) -> Point:
+            i, share = divmod(along_m / leg.length_m * count, 1.0)
+            (ax, ay), (bx, by) = points[int(i)], points[min(int(i) + 1, count)]
+            return ax + share * (bx - ax), ay + share * (by - ay)
+
+        found = next((i for i, point in enumerate(points) if is_over(*point)), None)
+    if not found:
+        return None if found is None else 0.0
+    low, high = leg.length_m * (found - 1) / count, leg.length_m * found / count
+    while high - low > 1e-3:
+        middle = (low + high) / 2
+        low, high = (low, middle) if is_over(*at(middle)) else (middle, high)
+    return high
+
+
+def _on_circle(leg: Leg) -> Callable[[float], Point]:
+    """The point of a circular leg some way along it [m]."""
+    ox, oy = leg.offset_m
+    circle = circle_of(leg.path, (leg.end_m[0] - ox, leg.end_m[1] - oy), leg.stage.sense)
+    (cx, cy), radius = circle.centre_m, circle.radius_m
+    first = circle.angle_rad((leg.start_m[0] - ox, leg.start_m[1] - oy))
+
+    def at(along_m: float) -> Point:
+        angle = first + circle.turn * along_m / radius
+        return ox + cx + radius * math.cos(angle), oy + cy + radius * math.sin(angle)
+
+    return at
+
+
+def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
+    """The same on a line: on each axis, a first and a last place from which and to which it is over."""
+    first, last = 0.0, leg.length_m
+    for start, end, to, d in zip(leg.start_m, leg.end_m, final, shift, strict=True):
+        rate = (end - start) / leg.length_m if leg.length_m > 0 else 0.0
+        if abs(d) < 1e-9:
+            lows = [(to - radius_m, 1.0), (-to - radius_m, -1.0)]  # |v − to| ≤ radius
+        else:
+            sign = math.copysign(1.0, d)
+            lows = [(sign * to + LEAST_BEYOND_M, sign)]  # strictly beyond
+        for least, sign in lows:
+            value, slope = sign * start, sign * rate
+            if abs(slope) < 1e-12:
+                if value < least:
+                    return None
+            elif slope > 0:
+                first = max(first, (least - value) / slope)
+            else:
+                last = min(last, (least - value) / slope)
+    return first if first <= last else None
 
 
 def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:

@@ -101,6 +101,10 @@ class Record:
         `solved`, `closed form`, `scanned` or `infeasible`.
     reason : str
         What has been decided and why, in words.
+    home_reachable : bool or None
+        Whether home could be reached from here with the reserve kept; None where there is none.
+    point_of_no_return_s : float or None
+        When it last could be [s], where it cannot.
     """
 
     time_s: float
@@ -122,6 +126,8 @@ class Record:
     passes: int
     status: str
     reason: str
+    home_reachable: bool | None = None
+    point_of_no_return_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,7 +136,8 @@ class PlannerSettings:
 
     `reserve_probability` is how surely `joint` keeps the reserve, `keep_gain` the quality U that a change of a
     parameter has to gain. `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is
-    proven, else QPs. `trade_offs` are rows (coefficient per parameter name, least value).
+    proven, else QPs. `trade_offs` are rows (coefficient per parameter name, least value). `objective` is what
+    `joint` maximises: `quality`, or `total`, the sum of the computations over time.
     """
 
     name: str = PAPER
@@ -155,6 +162,7 @@ class PlannerSettings:
     reserve_soc: float = 0.05
     reserve_probability: float = 0.95
     keep_gain: float = 0.005
+    objective: str = "quality"
 
 
 @dataclass

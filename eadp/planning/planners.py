@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from eadp.errors import EadpError
 from eadp.planning.estimator import EstimatorSettings
+from eadp.planning.joint import JointPlanner
 from eadp.planning.paper import PaperPlanner
 from eadp.planning.planner import (
+    JOINT,
     PAPER,
     STATIC,
     Decision,
@@ -21,6 +23,7 @@ from eadp.planning.planner import (
 __all__ = [
     "NAMES",
     "Decision",
+    "JointPlanner",
     "Mission",
     "Observation",
     "PaperPlanner",
@@ -32,7 +35,7 @@ __all__ = [
     "make_planner",
 ]
 
-NAMES = (STATIC, PAPER)
+NAMES = (STATIC, PAPER, JOINT)
 
 
 def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
@@ -43,7 +46,7 @@ def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, missio
     EadpError
         On an unknown name.
     """
-    planners = {STATIC: StaticPlanner, PAPER: PaperPlanner}
+    planners = {STATIC: StaticPlanner, PAPER: PaperPlanner, JOINT: JointPlanner}
     if settings.name not in planners:
         raise EadpError(f"unknown planner {settings.name}; expected one of {', '.join(NAMES)}")
     return planners[settings.name](settings, estimator, mission)

@@ -19,6 +19,7 @@ from eadp.models.profile import Profile
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.horizon import Horizon
 from eadp.planning.planners import (
+    JointPlanner,
     Mission,
     Observation,
     PaperPlanner,
@@ -61,8 +62,9 @@ def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0
 def test_names():
     assert isinstance(planner(replace(SETTINGS, name="static")), StaticPlanner)
     assert isinstance(planner(), PaperPlanner)
-    with pytest.raises(EadpError, match="joint"):
-        planner(replace(SETTINGS, name="joint"))
+    assert isinstance(planner(replace(SETTINGS, name="joint")), JointPlanner)
+    with pytest.raises(EadpError, match="unknown planner greedy"):
+        planner(replace(SETTINGS, name="greedy"))
 
 
 def test_static_never_changes_and_forecasts():

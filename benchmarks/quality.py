@@ -1,0 +1,440 @@
+"""How much of a mission each planner keeps, beside the best constant parameters in hindsight.
+
+Random missions: wind of 0 to 8 m/s from anywhere, gusts, a battery of 0.5 to 1.3 times what the highest parameters
+need, sudden losses of charge that nobody is told of, parameters at take-off anywhere. Flown on the survey and on three
+covered fields, with the vehicles `paper` and `fixed-wing`, by
+
+- `highest`, `lowest`: constant parameters;
+- `paper`: the letter's algorithm, its remaining time corrected;
+- `lap budget`: a plain rule, told below;
+- `joint`;
+- `hindsight`: the best constant parameters of a grid, each flown, by someone who knew wind and losses beforehand. It
+  keeps the reserve where any constant parameters do, and else completes where any do.
+
+    python benchmarks/quality.py --missions 200 --jobs 2
+    python benchmarks/quality.py --reserve 2000
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import multiprocessing
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eadp.io.flight_inputs import FlightInputs, load_flight
+from eadp.models.ahead import Follower
+from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, StaticPlanner
+from eadp.simulation.loop import Outcome, fly
+
+ROOT = Path(__file__).resolve().parents[1]
+PROFILE = str(ROOT / "profiles/pednet-jetson-nano.yaml")
+STEP_S = 0.05
+GRID = 41
+RESERVE = 0.05
+FIELDS: Mapping[str, list[list[float]]] = {
+    "oblong": [[0, 0], [620, 60], [600, 420], [-20, 360]],
+    "slanted": [[0, 0], [500, 120], [560, 560], [120, 480]],
+    "corner": [[0, 0], [700, 0], [700, 300], [350, 300], [350, 520], [0, 520]],
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One mission: its plan, and the scenario's keys."""
+
+    index: int
+    place: str
+    vehicle: str
+    keys: Mapping[str, Any]
+
+
+def plans(folder: Path) -> dict[str, str]:
+    """The survey, and plans that cover the fields, with c1 and the computations free."""
+    from typer.testing import CliRunner
+
+    from eadp.cli.main import app
+
+    found = {"survey": str(ROOT / "plans/survey.plan")}
+    for name, corners in FIELDS.items():
+        field = folder / f"{name}.csv"
+        field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
+        out = folder / f"{name}.plan"
+        options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", PROFILE]
+        result = CliRunner().invoke(app, ["cover", str(field), *options, "-o", str(out)])
+        if not out.exists():
+            raise SystemExit(f"{name}: {result.output}")
+        found[name] = str(out)
+    return found
+
+
+def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
+    """A flight of a plan."""
+    overrides = {
+        "step_s": STEP_S,
+        "log_every_s": STEP_S,
+        "battery.crate_per_h": 1000,
+        "time_limit_s": 20_000,
+        **keys,
+        **more,
+    }
+    return load_flight(plan, profile_path=PROFILE, overrides=overrides)
+
+
+def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
+    """Random missions; capacities are shares of what the highest parameters need in that wind."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for index, (place, vehicle) in enumerate(
+        itertools.islice(itertools.cycle(itertools.product(found, ("paper", "fixed-wing"))), count)
+    ):
+        keys: dict[str, Any] = {
+            "vehicle.model": vehicle,
+            "guidance.k_d": 1.0,
+            "wind.speed_mps": float(rng.uniform(0, 8)),
+            "wind.towards_deg": float(rng.uniform(0, 360)),
+            "wind.gust_std_mps": float(rng.uniform(0, 1.5)),
+            "seed": int(rng.integers(1 << 30)),
+        }
+        share, drops = float(rng.uniform(0.5, 1.3)), int(rng.integers(0, 4))
+        whens, sizes = rng.uniform(0, 1, drops), rng.uniform(0.02, 0.12, drops)
+        starts = rng.uniform(0, 1, 2)
+        highest = flown(load(found[place], {**keys, "battery.capacity_ah": 50.0}, **{"planner.name": "static"}))
+        need_ah = (1 - highest["soc"]) * 50.0 / (1 - RESERVE)
+        duration = highest["time_s"]
+        keys["battery.capacity_ah"] = share * need_ah
+        keys["faults"] = [
+            {"at_s": float(when * duration), "soc_drop": float(size)}
+            for when, size in sorted(zip(whens, sizes, strict=True))
+        ]
+        plan = load(found[place], keys).mission.plan
+        boxes = [plan.hull(0), plan.hull(1)]
+        keys["parameters"] = {
+            "c1": boxes[0].lo + float(starts[0]) * (boxes[0].hi - boxes[0].lo),
+            "c2": float(round(boxes[1].lo + float(starts[1]) * (boxes[1].hi - boxes[1].lo))),
+        }
+        made.append(Case(index, place, vehicle, keys))
+    return made
+
+
+def flown(inputs: FlightInputs, planner: StaticPlanner | None = None) -> dict[str, Any]:
+    """Fly, and tell what came of it."""
+    outcome = Outcome()
+    pilot = planner or inputs.planner()
+    started = time.process_time()
+    for _ in fly(inputs.world, pilot, outcome):
+        pass
+    log = outcome.parameters
+    assert log is not None
+    quality = log.quality(inputs.scenario.planner.weights)
+    changes = sum(record.changes for record in log.records)
+    return {
+        "completed": outcome.completed,
+        "kept": outcome.completed and outcome.soc_final >= RESERVE,
+        "u": quality,
+        "soc": outcome.soc_final,
+        "time_s": outcome.duration_s,
+        "changes": changes,
+        "cpu_s": time.process_time() - started,
+        "failures": pilot.report.failures,
+        "replans": pilot.report.replans,
+    }
+
+
+# --- hindsight --------------------------------------------------------------------------------------------------------
+
+
+def hindsight(plan: str, case: Case) -> dict[str, Any]:
+    """The best constant parameters of a grid: one flight for each c1, its power taken with every c2.
+
+    Neither path nor motion power depend on the computations, so that the charge of every c2 is told from one flight.
+    """
+    base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
+    inputs = load(plan, base)
+    box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
+    levels = inputs.mission.computing.levels(0, levels_box)
+    battery = replace(load(plan, case.keys).world.battery)
+    best: dict[str, Any] = {"kept": False, "completed": False, "u": 0.0, "c": None}
+    for c1 in np.linspace(box.lo, box.hi, GRID):
+        inputs = load(plan, {**base, "parameters": {"c1": float(c1), "c2": float(levels[0])}})
+        outcome = Outcome()
+        power, stages = [], []
+        for step in fly(inputs.world, inputs.planner(), outcome):
+            power.append(step.power_w)
+            stages.append(step.stage)
+        if not outcome.completed:
+            continue
+        sets = inputs.mission.plan.stages
+        runs = np.array([not stage.sets[1].fixed for stage in sets])[np.array(stages) - 1]
+        least_w = inputs.mission.computing.power_w((c1, levels[0]), sets[0].sets) if not sets[0].sets[1].fixed else 0.0
+        motion = np.array(power)
+        for c2 in levels:
+            more = inputs.mission.computing.power_w((c1, c2), _free(sets)) - inputs.mission.computing.power_w(
+                (c1, levels[0]), _free(sets)
+            )
+            end, lowest = _charged(battery, motion + more * runs, case.keys["faults"], outcome.duration_s)
+            completed, kept = lowest > 0, lowest > 0 and end >= RESERVE
+            u = (box.share(float(c1)) or 0.0) / 2 + (levels_box.share(c2) or 0.0) / 2
+            if (kept, completed, u) > (best["kept"], best["completed"], best["u"]) and completed:
+                best = {"kept": kept, "completed": completed, "u": u, "c": (float(c1), c2), "soc": end}
+        del least_w
+    return best
+
+
+def _free(stages: Any) -> Any:
+    return next(stage.sets for stage in stages if not stage.sets[1].fixed)
+
+
+def _charged(battery: Any, power: Any, faults: Any, duration_s: float) -> tuple[float, float]:
+    """State of charge at the end and its lowest on the way, of a power sampled at every step."""
+    volts, resistance = battery.voltage_v, battery.resistance_ohm
+    current = 2 * power / (volts + np.sqrt(volts * volts - 4 * resistance * power))
+    soc = battery.soc - np.cumsum(current) * STEP_S * battery.k_b_per_s / battery.capacity_ah
+    times = np.arange(1, len(power) + 1) * STEP_S
+    for fault in faults:
+        soc = soc - fault["soc_drop"] * (times >= fault["at_s"] - 1e-9)
+    return float(soc[-1]), float(soc.min())
+
+
+# --- the plain rule ---------------------------------------------------------------------------------------------------
+
+
+class LapBudget(StaticPlanner):
+    """At each new lap: what a metre has cost so far, times what is left of the plan, against the charge that is left.
+
+    Takes the highest c1 that fits with the computations at their highest; at the lowest c1, the highest that fits.
+    """
+
+    def __init__(self, settings: PlannerSettings, estimator: Any, mission: Mission) -> None:
+        super().__init__(settings, estimator, mission)
+        self._follower = Follower(mission.plan, mission.parameters, mission.start_m or (0, 0), mission.rules)
+        self._energy_j = self._metres = 0.0
+        self._last: Observation | None = None
+        self._lap = -1
+
+    @property
+    def next_look_s(self) -> float:
+        """At every step."""
+        return 0.0
+
+    def update(self, observation: Observation) -> Decision:
+        """Take an observation; at a new lap, decide."""
+        o = observation
+        if self._last is not None:
+            step_s = o.time_s - self._last.time_s
+            self._metres += math.dist((o.x_m, o.y_m), (self._last.x_m, self._last.y_m))
+            assert o.power_w is not None
+            sets = self._mission.plan.stages[o.stage - 1].sets
+            self._energy_j += (o.power_w - self._mission.computing.power_w(o.parameters, sets)) * step_s
+            for _ in range(o.stages_begun - self._last.stages_begun):
+                self._follower.next_stage(o.parameters)
+        self._last = o
+        if self._follower.lap != self._lap and self._metres > 100:
+            self._lap = self._follower.lap
+            chosen = self._chosen(o)
+            self._decision = self._decision._replace(parameters=chosen)
+            self._follower.decide(chosen)
+        return self._decision
+
+    def _chosen(self, o: Observation) -> tuple[float, ...]:
+        plan, computing, battery = self._mission.plan, self._mission.computing, self._mission.battery
+        box, levels_box = plan.hull(0), plan.hull(1)
+        levels = computing.levels(0, levels_box)
+        motion_w = self._energy_j / o.time_s
+        speed = self._metres / o.time_s
+        for c1, c2 in [
+            *((float(c1), levels[-1]) for c1 in np.linspace(box.hi, box.lo, GRID)),
+            *((box.lo, level) for level in reversed(levels)),
+        ]:
+            try:
+                course = self._follower.course((c1, c2))
+            except Exception:
+                continue
+            seconds = sum(leg.distance_m for leg in course.legs) / speed
+            power = motion_w + computing.power_w((c1, c2), _free(plan.stages))
+            if o.soc + battery.rate_per_s(power) * seconds >= self._settings.reserve_soc:
+                return c1, c2
+        return box.lo, levels[0]
+
+
+class Lowest(StaticPlanner):
+    """Another planner until a time, then the lowest parameters: whether it could still be completed from there."""
+
+    def __init__(self, inner: Any, inputs: FlightInputs, from_s: float) -> None:
+        self._inner, self._from_s = inner, from_s
+        plan = inputs.mission.plan
+        self._lowest = tuple(plan.hull(i).lo for i in range(len(plan.parameters)))
+        self.report = inner.report
+
+    @property
+    def period_s(self) -> float | None:
+        """The inner planner's."""
+        return self._inner.period_s
+
+    @property
+    def next_look_s(self) -> float:
+        """At every step."""
+        return 0.0
+
+    def update(self, observation: Observation) -> Decision:
+        """The inner planner's decision, or the lowest."""
+        if observation.time_s >= self._from_s - 1e-9:
+            return Decision(self._lowest, 0.0)
+        return self._inner.update(observation)
+
+
+def could(plan: str, case: Case, name: str) -> bool:
+    """Whether, at take-off and at each loss, the lowest parameters from there on still finish, as this planner flew."""
+    for at_s in [0.0, *(fault["at_s"] for fault in case.keys["faults"])]:
+        inputs = load(plan, case.keys, **{"planner.name": name})
+        if not flown(inputs, Lowest(inputs.planner(), inputs, at_s))["completed"]:
+            return False
+    return True
+
+
+def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
+    """One mission by every planner."""
+    found, case = task
+    plan = found[case.place]
+    result: dict[str, Any] = {"index": case.index, "place": case.place, "vehicle": case.vehicle, "keys": case.keys}
+    probe = load(plan, case.keys).mission.plan
+    ends = {
+        "highest": {"c1": probe.hull(0).hi, "c2": probe.hull(1).hi},
+        "lowest": {"c1": probe.hull(0).lo, "c2": probe.hull(1).lo},
+    }
+    for name, parameters in ends.items():
+        result[name] = flown(load(plan, {**case.keys, "parameters": parameters}, **{"planner.name": "static"}))
+    for name in ("paper", "joint"):
+        result[name] = flown(load(plan, case.keys, **{"planner.name": name}))
+    inputs = load(plan, case.keys, **{"planner.name": "static"})
+    rule = LapBudget(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
+    result["lap budget"] = flown(inputs, rule)
+    result["hindsight"] = hindsight(plan, case)
+    if not result["joint"]["completed"]:
+        result["could"] = could(plan, case, "joint")
+    return result
+
+
+NAMES = ("highest", "lowest", "paper", "lap budget", "joint", "hindsight")
+
+
+def table(results: list[dict[str, Any]]) -> Iterator[str]:
+    """What came of them."""
+    yield f"{'':<12}{'completed':>10}{'kept':>7}{'U, mean':>9}{'U, worst':>9}{'changes':>9}{'CPU s':>7}"
+    for name in NAMES:
+        rows = [r[name] for r in results]
+        us = [row["u"] for row in rows if row["completed"]]
+        changes = statistics.mean([row.get("changes", 0) for row in rows])
+        cpu = statistics.median([row.get("cpu_s", 0.0) for row in rows])
+        yield (
+            f"{name:<12}{sum(row['completed'] for row in rows):>10}{sum(row['kept'] for row in rows):>7}"
+            f"{statistics.mean(us) if us else 0:>9.3f}{min(us, default=0):>9.3f}{changes:>9.1f}{cpu:>7.2f}"
+        )
+
+
+def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
+    """Joint beside the reference and the rules; a flight that does not complete counts as U = 0."""
+
+    def u(r: dict[str, Any], name: str) -> float:
+        return float(r[name]["u"]) if r[name]["completed"] else 0.0
+
+    lost = [r["index"] for r in results if not r["joint"]["completed"] and r.get("could")]
+    yield f"not completed though it could have been: {len(lost)} {lost or ''}"
+    done = [r for r in results if r["hindsight"]["completed"]]
+    ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in done]
+    total = sum(u(r, "joint") for r in done) / sum(u(r, "hindsight") for r in done)
+    yield f"U of joint over hindsight: mean of ratios {statistics.mean(ratio):.3f}, ratio of means {total:.3f}"
+    short = [
+        r["index"]
+        for r in done
+        if u(r, "joint") < 0.93 * u(r, "hindsight") and u(r, "joint") < u(r, "hindsight") - 0.03
+    ]
+    yield f"below 0.93 of hindsight and by more than 0.03: {len(short)} {short or ''}"
+    for name in ("lap budget", "paper"):
+        worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
+        mean = statistics.mean(u(r, name) for r in results)
+        ours = statistics.mean(u(r, "joint") for r in results)
+        yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; joint worse in {len(worse)} {worse[:20] or ''}"
+
+
+def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
+    """How often the reserve is violated in gusty flights in which charge is short."""
+    rng = np.random.default_rng(seed)
+    tasks = []
+    for _ in range(count):
+        keys = {
+            "vehicle.model": "fixed-wing",
+            "wind.speed_mps": float(rng.uniform(0, 8)),
+            "wind.towards_deg": float(rng.uniform(0, 360)),
+            "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
+            "battery.capacity_ah": float(rng.uniform(0.45, 0.62)),
+            "planner.name": "joint",
+            "planner.reserve_probability": probability,
+            "seed": int(rng.integers(1 << 30)),
+        }
+        tasks.append(keys)
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        ends = list(pool.imap_unordered(_end, tasks, chunksize=4))
+    completed = [end for end in ends if end[0]]
+    violated = sum(end[1] < RESERVE for end in completed)
+    bound = [end for end in completed if end[1] < RESERVE + 0.03]
+    print(f"seed {seed}, {count} flights, stated share {1 - probability:.3f}")
+    print(f"completed {len(completed)}; reserve violated {violated}, {violated / count:.4f} of all")
+    print(f"of the {len(bound)} that end within 0.03 of it: {violated / max(len(bound), 1):.4f}")
+    shares = np.quantile([end[1] for end in completed], [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99])
+    print("SoC at the end, 1 5 25 50 75 95 99 %:", " ".join(f"{value:.4f}" for value in shares))
+
+
+def _end(keys: Mapping[str, Any]) -> tuple[bool, float, float | None]:
+    done = flown(load(str(ROOT / "plans/survey.plan"), keys))
+    return done["completed"], done["soc"], done["u"]
+
+
+def main() -> None:
+    """Run and print."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--missions", type=int, default=200)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--jobs", type=int, default=1)
+    options.add_argument("--only", type=int, nargs="*", help="indices of missions")
+    options.add_argument("--out", help="JSON lines, one mission each")
+    options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
+    options.add_argument("--probability", type=float, default=0.95)
+    given = options.parse_args()
+    if given.reserve:
+        reserve(given.reserve, given.seed, given.jobs, given.probability)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        found = plans(Path(folder))
+        missions = cases(given.missions, given.seed, found)
+        if given.only:
+            missions = [missions[i] for i in given.only]
+        with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+            results = []
+            for result in pool.imap_unordered(run, [(found, case) for case in missions]):
+                results.append(result)
+                if given.out:
+                    with open(given.out, "a") as file:
+                        file.write(json.dumps(result) + "\n")
+    results.sort(key=lambda r: r["index"])
+    print(f"seed {given.seed}, {len(results)} missions")
+    print("\n".join(table(results)))
+    print("\n".join(verdict(results)))
+    for group in sorted({(r["place"], r["vehicle"]) for r in results}):
+        rows = [r for r in results if (r["place"], r["vehicle"]) == group]
+        print(f"\n{group[0]}, {group[1]}: {len(rows)} missions")
+        print("\n".join(table(rows)))
+
+
+if __name__ == "__main__":
+    main()

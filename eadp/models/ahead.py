@@ -1,0 +1,449 @@
+"""What is left of a plan: the stages still to be flown at any parameters, as courses whose times are told in any wind.
+
+A `Follower` keeps the place in the plan as the flight goes through it, told at each new stage; from there it lays out
+the rest for parameters that begin where latched ones would, lap by lap to the plan's own end. So the time that remains
+is the staircase of whole laps, not a straight line between two constants.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.derivatives import PathFunction
+from eadp.core.geometry import CIRCLE, LINE, Point, circle_of, line_of
+from eadp.core.wind import ground_speeds_mps, squared_bank_slopes
+from eadp.errors import EadpError, PathUndefined
+from eadp.models.itinerary import LIVE, Rules, Vector, latch_stage, reaches, shift_at, shifting_stage
+from eadp.models.nominal import Leg, first_beyond_m, leg_length_m, leg_points
+from eadp.models.plan import COMPUTATION, Plan, Stage, point_at
+from eadp.models.walk import LAP_LIMIT, Walk
+
+FloatArray = NDArray[np.float64]
+
+NODES_PER_QUARTER, MOST_NODES = 4, 16
+CURVE_NODES = 24
+SAME_PLACE_M = 1e-6
+
+
+class Nodes(NamedTuple):
+    """Quadrature over a leg: lengths [m], directions of travel, curvatures [1/m]."""
+
+    weights_m: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    curvature_per_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Course:
+    """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
+
+    `parameters` holds for each leg the parameters in force on it; computations there mean nothing.
+    """
+
+    legs: tuple[Leg, ...]
+    parameters: tuple[Vector, ...]
+    nodes: tuple[Nodes, ...]
+
+    @cached_property
+    def _flat(self) -> tuple[Nodes, NDArray[np.intp]]:
+        flat = Nodes(*(np.concatenate(arrays) for arrays in zip(*self.nodes, strict=True)))
+        starts = np.cumsum([0, *(len(nodes.weights_m) for nodes in self.nodes[:-1])])
+        return flat, starts
+
+    def times_s(self, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
+        """Time on each leg, and the time integral of tan² of the bank that it takes.
+
+        Parameters
+        ----------
+        airspeed_mps : float
+            Airspeed [m/s].
+        wind_mps : (float, float)
+            Wind [m/s].
+
+        Returns
+        -------
+        times, turning : array, shape (legs,)
+            [s]; infinite where a leg cannot be flown in this wind.
+
+        Source: ∫ ds/v over each leg, v from the wind triangle.
+        """
+        nodes, starts = self._flat
+        speeds, along = ground_speeds_mps(nodes.cosine, nodes.sine, airspeed_mps, wind_mps)
+        with np.errstate(divide="ignore"):
+            seconds = np.where(speeds > 0.0, nodes.weights_m / np.maximum(speeds, 1e-300), np.inf)
+        slopes = squared_bank_slopes(nodes.curvature_per_m, speeds, along, airspeed_mps)
+        with np.errstate(invalid="ignore"):
+            turning = np.nan_to_num(seconds * slopes, nan=0.0, posinf=0.0)
+        return np.add.reduceat(seconds, starts), np.add.reduceat(turning, starts)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Whether each parameter has a choice on each leg, shape (parameters, legs)."""
+        return np.array([[not box.fixed for box in leg.stage.sets] for leg in self.legs], dtype=bool).T
+
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Share of its set that each parameter has on each leg, shape (parameters, legs); 0 where it has no choice."""
+        pairs = zip(self.legs, self.parameters, strict=True)
+        return np.array(
+            [[box.share(value) or 0.0 for box, value in zip(leg.stage.sets, own, strict=True)] for leg, own in pairs],
+            dtype=float,
+        ).T
+
+    @cached_property
+    def alike(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
+        """Legs whose stages have the same sets: the first of them, and all of them."""
+        return self._grouped([tuple((box.lo, box.hi) for box in leg.stage.sets) for leg in self.legs])
+
+    @cached_property
+    def alike_in_path(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
+        """Legs whose stages have the same sets, with the same parameters in force."""
+        return self._grouped(
+            [
+                (tuple((box.lo, box.hi) for box in leg.stage.sets), own)
+                for leg, own in zip(self.legs, self.parameters, strict=True)
+            ]
+        )
+
+    def _grouped(self, keys: Sequence[object]) -> tuple[tuple[int, NDArray[np.intp]], ...]:
+        groups: dict[object, list[int]] = {}
+        for i, key in enumerate(keys):
+            groups.setdefault(key, []).append(i)
+        return tuple((members[0], np.array(members)) for members in groups.values())
+
+    def after(self) -> Course:
+        """The same without its first leg."""
+        return Course(self.legs[1:], self.parameters[1:], self.nodes[1:])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Which stages it consists of: courses of one shape are parts of one step of the staircase."""
+        return tuple(leg.stage.index for leg in self.legs)
+
+
+class Follower:
+    """Where a flight is in its plan, and what is left from there.
+
+    Parameters
+    ----------
+    plan : Plan
+    parameters : tuple of float
+        At take-off.
+    start_m : (float, float)
+        Where the flight begins [m].
+    rules : Rules
+    """
+
+    def __init__(self, plan: Plan, parameters: Vector, start_m: Point, rules: Rules) -> None:
+        self._plan = plan
+        self._live = rules.parameter_changes == LIVE
+        self._ends_anywhere = rules.box_triggers
+        self._walk = Walk(plan, parameters) if plan.parts else None
+        self._latch = [latch_stage(plan, i) for i in range(len(plan.parameters))]
+        self._shifting = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
+        self._index = 0
+        self._base: Point = (0.0, 0.0)
+        self._decided = self._waiting = tuple(parameters)
+        self._begin = start_m
+        self._geometry: dict[object, _Geometry] = {}
+        self._bound: dict[object, tuple[PathFunction, Point]] = {}
+        self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
+        self.lap = 0
+
+    @property
+    def stage(self) -> Stage:
+        """The stage being flown."""
+        return self._plan.stages[self._index] if self._walk is None else self._walk.place.stage
+
+    @property
+    def before_latch(self) -> bool:
+        """Whether a path parameter decided during this stage takes effect with the next one."""
+        if self._live:
+            return True
+        if self._walk is not None:
+            rest = self._decided[self._plan.path_count :]
+            ends = [(*[end] * self._plan.path_count, *rest) for end in (-math.inf, math.inf)]
+            return any(_takes(copy.copy(self._walk), moved, self._plan.path_count) for moved in ends)
+        n = len(self._plan.stages)
+        following = (self._index + 1) % n if self._plan.repeats else self._index + 1
+        return any(latch in (following, None) for latch in self._latch[: self._plan.path_count])
+
+    def decide(self, parameters: Vector) -> None:
+        """Take parameters that have been decided."""
+        self._decided = tuple(parameters)
+        if self._walk is not None:
+            self._walk.decide(parameters)
+        else:
+            self._waiting = tuple(
+                new if self._live or parameter.kind == COMPUTATION else old
+                for new, old, parameter in zip(parameters, self._waiting, self._plan.parameters, strict=True)
+            )
+
+    def next_stage(self, parameters: Vector) -> None:
+        """The next stage has begun, with parameters in force as observed: they decide where doubt is left.
+
+        Raises
+        ------
+        PathUndefined
+            If the next lap's quantities have no value.
+        """
+        if self._walk is not None:
+            self._next_of_parts(parameters)
+            return
+        rho = self._plan.path_count
+        self._begin = self._trigger(self.stage, self._clipped(self.stage, self._waiting), self._base)
+        if self._index < len(self._plan.stages) - 1:
+            self._index += 1
+        elif self._plan.repeats:
+            self._base = self._shifted(self._base, self._waiting)
+            self.lap += 1
+            self._index = 0
+        else:
+            return
+        self._waiting = self._latched(self._index, self._waiting, self._decided)
+        expected = self._clipped(self.stage, self._waiting)
+        if expected[:rho] != parameters[:rho]:  # a decision has come a moment earlier or later than was thought
+            self._waiting = (*parameters[:rho], *self._waiting[rho:])
+
+    def _next_of_parts(self, parameters: Vector) -> None:
+        assert self._walk is not None
+        if self._walk.done:
+            return
+        rho, before = self._plan.path_count, copy.copy(self._walk)
+        self._begin = self._walk.place.trigger_m()
+        self._walk.next()
+        if not self._walk.done and self._walk.place.parameters[:rho] != parameters[:rho]:
+            before.decide(parameters)
+            before.next()
+            before.decide(self._decided)
+            self._walk = before
+        if not self._walk.done:
+            self.lap = self._walk.place.lap
+
+    def course(self, parameters: Vector) -> Course:
+        """The rest of the plan from the begin of the stage being flown, at parameters decided now.
+
+        Raises
+        ------
+        PathUndefined
+            If a path or trigger has no value, or the plan's end is not reached.
+        """
+        return self._course_of_parts(parameters) if self._walk is not None else self._course_of_laps(parameters)
+
+    # --- laps moved by a shift, and plans flown once
+
+    def _course_of_laps(self, decided: Vector) -> Course:
+        plan, n = self._plan, len(self._plan.stages)
+        index, base, begin = self._index, self._base, self._begin
+        waiting = decided if self._live else self._waiting
+        legs: list[Leg] = []
+        values: list[Vector] = []
+        nodes: list[Nodes] = []
+        for _ in range(LAP_LIMIT * n):
+            stage = plan.stages[index]
+            own = self._clipped(stage, waiting)
+            geometry = self._leg(stage, own, (begin[0] - base[0], begin[1] - base[1]))
+            end = (geometry.end[0] + base[0], geometry.end[1] + base[1])
+            leg = Leg(len(legs), stage, geometry.path, base, begin, end, geometry.length_m)
+            last = index == n - 1
+            whole, over_m = self._end(own, base, leg)
+            values.append(own)
+            if over_m is not None:
+                leg = Leg(leg.lap, stage, leg.path, base, begin, end, leg.length_m, over_m)
+                legs.append(leg)
+                nodes.append(_nodes(leg))
+                return Course(tuple(legs), tuple(values), tuple(nodes))
+            legs.append(leg)
+            nodes.append(geometry.nodes)
+            if last and (not plan.repeats or whole):
+                return Course(tuple(legs), tuple(values), tuple(nodes))
+            if last:
+                base = self._shifted(base, waiting)
+                index = 0
+            else:
+                index += 1
+            waiting = self._latched(index, waiting, decided)
+            begin = end
+        raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+
+    def _end(self, own: Vector, base: Point, leg: Leg) -> tuple[bool, float | None]:
+        """Whether this lap's last trigger ends the plan, and where on this leg the plan is over [m], if it is."""
+        plan = self._plan
+        if not plan.repeats:
+            return False, None
+        final, shift, last = self._ends_at(own)
+        if not self._ends_anywhere and not reaches(
+            (last[0] + base[0], last[1] + base[1]), final, shift, plan.trigger_radius_m
+        ):
+            return False, None
+        if plan.ends_at_trigger and not self._ends_anywhere:
+            return True, None
+        return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m)
+
+    def _ends_at(self, own: Vector) -> tuple[Point, Point, Point]:
+        """Final point, shift, and last trigger of lap 0 at some parameters [m]."""
+        key = own[: self._plan.path_count]
+        if key not in self._ends:
+            final = point_at(self._plan.final_point, own, "the final point")
+            self._ends[key] = final, shift_at(self._plan, own), self._plan.stages[-1].trigger_at(own)
+        return self._ends[key]
+
+    def _shifted(self, base: Point, waiting: Vector) -> Point:
+        values = waiting
+        if self._plan.has_sets:
+            stages = self._plan.stages
+            values = tuple(
+                stages[place].sets[i].clip(value)
+                for i, (place, value) in enumerate(zip(self._shifting, waiting, strict=True))
+            )
+        _, (dx, dy), _ = self._ends_at(values)
+        return base[0] + dx, base[1] + dy
+
+    def _latched(self, begun: int, waiting: Vector, decided: Vector) -> Vector:
+        return tuple(
+            new if latch in (begun, None) else old
+            for new, old, latch in zip(decided, waiting, self._latch, strict=True)
+        )
+
+    def _clipped(self, stage: Stage, values: Vector) -> Vector:
+        if not stage.sets:
+            return values
+        return tuple(box.clip(value) for box, value in zip(stage.sets, values, strict=True))
+
+    def _trigger(self, stage: Stage, own: Vector, base: Point) -> Point:
+        x, y = self._path(stage, own)[1]
+        return x + base[0], y + base[1]
+
+    def _path(self, stage: Stage, own: Vector) -> tuple[PathFunction, Point]:
+        key = (stage.index, own[: self._plan.path_count])
+        if key not in self._bound:
+            self._bound[key] = stage.path_at(own), stage.trigger_at(own)
+        return self._bound[key]
+
+    def _leg(self, stage: Stage, own: Vector, begin: Point) -> _Geometry:
+        """A leg in the frame of lap 0, remembered: laps repeat them."""
+        key = (
+            stage.index,
+            own[: self._plan.path_count],
+            round(begin[0] / SAME_PLACE_M),
+            round(begin[1] / SAME_PLACE_M),
+        )
+        if key not in self._geometry:
+            path, trigger = self._path(stage, own)
+            self._geometry[key] = _geometry(stage, path, begin, trigger)
+        return self._geometry[key]
+
+    # --- parts
+
+    def _course_of_parts(self, decided: Vector) -> Course:
+        assert self._walk is not None
+        walk = copy.copy(self._walk)
+        walk.decide(decided)
+        legs: list[Leg] = []
+        values: list[Vector] = []
+        nodes: list[Nodes] = []
+        begin = self._begin
+        while not walk.done:
+            place = walk.place
+            key = (place.stage.index, place.parameters[: self._plan.path_count], place.state, begin)
+            if key not in self._geometry:
+                self._geometry[key] = _geometry(place.stage, place.path(), begin, place.trigger_m())
+            known = self._geometry[key]
+            legs.append(Leg(place.lap, place.stage, known.path, (0.0, 0.0), begin, known.end, known.length_m))
+            values.append(place.parameters)
+            nodes.append(known.nodes)
+            begin = known.end
+            walk.next()
+        return Course(tuple(legs), tuple(values), tuple(nodes))
+
+
+def _takes(walk: Walk, moved: Vector, rho: int) -> bool:
+    """Whether a walk's next stage takes over path parameters decided now."""
+    before = walk.place.parameters[:rho]
+    walk.decide(moved)
+    try:
+        walk.next()
+    except EadpError:
+        return True
+    return walk.done or walk.place.parameters[:rho] != before
+
+
+class _Geometry(NamedTuple):
+    path: PathFunction
+    end: Point
+    length_m: float
+    nodes: Nodes
+
+
+def _geometry(stage: Stage, path: PathFunction, begin: Point, trigger: Point) -> _Geometry:
+    length_m = leg_length_m(stage, path, begin, trigger)
+    if not math.isfinite(length_m):
+        raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
+    return _Geometry(path, trigger, length_m, _nodes(Leg(0, stage, path, (0.0, 0.0), begin, trigger, length_m)))
+
+
+def left_m(leg: Leg, position: Point, flown_m: float) -> float:
+    """How much of a leg is left at a position [m].
+
+    Parameters
+    ----------
+    leg : Leg
+    position : (float, float)
+        Where the aircraft is [m].
+    flown_m : float
+        About how much of it has been flown [m]: what tells turns round a circle apart, and all there is on a curve.
+    """
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    local, end = (position[0] - ox, position[1] - oy), (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    cut_m = leg.length_m - leg.distance_m
+    if stage.kind == LINE:
+        left = -line_of(leg.path, end, stage.sense).progress_m(local) - cut_m
+    elif stage.kind == CIRCLE:
+        circle = circle_of(leg.path, end, stage.sense)
+        turn_m = 2 * math.pi * circle.radius_m
+        left = circle.radius_m * circle.sweep_rad(local, end) - cut_m
+        left += turn_m * round((leg.distance_m - flown_m - left) / turn_m)
+    else:
+        left = leg.distance_m - flown_m
+    return min(max(left, 0.0), leg.distance_m)
+
+
+# --- nodes ------------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=MOST_NODES + 1)
+def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Legendre nodes and weights over [0, 1]."""
+    places, weights = np.polynomial.legendre.leggauss(count)
+    return (places + 1) / 2, weights / 2
+
+
+def _nodes(leg: Leg) -> Nodes:
+    """Quadrature over what is flown of a leg."""
+    stage, length = leg.stage, leg.distance_m
+    start = (leg.start_m[0] - leg.offset_m[0], leg.start_m[1] - leg.offset_m[1])
+    end = (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1])
+    if stage.kind == LINE:
+        dx, dy = line_of(leg.path, end, stage.sense).direction
+        return Nodes(np.array([length]), np.array([dx]), np.array([dy]), np.zeros(1))
+    if stage.kind == CIRCLE:
+        circle = circle_of(leg.path, end, stage.sense)
+        sweep = length / circle.radius_m
+        count = min(max(2, math.ceil(NODES_PER_QUARTER * sweep / (math.pi / 2))), MOST_NODES)
+        places, weights = _gauss(count)
+        course = circle.angle_rad(start) + circle.turn * (sweep * places + math.pi / 2)
+        curvature = np.full(count, circle.turn / circle.radius_m)
+        return Nodes(weights * length, np.cos(course), np.sin(course), curvature)
+    headings = np.unwrap([point.heading_rad for point in leg_points(leg, max(length / CURVE_NODES, 1e-3))])
+    middle = (headings[1:] + headings[:-1]) / 2
+    step = length / len(middle)
+    return Nodes(np.full(len(middle), step), np.cos(middle), np.sin(middle), np.diff(headings) / max(step, 1e-9))
