@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 _LENGTHS = 12
 _COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
 _SCANNED_PARTS = (0.99999, 0.999, 0.99, 0.93, 0.75, 0.4)
+_LONGEST_SHARE = 1 / 3  # of the time covered: what stays longer cannot be told from the mean
+_LARGEST_RATIO = 2.0
 EULER_GAMMA = 0.5772156649015329
 
 
@@ -37,6 +39,16 @@ class _Turned(NamedTuple):
 
     eigenvalues: FloatArray
     vectors: FloatArray
+    length_s: float
+
+
+class _Model(NamedTuple):
+    """ρK + (1 − ρ)I with ρ the `part`, times a variance [W²]."""
+
+    log_likelihood: float  # restricted
+    part: float
+    variance: float
+    turned: _Turned
 
 
 class Scan(NamedTuple):
@@ -72,15 +84,16 @@ class Bins:
 
     @cached_property
     def _turned(self) -> list[_Turned]:
-        return [_Turned(np.maximum(w, 0.0), v) for w, v in map(np.linalg.eigh, self._correlations())]
+        turned = ((np.linalg.eigh(correlation), length_s) for correlation, length_s in self._correlations())
+        return [_Turned(np.maximum(w, 0.0), v, length_s) for (w, v), length_s in turned]
 
-    def _correlations(self) -> Iterator[FloatArray]:
+    def _correlations(self) -> Iterator[tuple[FloatArray, float]]:
         """Exponential and Matérn-3/2 correlations of the times, from a bin to five spans long."""
         apart = np.abs(self.times_s[:, np.newaxis] - self.times_s)
-        for length_s in np.geomspace(self.width_s, 5 * self.span_s, _LENGTHS):
-            yield np.exp(-apart / length_s)
+        for length_s in np.geomspace(self.width_s, 5 * self.span_s, _LENGTHS).tolist():
+            yield np.exp(-apart / length_s), length_s
             scaled = math.sqrt(3) * apart / length_s
-            yield (1 + scaled) * np.exp(-scaled)
+            yield (1 + scaled) * np.exp(-scaled), length_s
 
     def best_noise(self, designs: Sequence[FloatArray]) -> list[Noise]:
         """For each matrix of columns, the noise model under which the bins are likeliest, coefficients included."""
@@ -93,6 +106,61 @@ class Bins:
                     if likelihood > best[number][0]:
                         best[number] = likelihood, variance, part, turned
         return [Noise(likelihood, _mixed(turned, part), variance) for likelihood, variance, part, turned in best]
+
+    def coefficient_covariance(self, columns: FloatArray) -> FloatArray:
+        """Covariance of least squares' coefficients, whatever the noise may be.
+
+        That of every noise model, averaged by how likely each is: few bins cannot tell slow noise from white. What
+        stays longer than a third of the time they cover cannot be told from the mean either, and does not count; nor
+        does a noise with twice the spread of what the columns leave: it would be nearly a random walk.
+
+        Parameters
+        ----------
+        columns : array, shape (n, m)
+            m < n.
+
+        Returns
+        -------
+        array, shape (m, m)
+            [W²].
+        """
+        inverse = np.linalg.pinv(columns)
+        longest_s = max(self.width_s, _LONGEST_SHARE * self.covered_s)
+        left = self.power_w - columns @ (inverse @ self.power_w)
+        largest = _LARGEST_RATIO**2 * float(left @ left) / (len(left) - columns.shape[1])
+        told = [one for one in self._restricted(columns) if one.turned.length_s <= longest_s]
+        models = [one for one in told if one.variance <= largest] or told
+        likelihood = np.array([one.log_likelihood for one in models])
+        weight = np.exp(likelihood - likelihood.max())
+        total = np.zeros((columns.shape[1], columns.shape[1]))
+        for share, (_, part, variance, turned) in zip(weight / weight.sum(), models, strict=True):
+            # (XᵀX)⁻¹ Xᵀ s²V X (XᵀX)⁻¹
+            back = inverse @ turned.vectors
+            total += share * variance * (back * (part * turned.eigenvalues + 1 - part)) @ back.T
+        return total
+
+    def _restricted(self, columns: FloatArray) -> Iterator[_Model]:
+        """Every noise model with its restricted likelihood: of what the columns cannot follow.
+
+        The full likelihood would take noise that the columns have followed for noise that is not there.
+
+        Source: Patterson and Thompson 1971.
+        """
+        n, m = columns.shape
+        for turned in self._turned:
+            turned_columns, turned_power = turned.vectors.T @ columns, turned.vectors.T @ self.power_w
+            for part in _COLOURED_PARTS.tolist():
+                spread = part * turned.eigenvalues + (1 - part)
+                root = 1 / np.sqrt(spread)
+                basis, factor = np.linalg.qr(turned_columns * root[:, np.newaxis])
+                target = turned_power * root
+                left = target - basis @ (basis.T @ target)
+                # rounding is no noise: a clean signal keeps a billionth of its variance
+                error = max(float(left @ left), 1e-9 * float(self.power_w @ self.power_w), 1e-200)
+                volume = 2 * float(np.log(np.maximum(np.abs(np.diag(factor)), 1e-150)).sum())
+                # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
+                likelihood = -0.5 * ((n - m) * math.log(error) + float(np.log(spread).sum()) + volume)
+                yield _Model(likelihood, part, error / (n - m), turned)
 
     def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[Scan]:
         """Likelihood of every order at every frequency, for each of several powers.

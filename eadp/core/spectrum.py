@@ -78,6 +78,7 @@ _WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 
 _WHITE = 1.3  # an inflation up to which noise counts as white
 _CLEAN = 0.01  # of the variance
 _PICTURE_BINS = 2000
+_MEAN_BINS = 120
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,8 @@ def analyse(
     frequency_hz = _search(samples, shortest_s, longest_s)
     frequency_hz, free_order = _refine(samples, frequency_hz)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
-    if free_r2 < MIN_CV_R2:
+    # a search of everything ends here where nothing is forecast; near a prior the likelihood may still know better
+    if free_r2 < MIN_CV_R2 and period_prior_s is None:
         return _aperiodic(samples, mean_w, spread_w, free_r2, frequency_hz)
     found = _judge(samples, frequency_hz, free_order, shortest_s, longest_s)
     inside = shortest_s / BEYOND <= 1 / found.frequency_hz <= longest_s * BEYOND
@@ -455,7 +457,8 @@ def _is_part(index: int, of: int) -> bool:
 def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
     """The best local minima of the held-out error over a scan of the whole range."""
     errors = []
-    for chunk in np.array_split(index, 8 + len(index) // 300):  # a few MB, and one order, at a time
+    # a few MB, and one order, at a time; near a prior there may be few frequencies
+    for chunk in np.array_split(index, min(len(index), 8 + len(index) // 300)):
         order = _max_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
         errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
     error = np.concatenate(errors)
@@ -683,11 +686,8 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Sp
 
 def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
     """Standard deviations of the mean and of the amplitudes in the noise as it was fitted [W]."""
-    bins, noise = found.evidence.bins, found.evidence.noise
-    columns = design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2)
-    # least squares' own sandwich: (XᵀX)⁻¹ XᵀCX (XᵀX)⁻¹
-    inverse = np.linalg.pinv(columns)
-    covariance = noise.variance * inverse @ noise.correlation @ inverse.T
+    bins = found.evidence.bins
+    covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2))
     covariance *= min(1.0, bins.covered_s / samples.span_s)  # the bins may be the middle of the log alone
     amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
     along = np.zeros((len(amplitude), len(fitted)))
@@ -718,9 +718,9 @@ def _aperiodic(
 
 
 def _mean_std_w(samples: _Samples) -> float:
-    """Standard deviation of the mean of the samples, from that of the blocks' means [W]."""
-    means = np.add.reduceat(samples.power_w, samples.edges[:-1]) / np.diff(samples.edges)
-    return float(np.std(means, ddof=1)) / math.sqrt(_BLOCKS)
+    """Standard deviation of the mean of the samples, in noise of any colour [W]."""
+    bins = binned(samples.times_s, samples.power_w, samples.span_s / _MEAN_BINS, samples.span_s)
+    return math.sqrt(float(bins.coefficient_covariance(np.ones((len(bins.times_s), 1)))[0, 0]))
 
 
 # ---- for a picture -----------------------------------------------------------------------------------------------

@@ -140,7 +140,7 @@ def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
 def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
     """x, east, and y, north, at the battery's times."""
     for kind, table in tables.columns.items():
-        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table):
+        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
             return _at(_time_us(name, table), np.stack([table["y"], table["x"]], axis=1), time_us)
     for kind in ("POS", "GPS"):
         table = tables.columns.get(kind, {})

@@ -73,12 +73,17 @@ def _draw_residual(axes: Axes, fitted: Fitted) -> None:
 
 def _draw_scores(axes: Axes, fitted: Fitted) -> None:
     period_s, r2 = scores(fitted.times_s, fitted.power_w, fitted.model.order or 1)
-    axes.plot(period_s, np.maximum(r2, -0.25), color=COLOURS[0], linewidth=0.9)
+    axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
-    if fitted.model.period_s is not None:
-        axes.axvline(fitted.model.period_s, color=COLOURS[1], linewidth=1.2, label=f"{fitted.model.period_s:.5g} s")
+    best_s, counts = fitted.spectrum.period_s, fitted.model.periodic
+    if math.isfinite(best_s):
+        name = f"{best_s:.5g} s" if counts else f"the best, {best_s:.4g} s: it does not count"
+        axes.axvline(
+            best_s, color=COLOURS[1] if counts else GREY, linewidth=1.2, dashes=() if counts else (4, 3), label=name
+        )
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.set_ylim(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max()))))
     axes.set_xlabel("period [s]")
     axes.set_ylabel("R² of blocks held out")
@@ -86,15 +91,24 @@ def _draw_scores(axes: Axes, fitted: Fitted) -> None:
 
 
 def _draw_lap(axes: Axes, fitted: Fitted) -> None:
-    axes.set_title("One lap", loc="left", fontsize=10)
-    if fitted.model.period_s is None:
+    best_s, counts = fitted.spectrum.period_s, fitted.model.periodic
+    axes.set_title("One lap" if counts else "One lap, if the best period were one", loc="left", fontsize=10)
+    if not math.isfinite(best_s):
         axes.text(0.5, 0.5, "no period", transform=axes.transAxes, ha="center", va="center", color=GREY)
         axes.set_axis_off()
         return
     every = math.ceil(len(fitted.times_s) / POINTS)
-    turn = fitted.times_s[::every] % fitted.model.period_s
-    axes.plot(turn, fitted.power_w[::every], ".", color=COLOURS[0], markersize=2.5, alpha=0.4, label="samples")
-    times = np.linspace(0, fitted.model.period_s, 400)
+    turn = fitted.times_s[::every] % best_s
+    axes.plot(
+        turn,
+        fitted.power_w[::every],
+        ".",
+        color=COLOURS[0] if counts else GREY,
+        markersize=2.5,
+        alpha=0.4,
+        label="samples",
+    )
+    times = np.linspace(0, best_s, 400)
     axes.plot(times, fitted.model.power_w(times), color=COLOURS[1], linewidth=1.5, label="fit")
     axes.set_xlabel("time in the lap [s]")
     axes.set_ylabel("power [W]")

@@ -65,6 +65,39 @@ def test_errors_of_every_order_are_those_of_its_own_least_squares() -> None:
             assert volume[i, order] == pytest.approx(np.linalg.slogdet(columns.T @ columns)[1], abs=1e-5)
 
 
+def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_likelihood() -> None:
+    table = bins(2)
+    columns = design_matrix(table.times_s, 1 / 30, 1)
+    fitted, *_ = np.linalg.lstsq(columns, table.power_w)
+    left = float(np.sum((table.power_w - columns @ fitted) ** 2)) / (N - 3)
+    back = np.linalg.inv(columns.T @ columns) @ columns.T
+    likelihoods, covariances = [], []
+    for turned, k in zip(table._turned, correlations(table), strict=True):
+        for part in _COLOURED_PARTS:
+            correlation = part * k + (1 - part) * np.eye(N)
+            whitened = solve(correlation, columns)
+            residual = table.power_w - columns @ solve(columns.T @ whitened, whitened.T @ table.power_w)
+            variance = float(residual @ solve(correlation, residual)) / (N - 3)
+            if turned.length_s <= table.covered_s / 3 and variance <= 4 * left:
+                likelihoods.append(dense_likelihood(table.power_w, columns, correlation)[1])
+                covariances.append(back @ (variance * correlation) @ back.T)
+    weight = np.exp(np.array(likelihoods) - max(likelihoods))
+    expected = np.einsum("k,kij->ij", weight / weight.sum(), np.array(covariances))
+    np.testing.assert_allclose(table.coefficient_covariance(columns), expected, rtol=1e-4, atol=1e-9)
+
+
+def test_covariance_in_white_noise_is_least_squares_own() -> None:
+    rng = np.random.default_rng(8)
+    times = np.linspace(0, 100, 200)
+    columns = design_matrix(times, 1 / 30, 2)
+    ratios = []
+    for _ in range(10):
+        table = Bins(times, 0.5 * rng.normal(size=200), 0.5, 100.0, 1.0)
+        own = 0.25 * np.linalg.inv(columns.T @ columns)
+        ratios.append(np.diag(table.coefficient_covariance(columns)) / np.diag(own))
+    assert np.median(ratios) == pytest.approx(1, abs=0.25)
+
+
 def test_scan_finds_the_wave_in_the_noise() -> None:
     table = bins()
     frequency = np.linspace(0.02, 0.1, 41)

@@ -366,6 +366,26 @@ def test_a_prior_confines_the_search() -> None:
     assert analyse(times, power, period_prior_s=24).period_s == pytest.approx(PERIOD_S / 2, rel=0.02)
 
 
+def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
+    times = sampled(5)
+    # within a factor of 1.3 of the prior, but for a thousandth of it, is more than the log has
+    found = analyse(times, noisy(times), period_prior_s=1.299 * times[-1] / 1.9)
+    assert not found.periodic
+
+
+@pytest.mark.parametrize("time_s", [0.0, 5.0, 15.0])
+def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float) -> None:
+    n, memory = 400, math.exp(-0.5 / time_s) if time_s else 0.0
+    inside = []
+    for seed in range(40):
+        draws = np.random.default_rng([7, seed]).normal(size=n + 2000)
+        noise = np.asarray(lfilter([math.sqrt(1 - memory**2)], [1, -memory], draws))[-n:]
+        found = analyse(0.5 * np.arange(n), MEAN_W + noise)
+        inside.append(abs(found.mean_w - MEAN_W) <= 1.96 * found.mean_std_w or found.periodic)
+    # of 40 at 95 % less than 33 come with a chance of 0.1 %
+    assert sum(inside) >= 33
+
+
 def test_a_period_that_does_not_fit_twice_does_not_count() -> None:
     times = sampled(1.5)
     found = analyse(times, noisy(times, std_w=0.1, terms=((2.1, 0.8),)))
