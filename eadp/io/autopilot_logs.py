@@ -188,7 +188,8 @@ def _columns(rows: list[bytes], dtype: np.dtype[np.void], per: dict[str, float])
     size = dtype.itemsize
     table = np.frombuffer(b"".join(row[:size].ljust(size, b"\0") for row in rows), dtype)
     plain = [label for label in dtype.names or () if dtype[label].kind != "V"]
-    return {label: table[label].astype(float) / per.get(label, 1.0) for label in plain}
+    with np.errstate(invalid="ignore"):  # rubbish may be a signalling NaN
+        return {label: table[label].astype(float) / per.get(label, 1.0) for label in plain}
 
 
 def read_dataflash(name: str, data: bytes, kinds: Collection[str]) -> Tables:
