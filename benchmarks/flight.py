@@ -5,6 +5,9 @@ usage: python benchmarks/flight.py [--runs 5] [--peer-steps 5000]
 The peer is the published step written down as the papers print it: numpy matrices for the guidance and the filter, one
 step after the other. It flies the first steps of the same flight in the same process, so that the ratio of CPU time per
 step travels between machines; how far the two are apart shows that both fly the same. Memory is the process's peak.
+
+Then the loop alone, with no filter, no planner and no log, compiled (`eadp[fast]`) and plain: the same flight with its
+battery drained, as a replayed charge is not compiled.
 """
 
 from __future__ import annotations
@@ -13,12 +16,16 @@ import argparse
 import math
 import resource
 import statistics
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from eadp.core import compiled
 from eadp.io.flight_inputs import load_flight
+from eadp.models.itinerary import Vector
+from eadp.planning.planners import Decision, Observation, SolverReport
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,6 +41,39 @@ def ours() -> tuple[float, int, list[tuple[float, float]]]:
     steps = list(fly(inputs.world, planner, outcome))
     spent = time.process_time() - started
     return spent, round(outcome.duration_s / inputs.world.step_s), [(step.x_m, step.y_m) for step in steps]
+
+
+class Nobody:
+    """A planner that is never asked again and hears no sensor."""
+
+    def __init__(self, parameters: Vector) -> None:
+        self.report = SolverReport()
+        self.period_s = None
+        self.reading_every_s = self.next_look_s = math.inf
+        self._decision = Decision(parameters, 0.0)
+
+    def update(self, _observation: Observation) -> Decision:
+        """Keep the parameters."""
+        return self._decision
+
+    listen = None
+
+
+def alone(*, fast: bool) -> tuple[float, float]:
+    """CPU seconds of a flight with the loop alone, and its duration [s]."""
+    compiled.switch_on(fast)
+    keys = {"planner.name": "static", "faults": [], "log_every_s": 1e9, "battery.capacity_ah": 100}
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
+    )
+    planner, outcome = Nobody(inputs.world.parameters), Outcome()
+    started = time.process_time()
+    for _ in fly(inputs.world, planner, outcome):
+        pass
+    spent = time.process_time() - started
+    compiled.switch_on(False)
+    assert outcome.completed
+    return spent, outcome.duration_s
 
 
 def transcribed(count: int) -> tuple[float, list[tuple[float, float]]]:
@@ -101,6 +141,8 @@ def transcribed(count: int) -> tuple[float, list[tuple[float, float]]]:
 
 def main() -> None:
     """Print the figures of median runs."""
+    # a benchmark beside this one has the name of a library that numba looks for
+    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--peer-steps", type=int, default=5000)
@@ -120,6 +162,14 @@ def main() -> None:
     print(f"  ratio          {per_peer_step / per_step:>10.1f}")
     print(f"  apart          {gap:>10.2g} m at most over the first {arguments.peer_steps} steps")
     print(f"  memory         {memory_mb:>10.0f} MB at most (aim: {TARGET_MB})")
+    print("the loop alone")
+    for fast in (True, False) if compiled.available() else (False,):
+        alone(fast=fast)  # compiled
+        times, lasted = zip(*(alone(fast=fast) for _ in range(arguments.runs)), strict=True)
+        spent = statistics.median(times)
+        name = "compiled" if fast else "plain"
+        step_ns = 1e9 * spent / (lasted[0] / 0.01)
+        print(f"  {name:8}       {1e3 * spent:>10.1f} ms for {lasted[0]:.0f} s, {step_ns:.0f} ns a step")
 
 
 if __name__ == "__main__":

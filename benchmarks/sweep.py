@@ -1,25 +1,30 @@
-"""What a sweep costs beside its flights: throughput, two workers beside one, memory, and what survives being killed.
+"""What a sweep costs: flights per core-second and where the time goes, workers, memory, and what survives being killed.
 
-usage: python benchmarks/sweep.py [--flights 10 100] [--nothing 20000] [--kills 20] [--seconds 120] [--seed 0]
+usage: python benchmarks/sweep.py [--planner static paper] [--flights 10 100] [--workers 100] [--nothing 20000]
+                                  [--kills 20] [--seconds 120] [--seed 0]
 
-- flights per core-second: `survey.plan` in wind with a battery that drains, a sample of wind and capacity, in this
-  process; CPU time of all that a sweep does from the first run to the last stored row, beside that of the flights alone
-- two workers: wall time of the same flights with one worker and with two, turn and turn about; meaningful only where
-  two cores are free (the CPU time per flight says whether they were)
+- flights per core-second: `survey.plan`, vehicle `fixed-wing`, wind and capacity drawn, no log; compiled (`eadp[fast]`)
+  and plain, in this process; CPU time from the first run to the last stored row, and how much of it is not flying
+- where the time goes: CPU time in the stretches (of which the triggers: by flying without), the estimator, the planner
+  and the rest
+- compiling: import of numba, the first flight of a process with nothing kept, and with machine code kept
+- mission length: whole flights of the survey with its final point 1, 4 and 16 times as many laps away
+- two workers: wall time of the same flights with one worker and with two, turn and turn about, as pools and as a Dask
+  cluster; meaningful only where two cores are free (the CPU time per flight says whether they were)
 - overhead: runs that fly nothing, made in this process and in a pool of one, stored in a file; time per run
-- memory: largest resident set of a worker after a hundred flights, beside a Python that has imported the same
+- memory: largest resident set of a worker after many flights, beside a Python that has imported the same
 - kill -9 at random moments of a sweep that writes all the time, started again each time: from the begin of the process,
   and every other time within a second of its first row; rows that are lost, or made twice, at the end (0 and 0 are
   expected), and the state of the file
 
-A hundred flights take about a minute of CPU; `--flights 10 100 1000` adds ten. Exit code 1 if anything is lost or made
-twice.
+`--flights 10 100 1000` takes some minutes more. Exit code 1 if anything is lost or made twice.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import random
 import resource
@@ -30,20 +35,33 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from eadp.core import compiled
+from eadp.io.flight_inputs import FlightInputs, load_flight
 from eadp.io.results import Results
 from eadp.io.sweep_file import Sweep, read_sweep
-from eadp.io.sweep_run import FlyRun
-from eadp.simulation.engines import Here, Make, Pool
+from eadp.io.sweep_run import FlyRun, KeptFiles
+from eadp.models.itinerary import ENDS, FIRES_IN, PASSED_BY, TRIGGER, Itinerary
+from eadp.planning.estimator import ExactEstimator
+from eadp.simulation.aircraft import constants_of, state_of
+from eadp.simulation.engines import Cluster, Here, Make, Pool
+from eadp.simulation.loop import Outcome, World, fly
+from eadp.simulation.stretch import Stretches
 from eadp.simulation.sweep import Result, Run, make_runs
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
 plan: {root}/plans/survey.plan
 scenario: {root}/scenarios/survey.yaml
+grid: {{vehicle.model: [fixed-wing], planner: [{planner}]}}
 sample:
   runs: {runs}
   seed: {seed}
@@ -68,7 +86,12 @@ def nothing(_: Run) -> Result:
 
 def resident_mb(_: Run) -> Result:
     """The largest resident set of the process that makes this run [MB]."""
-    return Result({**NOTHING, "duration_s": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024})
+    try:  # the kernel's other figure is inherited from the process that started this one
+        lines = Path("/proc/self/status").read_text().splitlines()
+        kilobytes = float(next(line for line in lines if line.startswith("VmHWM")).split()[1])
+    except (OSError, StopIteration):
+        kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return Result({**NOTHING, "duration_s": kilobytes / 1024})
 
 
 class FlyAndTime:
@@ -102,10 +125,10 @@ def cpu_s() -> float:
     return mine.ru_utime + mine.ru_stime + theirs.ru_utime + theirs.ru_stime
 
 
-def sampled(folder: Path, runs: int, seed: int) -> Sweep:
+def sampled(folder: Path, runs: int, seed: int, planner: str = "static") -> Sweep:
     """A sweep of so many flights."""
-    path = folder / f"sweep-{runs}.yaml"
-    path.write_text(SWEEP.format(root=ROOT, runs=runs, seed=seed))
+    path = folder / f"sweep-{planner}-{runs}.yaml"
+    path.write_text(SWEEP.format(root=ROOT, runs=runs, seed=seed, planner=planner))
     return read_sweep(str(path))
 
 
@@ -131,32 +154,224 @@ def measured(call: Callable[[], list[Result]]) -> tuple[float, float, list[Resul
 # --- parts
 
 
-def throughput(folder: Path, counts: list[int], seed: int) -> None:
-    """Flights per core-second."""
-    print("flights  CPU [s]  flights per core-second  of it flying")
-    for count in counts:
-        sweep = sampled(folder, count, seed)
-        fly = FlyAndTime(FlyRun(sweep.kept))
-        _, cpu, results = measured(partial(swept, sweep, fly, 0, folder / f"{count}.db"))
+def throughput(folder: Path, planner: str, counts: list[int], seed: int) -> None:
+    """Flights per core-second, compiled and plain; of plain ones no more than the fewest."""
+    print(f"\nplanner {planner}")
+    print("  flights            CPU [s]  flights per core-second  ms each  of it not flying")
+    wanted = [(True, count) for count in counts] if compiled.available() else []
+    for fast, count in [*wanted, (False, min(counts))]:
+        sweep = sampled(folder, count, seed, planner)
+        fly = FlyAndTime(FlyRun(sweep.kept, fast=fast))
+        fly(sweep.run(0))  # compiled, parsed
+        fly.cpu_s = 0.0
+        _, cpu, results = measured(partial(swept, sweep, fly, 0, folder / f"{planner}-{fast}-{count}.db"))
         assert not any(result.error for result in results)
-        print(f"{count:7d}  {cpu:7.1f}  {count / cpu:23.2f}  {100 * fly.cpu_s / cpu:10.2f} %")
+        name = "compiled" if fast else "plain"
+        rate, each, rest = count / cpu, 1e3 * cpu / count, 1e3 * (cpu - fly.cpu_s) / count
+        print(f"  {count:7d} {name:8}  {cpu:8.2f}  {rate:23.1f}  {each:7.1f}  {rest:13.2f} ms")
+
+
+class Clocks:
+    """CPU time of some methods, each without what it calls of the others [s]."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = defaultdict(float)
+        self._within: list[str] = []
+        self._since = time.process_time()
+
+    def _switch(self) -> None:
+        now = time.process_time()
+        self.spent[self._within[-1] if self._within else "rest"] += now - self._since
+        self._since = now
+
+    @contextlib.contextmanager
+    def measuring(self, methods: dict[str, list[tuple[type, str]]]) -> Iterator[None]:
+        """Measure methods by name."""
+        before = [(owner, method, getattr(owner, method)) for pairs in methods.values() for owner, method in pairs]
+        for name, pairs in methods.items():
+            for owner, method in pairs:
+                setattr(owner, method, self._clocked(name, getattr(owner, method)))
+        self._since = time.process_time()
+        try:
+            yield
+        finally:
+            self._switch()
+            for owner, method, function in before:
+                setattr(owner, method, function)
+
+    def _clocked(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def clocked(*arguments: Any, **named: Any) -> Any:
+            self._switch()
+            self._within.append(name)
+            try:
+                return function(*arguments, **named)
+            finally:
+                self._switch()
+                self._within.pop()
+
+        return clocked
+
+
+def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
+    """Where the time of a flight goes."""
+    sweep = sampled(folder, count, seed, planner)
+    runs = [sweep.run(index) for index in range(count)]
+    kind = type(sweep.kept.load(runs[0]).planner())
+    parts: dict[str, list[tuple[type, str]]] = {
+        "stretches": [(Stretches, "run")],
+        "stages": [(Itinerary, "follow"), (Itinerary, "decide"), (Stretches, "along")],
+        "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "listen") if name in vars(owner)],
+        "estimator": [(ExactEstimator, name) for name in ("observe", "observe_all", "lap", "begin_lap", "forecast")],
+        "inputs": [(KeptFiles, "load"), (FlightInputs, "planner")],
+    }
+    print("  where it goes, ms a flight:", end="")
+    for fast in (True, False) if compiled.available() else (False,):
+        fly, clocks = FlyRun(sweep.kept, fast=fast), Clocks()
+        fly(runs[0])
+        with clocks.measuring(parts):
+            for run in runs:
+                fly(run)
+        each = {name: 1e3 * clocks.spent[name] / count for name in (*parts, "rest")}
+        print(f"\n    {'compiled' if fast else 'plain':8}", *(f"{name} {ms:.1f}" for name, ms in each.items()), end="")
+        share = trigger_share(sweep.kept.load(runs[0]).world, fast)
+        print(f"; of the stretches the triggers take {100 * share:.0f} %", end="")
+    print()
+
+
+def trigger_share(world: World, fast: bool) -> float:
+    """How much of a stretch's time goes away where nothing is watched."""
+    compiled.switch_on(fast)
+    steps, spent = 100_000 if fast else 10_000, {}
+    for _ in range(3):
+        for watching in (True, False):
+            itinerary = Itinerary(world.plan, world.parameters, world.start_m, world.rules)
+            if watching:  # of a trigger that does not fire: a circle without end, a disc of no size
+                itinerary.watch[PASSED_BY + 4], itinerary.watch[TRIGGER + 3] = math.inf, -1.0
+            else:
+                itinerary.watch[FIRES_IN] = itinerary.watch[ENDS] = 0.0
+            begin = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
+            stretches = Stretches(
+                state_of(world.vehicle, *begin),
+                constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
+                replace(world.battery, capacity_ah=1e6),
+                world.wind,
+                np.random.default_rng(0),
+            )
+            stretches.sense(1 << 40, 0)
+            stretches.along(itinerary, 0.0)
+            stretches.run(0, 1)
+            begun = time.process_time()
+            k, _ = stretches.run(1, steps)
+            assert k == steps
+            spent[watching] = min(time.process_time() - begun, spent.get(watching, math.inf))
+    print(f" ({1e9 * spent[True] / steps:.0f} ns a step)", end="")
+    return 1 - spent[False] / spent[True]
+
+
+def compiling() -> None:
+    """What the first flight of a process costs, in processes of its own."""
+    if not compiled.available():
+        print("\ncompiling: numba is not installed (eadp[fast])")
+        return
+    first = (
+        "import time; t = time.process_time(); import numba; n = time.process_time() - t;"
+        "from eadp.core import compiled; from eadp.io.flight_inputs import load_flight;"
+        "from eadp.simulation.loop import Outcome, fly; compiled.switch_on();"
+        f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
+        "overrides={'planner.name': 'static', 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9});"
+        "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome())); a = time.process_time() - t;"
+        "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome()));"
+        "print(n, a, time.process_time() - t)"
+    )
+    print("\ncompiling, CPU s:")
+    with tempfile.TemporaryDirectory() as kept:
+        for name in ("nothing kept", "kept"):
+            environment = {**os.environ, "NUMBA_CACHE_DIR": kept}
+            answer = subprocess.run(
+                [sys.executable, "-c", first], capture_output=True, text=True, check=True, env=environment
+            )
+            imported, flight, second = map(float, answer.stdout.split())
+            print(f"  {name:12}  import of numba {imported:.2f}, first flight {flight:.2f}, second {second:.3f}")
+
+
+def growth(planner: str) -> None:
+    """A flight of the survey with its final point farther and farther away."""
+    print(f"\nmission length, planner {planner}:")
+    far, first = 175 - 35, 0.0
+    for times in (1, 4, 16):
+        text = (ROOT / "plans/survey.plan").read_text()
+        assert "175, 161" in text
+        with tempfile.NamedTemporaryFile("w", suffix=".plan") as file:
+            # laps are (10, 1) m apart
+            file.write(text.replace("175, 161", f"{35 + times * far}, {147 + times * 14}"))
+            file.flush()
+            # a battery that lasts, and whose charge falls as far in each flight
+            overrides = {
+                "vehicle.model": "fixed-wing",
+                "planner.name": planner,
+                "battery.capacity_ah": 1.0 * times,
+                "log_every_s": 1e9,
+                "time_limit_s": 1e5,
+                "faults": [],
+            }
+            inputs = load_flight(file.name, scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
+        compiled.switch_on()
+        spent = []
+        for _ in range(3):
+            pilot, outcome = inputs.planner(), Outcome()
+            begun = time.process_time()
+            for _ in fly(inputs.world, pilot, outcome):
+                pass
+            spent.append(time.process_time() - begun)
+        assert outcome.completed, outcome.reason
+        each = statistics.median(spent)
+        first = first or each / outcome.duration_s
+        print(f"  {times:2d} times: {outcome.duration_s:7.0f} s flown in {1e3 * each:6.1f} ms: ", end="")
+        second = each / outcome.duration_s
+        print(f"{1e6 * second:.0f} us for each second, {second / first:.2f} of the first's")
 
 
 def two_workers(folder: Path, count: int, seed: int) -> None:
-    """One worker beside two, both as pools; each twice, in turn."""
+    """One worker beside two, as pools and as a cluster; each twice, in turn. Start of workers included, then not."""
     sweep = sampled(folder, count, seed)
     make = FlyRun(sweep.kept)
-    walls: dict[int, list[float]] = {1: [], 2: []}
-    cpus: dict[int, list[float]] = {1: [], 2: []}
+    walls: dict[tuple[str, int], list[float]] = defaultdict(list)
+    cpus: dict[tuple[str, int], list[float]] = defaultdict(list)
     for _ in range(2):
         for jobs in (1, 2):
             wall, cpu, _ = measured(partial(swept, sweep, make, jobs, None))
-            walls[jobs].append(wall)
-            cpus[jobs].append(cpu)
-    one, two = min(walls[1]), min(walls[2])
-    print(f"\ntwo workers: {count} flights in {two:.1f} s, one worker {one:.1f} s: ratio {one / two:.2f}, ", end="")
-    print(f"efficiency {100 * one / two / 2:.0f} %; CPU {min(cpus[2]):.1f} s beside {min(cpus[1]):.1f} s")
-    print(f"  (start of processes included; {os.getloadavg()[0]:.1f} processes want {os.cpu_count()} cores)")
+            walls["pool", jobs].append(wall)
+            cpus["pool", jobs].append(cpu)
+            for name, value in clustered(sweep, make, jobs).items():
+                walls[name, jobs].append(value)
+    print(f"\ntwo workers, {count} flights ({os.getloadavg()[0]:.1f} processes want {os.cpu_count()} cores):")
+    for name in dict.fromkeys(name for name, _ in walls):
+        one, two = min(walls[name, 1]), min(walls[name, 2])
+        print(f"  {name:26} {one:6.2f} s and {two:6.2f} s: efficiency {100 * one / two / 2:.0f} %", end="")
+        both = (min(cpus[name, jobs]) for jobs in (1, 2)) if (name, 1) in cpus else ()
+        print(*(f"; CPU {cpu:.2f} s" for cpu in both))
+
+
+def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
+    """Wall time on a local Dask cluster [s]: of its first flights, which load what is needed, and of as many more."""
+    try:
+        from distributed import LocalCluster
+    except ImportError:
+        return {}
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        walls = {}
+        engine = Cluster(make, cluster.scheduler_address)
+        try:
+            for name in ("cluster, first flights", "cluster, once it is warm"):
+                begun = time.perf_counter()
+                with contextlib.closing(Results(None)) as results:
+                    runs = [sweep.run(index) for index in range(len(sweep.design))]
+                    results.expect(run.key for run in runs)
+                    assert len(list(make_runs(runs, engine, results))) == len(runs)
+                walls[name] = time.perf_counter() - begun
+        finally:
+            engine.close()
+        return walls
 
 
 def overhead(folder: Path, count: int) -> None:
@@ -237,17 +452,26 @@ def rows(path: Path) -> int:
 def main() -> int:
     """Everything in turn."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--planner", nargs="+", default=["static", "paper"], help="static, paper, joint")
     parser.add_argument("--flights", type=int, nargs="+", default=[10, 100], help="sizes of sweeps that fly")
+    parser.add_argument("--workers", type=int, default=100, help="flights of one and of two workers; 0 for none")
     parser.add_argument("--nothing", type=int, default=20000, help="runs that fly nothing")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=120.0, help="most that the sweep that was killed may take")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # a benchmark beside this one has the name of a library that numba looks for
+    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        throughput(folder, asked.flights, asked.seed)
-        two_workers(folder, 20, asked.seed)
+        for planner in asked.planner:
+            throughput(folder, planner, asked.flights, asked.seed)
+            breakdown(folder, planner, 10, asked.seed)
+            growth(planner)
+        compiling()
+        if asked.workers:
+            two_workers(folder, asked.workers, asked.seed)
         overhead(folder, asked.nothing)
         memory(folder, 20, asked.seed)
         sound = kills(folder, asked.kills, asked.seconds, asked.seed) if asked.kills else True

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammainc
 
+from eadp.core.compiled import is_on, quick
+
 FloatArray = NDArray[np.float64]
 
 SAMPLES = 1024
@@ -31,6 +33,7 @@ _NEAR = np.linspace(-1.0, 1.0, 5)
 _ZOOMS = 3
 _MOST_LOGIT = 12.0
 _FORGOTTEN = 40.0
+_LEAST_NOISE = 1e-12
 
 
 def rate_per_s(time_s: float) -> float:
@@ -202,6 +205,9 @@ def _likelihoods(
     steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
     """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
+    if is_on():
+        gram, log_spread = quick(_grams)(_scaled_transitions(steps_s, time_s), series, share)
+        return _restricted(gram, log_spread, len(series), least)
     innovations, spread = _innovations(steps_s, series, time_s, share)
     root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
     gram = root.transpose(0, 2, 1) @ root
@@ -248,7 +254,7 @@ def _innovations(
     carried = np.zeros((len(time_s), 2, size + 2))
     left = np.zeros((len(series), len(time_s), size + 2))
     left[:, :, :size], left[:, :, size] = series[:, np.newaxis, :], share
-    noise = 1 - share + 1e-12
+    noise = 1 - share + _LEAST_NOISE
     for n, row in enumerate(left):
         if n:
             step = phi[n - 1]
@@ -259,6 +265,44 @@ def _innovations(
         gain = row[:, size:] / (row[:, size] + noise)[:, np.newaxis]
         carried += gain[:, :, np.newaxis] * row[:, np.newaxis, :]
     return left[:, :, :size], left[:, :, size] + noise
+
+
+def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Σ e eᵀ/S of every candidate, shape (k, p + 1, p + 1), and Σ ln S: `_innovations` one candidate after the other.
+
+    What is quick compiled; `_innovations` takes all candidates at once, which is quick without.
+    """
+    count, size = series.shape
+    gram = np.zeros((len(share), size, size))
+    log_spread = np.zeros(len(share))
+    x, row = np.zeros((2, size + 2)), np.zeros(size + 2)
+    for j in range(len(share)):
+        x[:] = 0.0
+        noise = 1 - share[j] + _LEAST_NOISE
+        for n in range(count):
+            if n:
+                a, b, c, d = phi[n - 1, j, 0, 0], phi[n - 1, j, 0, 1], phi[n - 1, j, 1, 0], phi[n - 1, j, 1, 1]
+                for i in range(size + 2):
+                    x[0, i], x[1, i] = a * x[0, i] + b * x[1, i], c * x[0, i] + d * x[1, i]
+                for i in range(2):
+                    u, v = x[i, size], x[i, size + 1]
+                    x[i, size], x[i, size + 1] = u * a + v * b, u * c + v * d
+            for i in range(size):
+                row[i] = series[n, i] - x[0, i]
+            row[size], row[size + 1] = share[j] - x[0, size], -x[0, size + 1]
+            spread = row[size] + noise
+            log_spread[j] += math.log(spread)
+            for i in range(size):
+                for m in range(i + 1):
+                    gram[j, i, m] += row[i] * row[m] / spread
+            first, second = row[size] / spread, row[size + 1] / spread
+            for i in range(size + 2):
+                x[0, i] += first * row[i]
+                x[1, i] += second * row[i]
+        for i in range(size):
+            for m in range(i):
+                gram[j, m, i] = gram[j, i, m]
+    return gram, log_spread
 
 
 def _scaled_transitions(steps_s: FloatArray, time_s: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ WIND_FACTOR_LIMIT = 3.0
 """Largest factor by which the heading is turned faster than the course."""
 
 
-def heading_rate_radps(jet: Jet, vx: float, vy: float, k_e: float, k_d: float, sense: int) -> float:
+def heading_rate_radps(jet: Jet, vx: float, vy: float, k_e: float, k_d: float, sense: float) -> float:
     """Heading rate that follows a path, without wind.
 
     Parameters

@@ -8,14 +8,13 @@ effect so that the robot always joins.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass
 
 from eadp.core.derivatives import PathFunction
 from eadp.core.geometry import (
     CIRCLE,
     LINE,
-    Circle,
     Point,
     circle_of,
     curve_length_m,
@@ -54,6 +53,12 @@ class Itinerary:
         The stage being flown; `lap` counts from 0 (always 0 where the plan does not repeat).
     path : function (x, y) → jet
         Its path function in the frame of lap 0: evaluate it at the position less `offset_m`.
+    form : tuple of float or None
+        The path function's closed form in the same frame, where it is a line or a circle.
+    watch : list or array of float
+        What `watched` looks at, and counts in; may be replaced by an array of the same numbers.
+    curve : CurveProgress or None
+        What passes the trigger of a general curve.
     offset_m : (float, float)
         How far this lap's stages lie from those of lap 0 [m].
     trigger_m : (float, float)
@@ -73,14 +78,13 @@ class Itinerary:
         self._state: State | None = None
         self._latch = [latch_stage(plan, index) for index in range(len(plan.parameters))]
         self._bent = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
-        self._progress: _CircleProgress | _CurveProgress | None = None
         self._decided: Vector = tuple(parameters)
         self._waiting: Vector = tuple(parameters)
         self._base: Point = (0.0, 0.0)
         self._pending = False
         self._join: Point | None = None
-        self._fires: Callable[[float, float], bool] = _never
-        self._ends: Callable[[float, float], bool] = _never
+        self.watch: MutableSequence[float] = [0.0] * WATCHED
+        self.curve: CurveProgress | None = None
         self._final_lap = False
         self.lap = 0
         self.stages_begun = 1
@@ -89,6 +93,7 @@ class Itinerary:
         self.stage: Stage = plan.stages[0]
         self.parameters: Vector = self._clipped()
         self.path: PathFunction
+        self.form: Form | None
         self.trigger_m: Point
         if self._walk is not None:
             self._follow(self._walk)
@@ -134,9 +139,18 @@ class Itinerary:
         PathUndefined
             If the next stage has no path or trigger at the parameters in force.
         """
-        if not self._fires(x, y):
-            if self._ends(x, y):
-                self.complete = True
+        return self.follow(watched(self.watch, x, y, self.curve), x, y)
+
+    def follow(self, seen: int, x: float, y: float) -> bool:
+        """What `watched` has seen at a position [m] comes to pass; return whether the stage has changed.
+
+        Raises
+        ------
+        PathUndefined
+            If the next stage has no path or trigger at the parameters in force.
+        """
+        if not seen & FIRED:
+            self.complete = self.complete or bool(seen & ENDED)
             return False
         if self._walk is not None:
             self._walk.next()
@@ -146,10 +160,10 @@ class Itinerary:
             self._join = self.trigger_m
             self._follow(self._walk)
             self.stages_begun += 1
-            self._progress = None
+            self._begun_anew()
             self._place((x, y))
             return True
-        if self._ends(x, y) or (self._last() and (self._final_lap or not self._plan.repeats)):
+        if seen & ENDED or (self._last() and (self._final_lap or not self._plan.repeats)):
             self.complete = True
             return False
         self._join = self.trigger_m
@@ -162,6 +176,10 @@ class Itinerary:
         """Take over where a plan of parts is."""
         self.stage, self._state, self.lap = walk.place.stage, walk.place.state, walk.place.lap
         self.parameters = walk.place.parameters
+
+    def _begun_anew(self) -> None:
+        """A stage begins: no progress along it."""
+        self.watch[PASSED_BY], self.curve = NEVER, None
 
     def _last(self) -> bool:
         return self.stage.index == len(self._plan.stages)
@@ -178,7 +196,7 @@ class Itinerary:
             self.stage = plan.stages[self.stage.index]
         self._latch_parameters(self.stage.index - 1)
         self.parameters = self._clipped()
-        self._progress = None
+        self._begun_anew()
         self._place(position)
         if self._rules.parameter_changes == LIVE and plan.repeats and self._last():
             # the shift to the next lap is taken here, and again with every change of a parameter until it is flown
@@ -215,41 +233,76 @@ class Itinerary:
         self.path = self.stage.path_at(self.parameters, self._state)
         x, y = self.stage.trigger_at(self.parameters, self._state)
         self.trigger_m = (x + self.offset_m[0], y + self.offset_m[1])
-        self._ends = self._end_test()
         radius = self._plan.trigger_radius_m
+        before, self.watch = self.watch, [0.0] * WATCHED
+        self._watch_end()
+        self.watch[TRIGGER : TRIGGER + 4] = [*self.trigger_m, radius, radius * radius]
+        self.form = _form(self.stage, self.path, (x, y))
         if self._rules.box_triggers:
-            self._fires = _box_trigger(self.trigger_m, radius)
+            self.watch[FIRES_IN] = BOX
             return
-        self._fires = self._disc_trigger(position, radius)
+        self._watch_disc(position, radius, before)
 
-    def _end_test(self) -> Callable[[float, float], bool]:
+    def _watch_end(self) -> None:
         """The end of a plan that repeats: beyond the final point along the shift, in a lap that reaches so far."""
         plan = self._plan
         self._final_lap = False
         if not plan.repeats or plan.parts:
-            return _never
+            return
         final = point_at(plan.final_point, self.parameters, "the final point")
         shift = shift_at(plan, self.parameters)
         if not self._rules.box_triggers:
             x, y = plan.stages[-1].trigger_at(self.parameters)
             last = (x + self.offset_m[0], y + self.offset_m[1])
             if not reaches(last, final, shift, plan.trigger_radius_m):
-                return _never
+                return
             if plan.ends_at_trigger:
                 self._final_lap = True
-                return _never
-        return beyond(final, shift, plan.trigger_radius_m)
+                return
+        self.watch[ENDS : ENDS + 6] = [1.0, *final, *_signs(shift), plan.trigger_radius_m]
 
-    def _disc_trigger(self, position: Point, radius: float) -> Callable[[float, float], bool]:
+    def _watch_disc(self, position: Point, radius: float, before: Sequence[float]) -> None:
+        """Within the radius once armed (been outside it, or flown half the stage), or past the trigger."""
         join = self._join or position
         local_join = (join[0] - self.offset_m[0], join[1] - self.offset_m[1])
         local_trigger = (self.trigger_m[0] - self.offset_m[0], self.trigger_m[1] - self.offset_m[1])
-        passed, length = _passing(self.stage, self.path, local_join, local_trigger, self.offset_m, position)
-        if isinstance(passed, _CircleProgress | _CurveProgress):
-            if self._progress is not None:  # the path has moved under the robot: whole turns flown stay flown
-                passed.resume(self._progress.progress)
-            self._progress = passed
-        return _armed_disc(self.trigger_m, radius, length, position, passed)
+        armed = math.dist(self.trigger_m, position) > radius
+        length = self._watch_passing(local_join, local_trigger, position, before)
+        self.watch[FIRES_IN] = DISC
+        self.watch[ARMED : ARMED + 5] = [float(armed), 0.0, length / 2, *position]
+
+    def _watch_passing(self, join: Point, trigger: Point, position: Point, before: Sequence[float]) -> float:
+        """Progress along the path that passes the trigger; return the stage's nominal length [m].
+
+        `join` and `trigger` are in the frame of lap 0.
+        """
+        stage, path, (ox, oy) = self.stage, self.path, self.offset_m
+        if stage.kind == LINE:
+            line = line_of(path, trigger, stage.sense)
+            self.watch[PASSED_BY : PASSED_BY + 5] = [BY_LINE, ox + trigger[0], oy + trigger[1], *line.direction]
+            return abs(line.progress_m(join))
+        if stage.kind == CIRCLE:
+            circle = circle_of(path, trigger, stage.sense)
+            sweep, (cx, cy) = circle.sweep_rad(join, trigger), circle.centre_m
+            self.watch[PASSED_BY : PASSED_BY + 5] = [BY_CIRCLE, cx + ox, cy + oy, circle.turn, sweep]
+            self.watch[PROGRESS : PROGRESS + 2] = [0.0, circle.angle_rad(join)]
+            _turned(self.watch, *position)  # from where the stage was joined in the plan to where the robot is
+            if before[PASSED_BY] == BY_CIRCLE:
+                # the path has moved under the robot: whole turns flown stay flown
+                flown = before[PROGRESS] - self.watch[PROGRESS]
+                self.watch[PROGRESS] += 2 * math.pi * round(flown / (2 * math.pi))
+            return circle.radius_m * sweep
+        start = project(path, join)
+        length = curve_length_m(path, start, trigger, stage.sense)
+        if not math.isfinite(length):
+            self.curve = None
+            return length
+        curve = CurveProgress(path, stage.sense, length, self.offset_m, start)
+        curve(*position)
+        if self.curve is not None:
+            curve.progress = self.curve.progress
+        self.curve = curve
+        return length
 
 
 def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:
@@ -283,113 +336,121 @@ def latch_stage(plan: Plan, index: int) -> int | None:
     return (shifting_stage(plan, parameter.name) - 1) % len(plan.stages)
 
 
-# --- tests of a position, built once per stage ------------------------------------------------------------------------
+# --- what is watched along a stage ------------------------------------------------------------------------------------
+
+Form = tuple[float, float, float, float, float, float]
+"""A line or a circle: φ = q (u² + v²) + a u + b v + e at (u, v) = (x − x0, y − y0), as (q, x0, y0, a, b, e)."""
+
+FIRED, ENDED = 1, 2
+"""What is seen at a position, as bits: the trigger fires, the plan is over."""
+
+FIRES_IN, TRIGGER, ARMED, PASSED_BY, PROGRESS, ENDS, WATCHED = 0, 1, 5, 10, 15, 17, 23
+"""Where numbers lie in what is watched:
+
+- where the trigger fires (`BOX`, `DISC` or nowhere); its x, y, radius and the square of that
+- whether it is armed, the way flown until then, half the stage's length, the last position
+- what passes it (`BY_LINE`: a point and the direction of travel; `BY_CIRCLE`: centre, turn and the angle to go)
+- the angle gone, and the last direction from the centre
+- whether the plan ends; the final point, the sides of it, the radius across them
+"""
+
+BOX, DISC = 1.0, 2.0
+NEVER, BY_LINE, BY_CIRCLE = 0.0, 1.0, 2.0
 
 
-def _never(_x: float, _y: float) -> bool:
-    return False
+def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress | None) -> int:
+    """Look at a position [m] whether a trigger fires (`FIRED`) and whether the plan ends (`ENDED`).
+
+    `w` is what is watched, a list or an array; what is counted along the way is counted in it. Compiled, `curve` is
+    None. Nothing here may raise.
+    """
+    fires = False
+    dx, dy = x - w[1], y - w[2]
+    if w[0] == DISC:
+        inside = dx * dx + dy * dy <= w[4]
+        if w[5] == 0.0:
+            ex, ey = x - w[8], y - w[9]
+            w[6] += math.sqrt(ex * ex + ey * ey)
+            w[8], w[9] = x, y
+            if not inside or w[6] >= w[7]:
+                w[5] = 1.0
+        fires = inside and w[5] != 0.0
+        if not fires:
+            if w[10] == BY_LINE:
+                fires = (x - w[11]) * w[13] + (y - w[12]) * w[14] >= 0
+            elif w[10] == BY_CIRCLE:
+                _turned(w, x, y)
+                fires = w[15] >= w[14]
+            if curve is not None:
+                fires = curve(x, y)
+    elif w[0] == BOX:
+        fires = abs(dx) <= w[3] and abs(dy) <= w[3]
+    seen = FIRED if fires else 0
+    if w[17] != 0.0 and _is_beyond(x - w[18], y - w[19], w[20], w[21], w[22]):
+        seen += ENDED
+    return seen
 
 
-def _box_trigger(trigger: Point, radius: float) -> Callable[[float, float], bool]:
-    tx, ty = trigger
-    return lambda x, y: abs(x - tx) <= radius and abs(y - ty) <= radius
+def _turned(w: MutableSequence[float], x: float, y: float) -> None:
+    """Count the angle gone round a circle."""
+    now = math.atan2(y - w[12], x - w[11])
+    turned = now - w[16]
+    # the remainder by 2π, exactly: the difference of two directions is within ±2π
+    if turned > math.pi:
+        turned -= 2 * math.pi
+    elif turned < -math.pi:
+        turned += 2 * math.pi
+    w[15] += w[13] * turned
+    w[16] = now
+
+
+def _is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
+    in_x = dx * sx > 0 if sx != 0.0 else abs(dx) <= radius
+    in_y = dy * sy > 0 if sy != 0.0 else abs(dy) <= radius
+    return in_x and in_y
+
+
+WATCHING = (watched, _turned, _is_beyond)
+"""`watched` and what it calls, to be compiled together."""
+
+
+def _signs(shift: Point) -> Point:
+    dx, dy = shift
+    return 0.0 if abs(dx) < 1e-9 else math.copysign(1, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1, dy)
 
 
 def beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
     """A test whether a position is strictly beyond the final point along the shift, and within the radius across it."""
-    (fx, fy), (dx, dy) = final, shift
-    sx = 0 if abs(dx) < 1e-9 else math.copysign(1, dx)
-    sy = 0 if abs(dy) < 1e-9 else math.copysign(1, dy)
-
-    def is_beyond(x: float, y: float) -> bool:
-        in_x = (x - fx) * sx > 0 if sx else abs(x - fx) <= radius
-        return in_x and ((y - fy) * sy > 0 if sy else abs(y - fy) <= radius)
-
-    return is_beyond
+    (fx, fy), (sx, sy) = final, _signs(shift)
+    return lambda x, y: _is_beyond(x - fx, y - fy, sx, sy, radius)
 
 
-def _armed_disc(
-    trigger: Point, radius: float, length_m: float, start: Point, passed: Callable[[float, float], bool]
-) -> Callable[[float, float], bool]:
-    """Within the radius once armed (been outside it, or flown half the stage), or past the trigger."""
-    tx, ty = trigger
-    square = radius * radius
-    armed = math.dist(trigger, start) > radius
-    flown = 0.0
-    px, py = start
-
-    def fires(x: float, y: float) -> bool:
-        nonlocal armed, flown, px, py
-        dx, dy = x - tx, y - ty
-        inside = dx * dx + dy * dy <= square
-        if not armed:
-            flown += math.hypot(x - px, y - py)
-            px, py = x, y
-            armed = not inside or flown >= length_m / 2
-        return (inside and armed) or passed(x, y)
-
-    return fires
-
-
-def _passing(
-    stage: Stage, path: PathFunction, join: Point, trigger: Point, offset: Point, position: Point
-) -> tuple[Callable[[float, float], bool], float]:
-    """A test whether progress along the path has passed the trigger, and the stage's nominal length [m].
-
-    `join` and `trigger` are in the frame of lap 0, `offset` takes them to this lap's, where positions are given.
-    """
-    ox, oy = offset
-    if stage.kind == LINE:
-        line = line_of(path, trigger, stage.sense)
-        (tx, ty), (lx, ly) = trigger, line.direction
-        length = abs(line.progress_m(join))
-        return lambda x, y: (x - ox - tx) * lx + (y - oy - ty) * ly >= 0, length
+def _form(stage: Stage, path: PathFunction, near: Point) -> Form | None:
+    """The closed form of a line or a circle, told by one evaluation; None of a curve."""
+    if stage.kind not in (LINE, CIRCLE):
+        return None
+    x, y = near
+    try:
+        value, gx, gy, hxx, _, _ = path(x, y)
+    except (ArithmeticError, ValueError):
+        return None
+    form = (0.0, x, y, gx, gy, value)
     if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        progress = _CircleProgress(circle, join, trigger, offset)
-        progress(*position)  # from where the stage was joined in the plan to where the robot is
-        return progress, circle.radius_m * progress.sweep_rad
-    start = project(path, join)
-    length = curve_length_m(path, start, trigger, stage.sense)
-    if not math.isfinite(length):
-        return _never, length
-    curve = _CurveProgress(path, stage.sense, length, offset, start)
-    curve(*position)
-    return curve, length
+        if hxx == 0:
+            return None
+        # φ = ½h |p − c|² + e with p − c = ∇φ/h
+        dx, dy = gx / hxx, gy / hxx
+        form = (hxx / 2, x - dx, y - dy, 0.0, 0.0, value - hxx / 2 * (dx * dx + dy * dy))
+    return form if all(math.isfinite(number) for number in form) else None
 
 
-class _CircleProgress:
-    """Progress round a circle from where it was joined, unwrapped; called, whether it has passed the trigger."""
-
-    def __init__(self, circle: Circle, join: Point, trigger: Point, offset: Point) -> None:
-        self.sweep_rad = circle.sweep_rad(join, trigger)
-        self.progress = 0.0
-        self._cx, self._cy = circle.centre_m[0] + offset[0], circle.centre_m[1] + offset[1]
-        self._turn = circle.turn
-        self._last = circle.angle_rad(join)
-
-    def resume(self, progress: float) -> None:
-        """Add the whole turns that bring the progress nearest to an earlier one [rad]."""
-        self.progress += 2 * math.pi * round((progress - self.progress) / (2 * math.pi))
-
-    def __call__(self, x: float, y: float) -> bool:
-        now = math.atan2(y - self._cy, x - self._cx)
-        self.progress += self._turn * math.remainder(now - self._last, 2 * math.pi)
-        self._last = now
-        return self.progress >= self.sweep_rad
-
-
-class _CurveProgress:
+class CurveProgress:
     """Progress along a general curve, of its point below the robot; called, whether it has passed the trigger."""
 
     def __init__(self, path: PathFunction, sense: int, length_m: float, offset: Point, start: Point) -> None:
         self.progress = 0.0
         self._path, self._sense, self._length_m, self._offset = path, sense, length_m, offset
         self._foot = start
-
-    def resume(self, progress: float) -> None:
-        """Go on from an earlier progress [m]: the path has moved under the robot."""
-        self.progress = progress
 
     def __call__(self, x: float, y: float) -> bool:
         try:

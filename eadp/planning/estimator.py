@@ -5,8 +5,10 @@ Readings are of the motion alone: the computations' known power is taken off fir
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -80,6 +82,9 @@ class Estimator(Protocol):
     def observe(self, time_s: float, motion_w: float | None) -> float:
         """Take a reading [W], or None where there is none; return what was forecast for it [W]."""
 
+    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """Take one or more readings in order; return what was forecast for the last one [W]."""
+
     def lap(self, time_s: float) -> None:
         """A lap has ended."""
 
@@ -98,6 +103,13 @@ class Estimator(Protocol):
     @property
     def state_w(self) -> FloatArray:
         """The energy state q [W], shape (2·order + 1,)."""
+
+
+def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+    expected = 0.0
+    for time_s, value in zip(times_s, motion_w, strict=True):
+        expected = estimator.observe(time_s, value)
+    return expected
 
 
 class LapClock:
@@ -215,6 +227,26 @@ class ExactEstimator:
             self._readings.append((time_s, motion_w))
             if time_s >= self._learn_at_s:
                 self._learn(time_s)
+        return expected
+
+    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """Readings together where nothing but the filter has to look at each; see `Estimator.observe_all`."""
+        expected, n = 0.0, 0
+        while n < len(times_s):
+            # up to where noise is learned next
+            end = bisect.bisect_left(times_s, self._learn_at_s, n)
+            readings = [value for value in motion_w[n:end] if value is not None]
+            if self._time_s is None or not self._begun or self._settings.gate_w or not readings:
+                end = n + 1
+                expected = self.observe(times_s[n], motion_w[n])
+            elif len(readings) < end - n:
+                expected = _one_by_one(self, times_s[n:end], motion_w[n:end])
+            else:
+                expected = self._filter.follow_all(self._time_s, times_s[n:end], readings)
+                self._time_s = times_s[end - 1]
+                if self._settings.learn_noise:
+                    self._readings.extend(zip(times_s[n:end], readings, strict=True))
+            n = end
         return expected
 
     def _begin(self, motion_w: float) -> None:
@@ -445,6 +477,10 @@ class PublishedEstimator:
             state = [q + k * error for q, k in zip(state, self._gain, strict=True)]
         self._state = state
         return expected
+
+    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """One step each; see `Estimator.observe_all`."""
+        return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
         # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1

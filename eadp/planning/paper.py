@@ -51,6 +51,16 @@ class PaperPlanner(StaticPlanner):
         self._ahead_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
 
+    @property
+    def next_look_s(self) -> float:
+        """When it re-plans next, if it has begun to."""
+        return self._next_s if self._laps_known() else math.inf
+
+    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
+        """Take readings all at once, and the charge: what it falls from one to the next is no jump."""
+        self._soc = soc
+        return super().listen(times_s, powers_w, soc)
+
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
         o = observation
@@ -71,8 +81,10 @@ class PaperPlanner(StaticPlanner):
         return self._decision
 
     def _started(self, o: Observation) -> bool:
-        known = self._lap_stages is None or self._laps >= self._settings.min_periods
-        return known and o.time_s >= self._settings.start_after_s - 1e-9
+        return self._laps_known() and o.time_s >= self._settings.start_after_s - 1e-9
+
+    def _laps_known(self) -> bool:
+        return self._lap_stages is None or self._laps >= self._settings.min_periods
 
     # --- computations
 

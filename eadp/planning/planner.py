@@ -7,7 +7,7 @@ world it flies in, so that the same object serves a simulation and a telemetry s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
@@ -210,8 +210,19 @@ class Planner(Protocol):
     def period_s(self) -> float | None:
         """The period of the power [s], where there is one."""
 
+    @property
+    def reading_every_s(self) -> float:
+        """How often it wants the power sensor read [s]; infinite for never."""
+
+    @property
+    def next_look_s(self) -> float:
+        """The time [s] before which `update` would decide nothing, but for a new stage or a drop of charge."""
+
     def update(self, observation: Observation) -> Decision:
         """Take an observation and decide."""
+
+    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
+        """Take readings [W] since the last observation, of its stage and parameters; `soc` is that of the last one."""
 
 
 class StaticPlanner:
@@ -243,6 +254,24 @@ class StaticPlanner:
         """The estimator's period [s]."""
         return self._estimator.period_s
 
+    @property
+    def reading_every_s(self) -> float:
+        """As the estimator's settings say [s]."""
+        return self._sensor_every_s
+
+    @property
+    def next_look_s(self) -> float:
+        """Never; a planner made of this one looks at every reading unless it says otherwise."""
+        return math.inf if type(self) is StaticPlanner else self._next_reading_s
+
+    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
+        """Take readings all at once; the parameters stay."""
+        motion = [None if power_w is None else power_w - self._computing_w for power_w in powers_w]
+        expected = self._estimator.observe_all(times_s, motion) + self._computing_w
+        self._next_reading_s = times_s[-1] + self._sensor_every_s
+        self._decision = self._decision._replace(power_forecast_w=expected)
+        return self._decision
+
     def update(self, observation: Observation) -> Decision:
         """Take an observation; the parameters stay."""
         self._track(observation)
@@ -266,13 +295,13 @@ class StaticPlanner:
         if o.stages_begun != self._stages_begun:
             self._stages_begun = o.stages_begun
             self._count_laps(o)
-        if o.time_s < self._next_reading_s - 1e-9:
-            return
-        self._next_reading_s = o.time_s + self._sensor_every_s
         if self._computing_for != (o.parameters, o.stage):
             self._computing_for = (o.parameters, o.stage)
             sets = self._mission.plan.stages[o.stage - 1].sets
             self._computing_w = self._mission.computing.power_w(o.parameters, sets)
+        if o.time_s < self._next_reading_s - 1e-9:
+            return
+        self._next_reading_s = o.time_s + self._sensor_every_s
         motion = None if o.power_w is None else o.power_w - self._computing_w
         expected = self._estimator.observe(o.time_s, motion) + self._computing_w
         self._decision = self._decision._replace(power_forecast_w=expected)

@@ -8,12 +8,15 @@ is; everything else, a drop-out, a gated reading, an odd step, a new model, is t
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core import forecasting
+from eadp.core.compiled import quick
 from eadp.core.kalman import predict, update
 from eadp.core.riccati import CovarianceMap, step_map
 
@@ -114,14 +117,7 @@ class EnergyFilter:
     def follow(self, step_s: float, measured_w: float) -> float:
         """Move on by a step and take a reading; return what was expected of it [W]."""
         if self._maps and abs(step_s - self._step_s) < SAME_STEP_S:
-            state = self._transition @ self.state
-            expected = float(self._output @ state)
-            self.state = state + self._gain * (measured_w - expected)
-            self._held += 1
-            if self._held == BLOCK:
-                self._catch_up()
-                self._gain = self._gain_now()
-            return expected
+            return self._follow_held(np.array([measured_w]))
         same = abs(step_s - self._step_s) < SAME_STEP_S
         self.predict(step_s)
         expected = self.expected_w()
@@ -130,6 +126,33 @@ class EnergyFilter:
         if same and self._change(before) < SETTLED:
             self._hold()
         return expected
+
+    def follow_all(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
+        """`follow` readings at some times [s], the first after `before_s`; return what was expected of the last [W]."""
+        steps = [after - before for before, after in itertools.pairwise((before_s, *times_s))]
+        expected, n, count = 0.0, 0, len(steps)
+        while n < count:
+            end = n + 1
+            if self._maps:
+                while end < min(count, n + BLOCK - self._held) and abs(steps[end] - self._step_s) < SAME_STEP_S:
+                    end += 1
+            if self._maps and abs(steps[n] - self._step_s) < SAME_STEP_S:
+                expected = self._follow_held(np.array(measured_w[n:end]))
+                n = end
+            else:
+                expected = self.follow(steps[n], measured_w[n])
+                n += 1
+        return expected
+
+    def _follow_held(self, measured_w: FloatArray) -> float:
+        """Take readings of one block, the gain held; return what was expected of the last [W]."""
+        held = quick(_held)
+        self.state, expected = held(self._transition, self._output, self._gain, self.state, measured_w)
+        self._held += len(measured_w)
+        if self._held == BLOCK:
+            self._catch_up()
+            self._gain = self._gain_now()
+        return float(expected)
 
     def _prepare(self, step_s: float) -> None:
         if abs(step_s - self._step_s) >= SAME_STEP_S:
@@ -164,3 +187,15 @@ class EnergyFilter:
         if self._maps:
             self._catch_up()
             self._maps = ()
+
+
+def _held(
+    transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
+) -> tuple[FloatArray, float]:
+    """The state after readings, and what was expected of the last one [W]."""
+    expected = 0.0
+    for value in measured_w:
+        state = transition @ state
+        expected = np.dot(output, state)
+        state = state + gain * (value - expected)
+    return state, expected

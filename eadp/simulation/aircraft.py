@@ -1,104 +1,162 @@
-"""The simulated aircraft in wind. It knows nothing of planners."""
+"""The simulated aircraft in wind. It knows nothing of planners.
+
+A flight's numbers lie in one list, or in one array for compiled code (`eadp.core.compiled`), which the functions here
+change in place: they are the inner loop, and run as they stand or as machine code.
+"""
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from collections.abc import MutableSequence, Sequence
 
 from eadp.core.aerodynamics import GRAVITY_MPS2
-from eadp.core.derivatives import PathFunction
+from eadp.core.derivatives import Jet
 from eadp.core.geometry import Point
 from eadp.core.guidance import heading_rate_radps, normalised_jet, wind_factor
-from eadp.models.vehicle import FixedWing, Guidance, PaperVehicle, Vehicle
+from eadp.models.vehicle import FixedWing, Guidance, Vehicle
 from eadp.models.weather import Wind
 
+State = MutableSequence[float]
+"""What changes from step to step, at the places below."""
 
-class PaperAircraft:
+Constants = Sequence[float]
+"""What stays over a flight, at the places below."""
+
+X, Y, ALTITUDE, HEADING, CLIMB, VX, VY, AIR_X, AIR_Y = range(9)
+BANK, AIRSPEED, WIND_X, WIND_Y, GUST_X, GUST_Y, NOISE_LEFT = range(9, 16)
+AIRCRAFT_STATE = 16
+"""Position [m], heading and bank [rad], climb, ground velocity, air velocity, airspeed, wind and gust [m/s]; how many
+random numbers are left."""
+
+MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(11)
+MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
+LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
+PARASITIC, INDUCED, SLOWEST, MOST_BANK, ROLLED, MOST_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MOST_W = range(16, 26)
+AIRCRAFT_CONSTANTS = 26
+"""Of every vehicle, then of the papers' or of a fixed wing."""
+
+PAPER_MODEL, FIXED_WING_MODEL = 0.0, 1.0
+
+
+def constants_of(vehicle: Vehicle, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
+    """The constants of a flight.
+
+    Gusts are first-order coloured wind on each axis, exact for any step: w⁺ = a w + σ√(1 − a²) n, a = exp(−Δt/τ).
+
+    Source: Gauss-Markov process.
+    """
+    c = [0.0] * AIRCRAFT_CONSTANTS
+    kept = math.exp(-step_s / wind.gust_time_s)
+    c[STEP_S : GUST_NEW + 1] = [
+        step_s,
+        guidance.k_d,
+        float(guidance.wind_corrected),
+        float(guidance.normalised),
+        guidance.gain_per_m,
+        *wind.steady_mps,
+        float(wind.gust_std_mps != 0),
+        kept,
+        wind.gust_std_mps * math.sqrt(1 - kept**2),
+    ]
+    c[MASS : CRUISE_M + 1] = [vehicle.mass_kg, vehicle.weight_n, vehicle.cruise_altitude_m]
+    c[SPEED_HELD] = vehicle.airspeed_mps
+    if isinstance(vehicle, FixedWing):
+        c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, vehicle.altitude_gain_per_s
+        density_area = 0.5 * vehicle.air_density_kgpm3 * vehicle.wing_area_m2
+        c[PARASITIC : MOST_W + 1] = [
+            # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
+            density_area * vehicle.zero_lift_drag,
+            vehicle.induced_drag * vehicle.weight_n**2 / density_area,
+            0.5 * vehicle.stall_mps,
+            math.radians(vehicle.most_bank_deg),
+            1 - math.exp(-step_s / vehicle.roll_time_s),
+            vehicle.most_climb_mps,
+            vehicle.speed_gain_per_s,
+            vehicle.propulsive_efficiency,
+            vehicle.avionics_w,
+            vehicle.most_power_w,
+        ]
+    else:
+        c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, vehicle.altitude_gain
+        c[LIFT : WIND_LIFTS + 1] = [
+            vehicle.lift_coefficient,
+            vehicle.speed_per_throttle_mps,
+            vehicle.nominal_throttle,
+            vehicle.climb_gain,
+            vehicle.idle_power_w,
+            vehicle.throttle_power_w,
+            float(vehicle.wind_in_lift),
+        ]
+    return c
+
+
+def state_of(vehicle: Vehicle, wind_mps: Point, position: Point, heading_rad: float, altitude_m: float) -> list[float]:
+    """The state at take-off: straight and level at the airspeed held, in a wind [m/s]."""
+    s = [0.0] * AIRCRAFT_STATE
+    s[X], s[Y] = position
+    s[ALTITUDE], s[HEADING], s[AIRSPEED] = altitude_m, heading_rad, vehicle.airspeed_mps
+    s[AIR_X], s[AIR_Y] = vehicle.airspeed_mps * math.cos(heading_rad), vehicle.airspeed_mps * math.sin(heading_rad)
+    s[VX], s[VY] = s[AIR_X] + wind_mps[0], s[AIR_Y] + wind_mps[1]
+    s[WIND_X], s[WIND_Y] = wind_mps
+    return s
+
+
+def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float) -> float:
+    """Fly one step along a path; return the motion power over it [W].
+
+    Parameters
+    ----------
+    s, c
+        The flight's state, which is changed, and its constants.
+    jet
+        The path function's at the position.
+    gain, sense
+        k_e and the direction of travel of the stage.
+    wind_x, wind_y
+        Wind over the step [m/s].
+
+    Returns
+    -------
+    float
+        Where the path has no direction to follow, the heading is not finite afterwards.
+    """
+    if c[MODEL] == FIXED_WING_MODEL:
+        return _fixed_wing_step(s, c, jet, gain, sense, wind_x, wind_y)
+    return _paper_step(s, c, jet, gain, sense, wind_x, wind_y)
+
+
+def _paper_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float) -> float:
     """The aircraft of the published flights, stepped in the order they step it.
 
     Source: docs/reproduction.md "One step", from the letter's published flights.
     """
-
-    def __init__(
-        self,
-        vehicle: PaperVehicle,
-        guidance: Guidance,
-        wind_mps: Point,
-        position: Point,
-        heading_rad: float,
-        altitude_m: float,
-    ) -> None:
-        self._v = vehicle
-        self._guidance = guidance
-        self._published_guidance = not (guidance.normalised or guidance.wind_corrected)
-        self.x_m, self.y_m = position
-        self.heading_rad = heading_rad
-        self.altitude_m = altitude_m
-        self.climb_mps = 0.0
-        self.air_x, self.air_y = (
-            vehicle.airspeed_mps * math.cos(heading_rad),
-            vehicle.airspeed_mps * math.sin(heading_rad),
-        )
-        self.vx, self.vy = self.air_x + wind_mps[0], self.air_y + wind_mps[1]
-
-    def step(self, path: PathFunction, offset: Point, gain: float, sense: int, wind_mps: Point, step_s: float) -> float:
-        """Fly one step along a path; return the motion power over it [W].
-
-        Parameters
-        ----------
-        path : function
-            The stage's path function in its own frame, which lies `offset` [m] from the local frame.
-        gain, sense
-            k_e and the direction of travel of the stage.
-        wind_mps : (float, float)
-            Wind [m/s].
-        step_s : float
-            Length of the step [s].
-
-        Raises
-        ------
-        ArithmeticError, ValueError
-            If the path function has no value here.
-        """
-        v = self._v
-        # 1. guidance from the old position and the previous velocity
-        jet = path(self.x_m - offset[0], self.y_m - offset[1])
-        if self._published_guidance:
-            rate = heading_rate_radps(jet, self.vx, self.vy, gain, self._guidance.k_d, sense)
-        else:
-            rate = self._rate(jet, gain, sense)
-        # 2. altitude by throttle
-        throttle = v.altitude_gain * (v.cruise_altitude_m - self.altitude_m) - v.climb_gain * self.climb_mps
-        airspeed = v.speed_per_throttle_mps * (v.nominal_throttle + throttle)
-        heading = self.heading_rad
-        c, s = math.cos(heading), math.sin(heading)
-        lift_speed = airspeed
-        if v.wind_in_lift:
-            lift_speed += wind_mps[0] * c + wind_mps[1] * s
-        lift = v.lift_coefficient * lift_speed * lift_speed
-        self.climb_mps += (lift - v.weight_n) / v.mass_kg * step_s
-        self.altitude_m += self.climb_mps * step_s
-        # 3. position, then heading
-        self.air_x, self.air_y = airspeed * c, airspeed * s
-        self.vx, self.vy = self.air_x + wind_mps[0], self.air_y + wind_mps[1]
-        self.x_m += self.vx * step_s
-        self.y_m += self.vy * step_s
-        heading += rate * step_s
-        self.heading_rad = heading if -math.pi < heading <= math.pi else _wrapped(heading)
-        return v.throttle_power_w * (v.nominal_throttle + throttle) / 100 + v.idle_power_w
-
-    def _rate(self, jet: tuple[float, float, float, float, float, float], gain: float, sense: int) -> float:
-        g = self._guidance
-        if g.normalised:
-            jet, gain = normalised_jet(jet), g.gain_per_m
-        rate = heading_rate_radps(jet, self.vx, self.vy, gain, g.k_d, sense)
-        if g.wind_corrected:
-            rate *= wind_factor(self.vx, self.vy, self.air_x, self.air_y)
-        return rate
+    step_s = c[STEP_S]
+    # 1. guidance from the old position and the previous velocity
+    rate = _guided_radps(s, c, jet, gain, sense, s[AIR_X], s[AIR_Y])
+    # 2. altitude by throttle
+    throttle = c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]) - c[CLIMB_GAIN] * s[CLIMB]
+    airspeed = c[PER_THROTTLE] * (c[NOMINAL] + throttle)
+    heading = s[HEADING]
+    cosine, sine = math.cos(heading), math.sin(heading)
+    lift_speed = airspeed
+    if c[WIND_LIFTS] != 0.0:
+        lift_speed += wind_x * cosine + wind_y * sine
+    lift = c[LIFT] * lift_speed * lift_speed
+    s[CLIMB] += (lift - c[WEIGHT]) / c[MASS] * step_s
+    s[ALTITUDE] += s[CLIMB] * step_s
+    # 3. position, then heading
+    s[AIR_X], s[AIR_Y] = airspeed * cosine, airspeed * sine
+    s[AIRSPEED] = airspeed
+    s[VX], s[VY] = s[AIR_X] + wind_x, s[AIR_Y] + wind_y
+    s[X] += s[VX] * step_s
+    s[Y] += s[VY] * step_s
+    s[HEADING] = _wrapped(heading + rate * step_s)
+    return c[THROTTLE_W] * (c[NOMINAL] + throttle) / 100 + c[IDLE_W]
 
 
-class FixedWingAircraft:
+def _fixed_wing_step(
+    s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float
+) -> float:
     """A fixed-wing aircraft: bank for the heading rate that is asked for, throttle for airspeed and climb.
 
     Point-mass dynamics with first-order roll; the wind is the air's motion, and a gust changes the airspeed before it
@@ -106,121 +164,86 @@ class FixedWingAircraft:
 
     Source: Beard and McLain 2012, chapter 9 (guidance models) for the shape of the model; Anderson 1999 for the forces.
     """
-
-    def __init__(
-        self,
-        vehicle: FixedWing,
-        guidance: Guidance,
-        wind_mps: Point,
-        position: Point,
-        heading_rad: float,
-        altitude_m: float,
-    ) -> None:
-        self._v = vehicle
-        self._guidance = guidance
-        self.x_m, self.y_m = position
-        self.heading_rad = heading_rad
-        self.altitude_m = altitude_m
-        self.climb_mps = 0.0
-        self.bank_rad = 0.0
-        self.airspeed_mps = vehicle.airspeed_mps
-        self._wind = wind_mps
-        self._most_bank = math.radians(vehicle.most_bank_deg)
-        self._weight = vehicle.weight_n
-        density_area = 0.5 * vehicle.air_density_kgpm3 * vehicle.wing_area_m2
-        # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
-        self._parasitic = density_area * vehicle.zero_lift_drag
-        self._induced = vehicle.induced_drag * self._weight**2 / density_area
-        self._slowest = 0.5 * vehicle.stall_mps
-        self.vx = vehicle.airspeed_mps * math.cos(heading_rad) + wind_mps[0]
-        self.vy = vehicle.airspeed_mps * math.sin(heading_rad) + wind_mps[1]
-
-    def step(self, path: PathFunction, offset: Point, gain: float, sense: int, wind_mps: Point, step_s: float) -> float:
-        """Fly one step along a path; return the motion power over it [W]. See `PaperAircraft.step`."""
-        v, g = self._v, self._guidance
-        heading, speed = self.heading_rad, self.airspeed_mps
-        c, s = math.cos(heading), math.sin(heading)
-        # 1. guidance: the heading rate that follows the path, held by a bank within its limit
-        jet = path(self.x_m - offset[0], self.y_m - offset[1])
-        if g.normalised:
-            jet, gain = normalised_jet(jet), g.gain_per_m
-        rate = heading_rate_radps(jet, self.vx, self.vy, gain, g.k_d, sense)
-        if g.wind_corrected:
-            rate *= wind_factor(self.vx, self.vy, speed * c, speed * s)
-        bank = math.atan(rate * speed / GRAVITY_MPS2)
-        bank = min(max(bank, -self._most_bank), self._most_bank)
-        self.bank_rad += (bank - self.bank_rad) * (1 - math.exp(-step_s / v.roll_time_s))
-        cosine = math.cos(self.bank_rad)
-        turn = GRAVITY_MPS2 * math.sin(self.bank_rad) / (cosine * speed)  # g tan φ / V
-        # 2. climb, at once but within its limit; airspeed by the throttle, which knows drag and climb
-        wanted = v.altitude_gain_per_s * (v.cruise_altitude_m - self.altitude_m)
-        climb = min(max(wanted, -v.most_climb_mps), v.most_climb_mps)
-        square = speed * speed
-        drag = self._parasitic * square + self._induced / (cosine * cosine * square)
-        needed = drag + self._weight * climb / speed + v.mass_kg * v.speed_gain_per_s * (v.airspeed_mps - speed)
-        motor_w = needed * speed / v.propulsive_efficiency  # P = T V / η
-        if motor_w < 0.0:
-            motor_w = 0.0
-        elif motor_w > v.most_power_w:
-            motor_w = v.most_power_w
-        thrust = motor_w * v.propulsive_efficiency / speed
-        gust = ((wind_mps[0] - self._wind[0]) * c + (wind_mps[1] - self._wind[1]) * s) / step_s
-        self._wind = wind_mps
-        # m V̇ = T − D − W sin γ, less the air's own acceleration along the heading
-        speed += ((thrust - drag - self._weight * climb / speed) / v.mass_kg - gust) * step_s
-        self.airspeed_mps = speed = max(speed, self._slowest)
-        self.climb_mps = climb
-        self.altitude_m += climb * step_s
-        # 3. position, then heading
-        self.vx, self.vy = speed * c + wind_mps[0], speed * s + wind_mps[1]
-        self.x_m += self.vx * step_s
-        self.y_m += self.vy * step_s
-        heading += turn * step_s
-        self.heading_rad = heading if -math.pi < heading <= math.pi else _wrapped(heading)
-        return motor_w + v.avionics_w
+    step_s, mass, weight = c[STEP_S], c[MASS], c[WEIGHT]
+    heading, speed = s[HEADING], s[AIRSPEED]
+    cosine, sine = math.cos(heading), math.sin(heading)
+    # 1. guidance: the heading rate that follows the path, held by a bank within its limit
+    rate = _guided_radps(s, c, jet, gain, sense, speed * cosine, speed * sine)
+    wanted = _within(math.atan(rate * speed / GRAVITY_MPS2), c[MOST_BANK])
+    s[BANK] += (wanted - s[BANK]) * c[ROLLED]
+    level = math.cos(s[BANK])
+    turn = GRAVITY_MPS2 * math.sin(s[BANK]) / (level * speed)  # g tan φ / V
+    # 2. climb, at once but within its limit; airspeed by the throttle, which knows drag and climb
+    climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MOST_CLIMB])
+    square = speed * speed
+    drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
+    needed = drag + weight * climb / speed + mass * c[SPEED_GAIN] * (c[SPEED_HELD] - speed)
+    motor_w = needed * speed / c[EFFICIENCY]  # P = T V / η
+    if motor_w < 0.0:
+        motor_w = 0.0
+    elif motor_w > c[MOST_W]:
+        motor_w = c[MOST_W]
+    thrust = motor_w * c[EFFICIENCY] / speed
+    gust = ((wind_x - s[WIND_X]) * cosine + (wind_y - s[WIND_Y]) * sine) / step_s
+    s[WIND_X], s[WIND_Y] = wind_x, wind_y
+    # m V̇ = T − D − W sin γ, less the air's own acceleration along the heading
+    speed += ((thrust - drag - weight * climb / speed) / mass - gust) * step_s
+    if speed < c[SLOWEST]:
+        speed = c[SLOWEST]
+    s[AIRSPEED], s[CLIMB] = speed, climb
+    s[ALTITUDE] += climb * step_s
+    # 3. position, then heading
+    s[AIR_X], s[AIR_Y] = speed * cosine, speed * sine
+    s[VX], s[VY] = s[AIR_X] + wind_x, s[AIR_Y] + wind_y
+    s[X] += s[VX] * step_s
+    s[Y] += s[VY] * step_s
+    s[HEADING] = _wrapped(heading + turn * step_s)
+    return motor_w + c[AVIONICS_W]
 
 
-Aircraft = PaperAircraft | FixedWingAircraft
+def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, air_x: float, air_y: float) -> float:
+    """The heading rate that is asked for [rad/s]."""
+    if c[NORMALISED] != 0.0:
+        jet, gain = normalised_jet(jet), c[GAIN_PER_M]
+    rate = heading_rate_radps(jet, s[VX], s[VY], gain, c[K_D], sense)
+    if c[CORRECTED] != 0.0:
+        rate *= wind_factor(s[VX], s[VY], air_x, air_y)
+    return rate
 
 
-def make_aircraft(
-    vehicle: Vehicle, guidance: Guidance, wind_mps: Point, position: Point, heading_rad: float, altitude_m: float
-) -> Aircraft:
-    """The aircraft of a vehicle's model, ready to fly."""
-    model = FixedWingAircraft if isinstance(vehicle, FixedWing) else PaperAircraft
-    return model(vehicle, guidance, wind_mps, position, heading_rad, altitude_m)  # type: ignore[arg-type]
+def _within(value: float, most: float) -> float:
+    """A value held within ±most; one that is no number stays."""
+    if value > most:
+        return most
+    return -most if value < -most else value
 
 
 def _wrapped(heading: float) -> float:
-    if not math.isfinite(heading):
-        raise ValueError("the heading is not finite")
-    return math.remainder(heading, 2 * math.pi)
+    """The same direction within ±π, exactly; what is not finite stays."""
+    if -math.pi < heading <= math.pi or not math.isfinite(heading):
+        return heading
+    turned = heading % (2 * math.pi)
+    return turned - 2 * math.pi if turned > math.pi else turned
 
 
-class Gusts:
-    """First-order coloured wind on each axis, exact for any step.
+def next_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
+    """The gust of the next step: two of the normal random numbers, taken from their end."""
+    left = int(s[NOISE_LEFT])
+    s[GUST_X] = c[GUST_KEPT] * s[GUST_X] + c[GUST_NEW] * noise[left - 1]
+    s[GUST_Y] = c[GUST_KEPT] * s[GUST_Y] + c[GUST_NEW] * noise[left - 2]
+    s[NOISE_LEFT] -= 2
 
-    Source: Gauss-Markov process, w⁺ = a w + σ√(1 − a²) n with a = exp(−Δt/τ).
-    """
 
-    def __init__(self, wind: Wind, step_s: float, rng: np.random.Generator) -> None:
-        self._steady = wind.steady_mps
-        self._std = wind.gust_std_mps
-        self._a = math.exp(-step_s / wind.gust_time_s)
-        self._b = wind.gust_std_mps * math.sqrt(1 - self._a**2)
-        self._rng = rng
-        self._noise: list[float] = []
-        first = rng.standard_normal(2) * wind.gust_std_mps
-        self._gust = (float(first[0]), float(first[1]))
-
-    def next_mps(self) -> Point:
-        """The wind of the next step [m/s]."""
-        if not self._std:
-            return self._steady
-        if not self._noise:
-            self._noise = self._rng.standard_normal(2000).tolist()
-        pop = self._noise.pop
-        gx = self._a * self._gust[0] + self._b * pop()
-        gy = self._a * self._gust[1] + self._b * pop()
-        self._gust = (gx, gy)
-        return self._steady[0] + gx, self._steady[1] + gy
+FLYING = (
+    fly_step,
+    _paper_step,
+    _fixed_wing_step,
+    _guided_radps,
+    _within,
+    _wrapped,
+    next_gust,
+    heading_rate_radps,
+    normalised_jet,
+    wind_factor,
+)
+"""The functions here and what they call, to be compiled together."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,13 +21,15 @@ from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
 from eadp.planning.planners import Observation, Planner, Record
-from eadp.simulation.aircraft import Gusts, make_aircraft
+from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.metrics import ParameterLog, Totals
 from eadp.simulation.sensing import SensorSuite
+from eadp.simulation.stretch import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, Stretches
 
 COMPLETED = "final point reached"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
+MOST_STEPS = 1 << 40
 
 
 @dataclass(frozen=True)
@@ -84,151 +87,188 @@ class Outcome:
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
 
+    From one moment at which something has to look to the next the aircraft flies by itself
+    (`eadp.simulation.stretch`): until a planner is due, a row of the log, a loss of charge, or a new stage.
+
     Raises
     ------
     PathUndefined
         If the first path cannot be evaluated where the flight starts.
     """
     step_s, log_every = world.step_s, max(1, round(world.log_every_s / world.step_s))
-    aircraft = make_aircraft(
-        world.vehicle,
-        world.guidance,
-        world.wind.steady_mps,
-        world.start_m,
-        world.heading_rad,
-        world.altitude_m,
-    )
-    gusts = Gusts(world.wind, step_s, np.random.default_rng(world.seed))
-    ideal = world.sensors.ideal
-    suite = SensorSuite(world.sensors, step_s, np.random.default_rng([world.seed, 1]))
     itinerary = Itinerary(world.plan, world.parameters, world.start_m, world.rules)
-    charge = _Charge(world.battery, world.faults, step_s)
-    parameters = itinerary.parameters
-    log = outcome.parameters = ParameterLog(world.plan, parameters, itinerary.stage.sets)
-    totals = outcome.totals
-    stage = itinerary.stage
-    computing_w = world.computing.power_w(parameters, stage.sets)
-    # names bound once: this loop runs a hundred times for each second flown
-    advance, update, next_wind, fly_step, drain = (
-        itinerary.advance,
-        planner.update,
-        gusts.next_mps,
-        aircraft.step,
-        charge.drain,
+    steady_mps = world.wind.steady_mps
+    stretches = Stretches(
+        state_of(world.vehicle, steady_mps, world.start_m, world.heading_rad, world.altitude_m),
+        constants_of(world.vehicle, world.guidance, world.wind, step_s),
+        world.battery,
+        world.wind,
+        np.random.default_rng(world.seed),
     )
-    path, offset, gain, sense = itinerary.path, itinerary.offset_m, stage.gain, stage.sense
-    energy_w, distance_m, lowest_w, highest_w = 0.0, 0.0, math.inf, -math.inf
+    watcher = _Watcher(world, planner, stretches)
+    losses = _losses(world)
+    alarms = [step + watcher.late for step, _ in losses]
+    parameters, stage = itinerary.parameters, itinerary.stage
+    log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets)
+    stretches.along(itinerary, world.computing.power_w(parameters, stage.sets))
     decided: Vector | None = None
     recorded: Record | None = None
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason = TIME_LIMIT
-    time_s, power_w, forecast_w, last_logged = 0.0, 0.0, 0.0, -1
-    k = 0
+    k, look, last_logged = 0, 1, -1
 
     def logged() -> Step:
-        place = (aircraft.x_m, aircraft.y_m, aircraft.altitude_m, aircraft.heading_rad)
-        return Step(time_s, stage.index, *place, power_w, forecast_w, charge.soc, parameters)
+        place = (number(X), number(Y), number(ALTITUDE), number(HEADING))
+        forecast_w = watcher.forecast_w
+        return Step(k * step_s, stage.index, *place, number(POWER), forecast_w, number(SOC), parameters)
 
-    for k in range(steps):
-        time_s = (k + 1) * step_s
-        try:
-            motion_w = fly_step(path, offset, gain, sense, next_wind(), step_s)
-        except (ArithmeticError, ValueError):
-            if k == 0:
-                what = (
-                    f"the path of stage 1 has no finite value at the start ({world.start_m[0]:g}, {world.start_m[1]:g})"
-                )
-                raise PathUndefined(what) from None
-            reason = f"the path of stage {stage.index} has no value at ({aircraft.x_m:.1f}, {aircraft.y_m:.1f})"
+    number = stretches.number
+    while k < steps:
+        if losses and k >= losses[-1][0]:
+            losses.pop()
+        if alarms and k >= alarms[-1]:
+            alarms.pop()
+        loss = losses[-1] if losses else (steps, 0.0)
+        alarm = alarms[-1] if alarms else steps
+        stretches.fault(*loss)
+        k, seen = stretches.run(k, min(steps, look, loss[0], alarm, k - k % log_every + log_every))
+        time_s = k * step_s
+        if seen & (LOST | EMPTY | SAGS):
+            reason = _failure(seen, world, stretches, stage.index, k)
             break
-        x, y = aircraft.x_m, aircraft.y_m
-        power_w = motion_w + computing_w
-        energy_w += power_w
-        distance_m += math.sqrt(aircraft.vx * aircraft.vx + aircraft.vy * aircraft.vy)
-        if power_w < lowest_w:
-            lowest_w = power_w
-        if power_w > highest_w:
-            highest_w = power_w
-        if not drain(time_s, power_w):
-            reason = charge.failure
-            break
-        observation = Observation(
-            time_s,
-            x,
-            y,
-            stage.index,
-            itinerary.stages_begun,
-            power_w,
-            charge.soc,
-            parameters,
-            None,
-            (aircraft.vx, aircraft.vy),
-            aircraft.heading_rad,
-        )
-        decision = update(observation if ideal else suite.observe(observation))
-        forecast_w = decision.power_forecast_w
-        if decision.record is not recorded:
-            recorded = decision.record
-            if recorded is not None:
-                outcome.records.append(recorded)
-        if (k + 1) % log_every == 0:
+        looks = k >= look or k == alarm
+        if looks:
+            watcher.look(k, itinerary)
+            if watcher.record is not recorded:
+                recorded = watcher.record
+                if recorded is not None:
+                    outcome.records.append(recorded)
+        if k % log_every == 0:
+            watcher.listen(k)
             last_logged = k
             yield logged()
         try:
-            changed = advance(x, y)
+            changed = itinerary.follow(seen, number(X), number(Y)) if seen else False
             if itinerary.complete:
                 outcome.completed, reason = True, COMPLETED
                 break
             if changed:
                 outcome.stage_times_s.append(time_s)
-            if decision.parameters is not decided:
-                decided = decision.parameters
-                changed |= itinerary.decide(decided, (x, y))
+            if watcher.parameters is not decided:
+                decided = watcher.parameters
+                if decided is not None:
+                    changed |= itinerary.decide(decided, (number(X), number(Y)))
         except EadpError as error:
             reason = str(error)
             break
         if changed:
             stage, parameters = itinerary.stage, itinerary.parameters
-            path, offset, gain, sense = itinerary.path, itinerary.offset_m, stage.gain, stage.sense
-            computing_w = world.computing.power_w(parameters, stage.sets)
+            stretches.along(itinerary, world.computing.power_w(parameters, stage.sets))
             log.change(time_s, parameters, stage.sets)
+            look = k + 1  # a new stage, or what has been decided, is told at once
+        elif looks:
+            look = max(k + 1, step_at(planner.next_look_s, step_s, steps))
     if k != last_logged:
+        watcher.listen(k)
         yield logged()
-    totals.energy_j, totals.distance_m = energy_w * step_s, distance_m * step_s
-    totals.power_min_w, totals.power_max_w = lowest_w, highest_w
-    log.close(time_s)
-    outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, charge.soc
+    totals = outcome.totals
+    totals.energy_j, totals.distance_m = number(ENERGY) * step_s, number(DISTANCE) * step_s
+    totals.power_min_w, totals.power_max_w = number(LEAST), number(MOST)
+    log.close(k * step_s)
+    outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, number(SOC)
 
 
-class _Charge:
-    """The state of charge: drained by the actual power and by faults, or replayed."""
+class _Watcher:
+    """What goes from the sensors to the planner, and what it has decided."""
 
-    def __init__(self, battery: Battery, faults: tuple[Fault, ...], step_s: float) -> None:
-        self._battery = battery
-        self._faults = sorted(faults, key=lambda fault: -fault.at_s)
-        empty_v = battery.voltage_at(0.0)
-        self._empty_v, self._rise_v = empty_v, battery.voltage_v - empty_v
-        self._four_r = 4 * battery.resistance_ohm
-        self._factor = 2 * battery.k_b_per_s * step_s / battery.capacity_ah
-        self.soc = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
-        self.failure = BATTERY_EMPTY
+    def __init__(self, world: World, planner: Planner, stretches: Stretches) -> None:
+        self._step_s = world.step_s
+        self._planner = planner
+        self._stretches = stretches
+        self._ideal = world.sensors.ideal
+        self._suite = SensorSuite(world.sensors, world.step_s, np.random.default_rng([world.seed, 1]))
+        self.late = self._suite.late
+        """How many steps old what is told is."""
+        stretches.sense(step_at(planner.reading_every_s, world.step_s, MOST_STEPS), self.late)
+        self.forecast_w = 0.0
+        self.parameters: Vector | None = None
+        self.record: Record | None = None
 
-    def drain(self, time_s: float, power_w: float) -> bool:
-        """Draw a power for one step; return whether the battery could give it and is not empty."""
-        b = self._battery
-        # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c: eadp.core.battery, inlined for the loop
-        volts = self._empty_v + self._rise_v * self.soc
-        discriminant = volts * volts - self._four_r * power_w
-        if discriminant < 0:
-            self.failure = "the battery cannot deliver: " + undeliverable(power_w, volts, b.resistance_ohm)
-            return False
-        if b.prescribed:
-            self.soc = b.prescribed_soc(time_s)
-        else:
-            self.soc -= self._factor * power_w / (volts + math.sqrt(discriminant))
-            while self._faults and time_s >= self._faults[-1].at_s - 1e-9:
-                self.soc -= self._faults.pop().soc_drop
-        if self.soc <= 0:
-            self.soc = max(self.soc, 0.0)
-            return False
-        return True
+    def look(self, k: int, itinerary: Itinerary) -> None:
+        """Show the planner what is known after step `k`."""
+        self.listen(k - 1)
+        x, y, power_w, soc, vx, vy, heading = self._stretches.told(k)
+        observation = Observation(
+            k * self._step_s,
+            x,
+            y,
+            itinerary.stage.index,
+            itinerary.stages_begun,
+            power_w,
+            soc,
+            itinerary.parameters,
+            None,
+            (vx, vy),
+            heading,
+        )
+        decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
+        self.forecast_w, self.parameters, self.record = decision.power_forecast_w, decision.parameters, decision.record
+
+    def listen(self, k: int) -> None:
+        """Give the planner the readings up to step `k` that it has not been shown; a later one it sees itself."""
+        steps, true_w, charges = self._stretches.readings()
+        if steps and steps[-1] > k:
+            steps.pop()
+        if not steps:
+            return
+        count = len(steps)
+        powers_w: list[float | None] = [*true_w[:count]]
+        soc = charges[count - 1]
+        if not self._ideal:
+            powers_w = [self._suite.power_w(n, power_w) for n, power_w in zip(steps, true_w, strict=False)]
+            soc = self._suite.soc(steps[-1], soc)
+        step_s = self._step_s
+        self.forecast_w = self._planner.listen([n * step_s for n in steps], powers_w, soc).power_forecast_w
+
+
+def step_at(time_s: float, step_s: float, most: int) -> int:
+    """The first step after which it is a time [s] or later, 1 or more; at most `most`."""
+    if time_s >= most * step_s:
+        return most
+    return max(1, math.ceil((time_s - 1e-9) / step_s - 1e-9))
+
+
+def _losses(world: World) -> list[tuple[int, float]]:
+    """The steps with a sudden loss of charge and how much it is, the last first; of a replayed charge, 0.
+
+    A planner looks at once.
+    """
+    drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
+    if world.battery.prescribed:
+        points = world.battery.prescribed
+        drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(points) if t == after]
+    losses: dict[int, float] = {}
+    for at_s, drop in sorted(drops):
+        step = step_at(at_s, world.step_s, MOST_STEPS)
+        losses[step] = losses.get(step, 0.0) + drop
+    return sorted(losses.items(), reverse=True)
+
+
+def _failure(seen: int, world: World, stretches: Stretches, stage: int, k: int) -> str:
+    """Why a flight ends early.
+
+    Raises
+    ------
+    PathUndefined
+        If the first path cannot be evaluated where the flight starts.
+    """
+    if seen & EMPTY:
+        return BATTERY_EMPTY
+    if seen & SAGS:
+        volts = world.battery.voltage_at(stretches.number(SOC))
+        power_w = stretches.number(POWER)
+        return "the battery cannot deliver: " + undeliverable(power_w, volts, world.battery.resistance_ohm)
+    if k == 1:
+        x, y = world.start_m
+        raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")
+    return f"the path of stage {stage} has no value at ({stretches.number(X):.1f}, {stretches.number(Y):.1f})"

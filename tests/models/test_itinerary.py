@@ -6,6 +6,7 @@ import itertools
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -811,3 +812,32 @@ def test_the_survey_begins_a_quarter_before_its_first_trigger():
     start, heading = default_start(survey(), (0.0, 10.0))
     assert start == pytest.approx((-45, 216))
     assert abs(heading) == pytest.approx(math.pi)
+
+
+# --- the closed form of a path ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text", ["0.1; 90; 3*x - 2*(y + 4)\n0, -4\n", "0.1; 270; 7 - 2*((x - 5)^2 + (y + 1)^2)\n6, 1\n"]
+)
+def test_a_line_or_a_circle_has_its_path_function_as_its_form(text):
+    itinerary = begun(plan_of(text), position=(100.0, 50.0))
+    q, x0, y0, a, b, e = itinerary.form
+    for x, y in ((0.0, 0.0), (31.7, -8.9), (-200.0, 77.0)):
+        u, v = x - x0, y - y0
+        jet = (q * (u * u + v * v) + a * u + b * v + e, 2 * q * u + a, 2 * q * v + b, 2 * q, 0.0, 2 * q)
+        assert jet == pytest.approx(itinerary.path(x, y), rel=1e-12, abs=1e-9)
+
+
+def test_a_curve_has_no_form():
+    assert begun(plan_of("0.1; 90; y - 20*sin(x/40)\n-300, 20*sin(-300/40)\n"), position=(0.0, 0.0)).form is None
+
+
+def test_what_is_watched_may_be_an_array():
+    plain, arrayed = (begun(plan_of(ROUND_AND_ON), position=(50.0, 0.0)) for _ in range(2))
+    for x, y in arc((0, 0), 50, 0, 400):
+        if not isinstance(arrayed.watch, np.ndarray):
+            arrayed.watch = np.array(arrayed.watch)
+        assert plain.advance(x, y) == arrayed.advance(x, y)
+        assert list(plain.watch) == list(arrayed.watch)
+    assert plain.stage.index == 2

@@ -11,7 +11,19 @@ from eadp.core.derivatives import bind
 from eadp.core.expressions import read_expression
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Wind
-from eadp.simulation.aircraft import Gusts, PaperAircraft
+from eadp.simulation.aircraft import (
+    ALTITUDE,
+    GUST_X,
+    GUST_Y,
+    HEADING,
+    NOISE_LEFT,
+    X,
+    Y,
+    constants_of,
+    fly_step,
+    next_gust,
+    state_of,
+)
 
 LINE = bind(read_expression("x"), [])
 CIRCLE = bind(read_expression("x^2+y^2-75^2"), [])
@@ -19,22 +31,23 @@ STILL = (0.0, 0.0)
 
 
 def fly(path, gain, sense, wind, start, heading, seconds, vehicle=None, guidance=None, step_s=0.01):
-    aircraft = PaperAircraft(
-        vehicle or PaperVehicle(), guidance or Guidance(), wind, start, math.radians(heading), 25.0
-    )
+    vehicle = vehicle or PaperVehicle()
+    s = state_of(vehicle, wind, start, math.radians(heading), 25.0)
+    c = constants_of(vehicle, guidance or Guidance(), Wind(), step_s)
     track, power = [], []
     for _ in range(round(seconds / step_s)):
-        power.append(aircraft.step(path, STILL, gain, sense, wind, step_s))
-        track.append((aircraft.x_m, aircraft.y_m))
-    return np.array(track), np.array(power), aircraft
+        power.append(fly_step(s, c, path(s[X], s[Y]), gain, sense, *wind))
+        track.append((s[X], s[Y]))
+    return np.array(track), np.array(power), s
 
 
 def test_one_step_is_the_published_one():
     """The letter's step with matrices, from 20 m altitude, off its path, in wind that lifts."""
     wind = np.array([5.0, 0.0])
     vehicle = PaperVehicle(wind_in_lift=True)
-    aircraft = PaperAircraft(vehicle, Guidance(-0.001, False), tuple(wind), (-100.0, 220.0), math.radians(270), 20.0)
-    power = aircraft.step(CIRCLE, STILL, 0.006, 1, tuple(wind), 0.01)
+    s = state_of(vehicle, tuple(wind), (-100.0, 220.0), math.radians(270), 20.0)
+    c = constants_of(vehicle, Guidance(-0.001, False), Wind(), 0.01)
+    power = fly_step(s, c, CIRCLE(-100.0, 220.0), 0.006, 1, *wind)
 
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     p, theta = np.array([-100.0, 220.0]), math.radians(270)
@@ -49,18 +62,18 @@ def test_one_step_is_the_published_one():
     lift_speed = 0.3 * (50 + throttle) + wind @ [math.cos(theta), math.sin(theta)]
     climb = (9.8 / 225 * lift_speed**2 - 9.8) * 0.01
     velocity = 0.3 * (50 + throttle) * np.array([math.cos(theta), math.sin(theta)]) + wind
-    assert (aircraft.x_m, aircraft.y_m) == pytest.approx(tuple(p + velocity * 0.01), abs=1e-12)
-    assert aircraft.altitude_m == pytest.approx(20 + climb * 0.01, abs=1e-12)
-    assert math.remainder(aircraft.heading_rad - (theta + u * 0.01), 2 * math.pi) == pytest.approx(0, abs=1e-12)
+    assert (s[X], s[Y]) == pytest.approx(tuple(p + velocity * 0.01), abs=1e-12)
+    assert s[ALTITUDE] == pytest.approx(20 + climb * 0.01, abs=1e-12)
+    assert math.remainder(s[HEADING] - (theta + u * 0.01), 2 * math.pi) == pytest.approx(0, abs=1e-12)
     assert power == pytest.approx(20 * (50 + throttle) / 100 + 16, abs=1e-12)
 
 
 def test_level_flight_costs_the_cruise_power_whatever_the_wind():
     for wind in ((0.0, 0.0), (5.0, 0.0), (-3.0, 4.0)):
-        _, power, aircraft = fly(LINE, 0.1, 1, wind, (0.0, 0.0), 90, 20)
+        _, power, s = fly(LINE, 0.1, 1, wind, (0.0, 0.0), 90, 20)
         assert np.ptp(power[500:]) < 1e-6, "airspeed is the throttle's alone: the wind changes no power"
         assert power[-1] == pytest.approx(26.0)
-        assert aircraft.altitude_m == pytest.approx(25.0, abs=1e-6)
+        assert s[ALTITUDE] == pytest.approx(25.0, abs=1e-6)
 
 
 def test_a_tailwind_lifts_only_where_that_is_asked_for():
@@ -87,9 +100,18 @@ def test_one_normalised_gain_serves_lines_and_circles(path, sense, start):
 
 
 def test_at_the_centre_of_a_circle_the_heading_is_kept():
-    aircraft = PaperAircraft(PaperVehicle(), Guidance(), STILL, (0.0, 0.0), 1.0, 25.0)
-    aircraft.step(CIRCLE, STILL, 0.006, 1, STILL, 0.01)
-    assert aircraft.heading_rad == 1.0
+    s = state_of(PaperVehicle(), STILL, (0.0, 0.0), 1.0, 25.0)
+    fly_step(s, constants_of(PaperVehicle(), Guidance(), Wind(), 0.01), CIRCLE(0.0, 0.0), 0.006, 1, 0.0, 0.0)
+    assert s[HEADING] == 1.0
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 0, 1, 2])
+@pytest.mark.parametrize("heading", [-3.14, -0.5, 0.0, 3.0, math.pi])
+def test_a_heading_stays_within_a_turn(heading, turns):
+    s = state_of(PaperVehicle(), STILL, (0.0, 0.0), heading + 2 * math.pi * turns, 25.0)
+    fly_step(s, constants_of(PaperVehicle(), Guidance(), Wind(), 0.01), CIRCLE(0.0, 0.0), 0.006, 1, 0.0, 0.0)
+    assert -math.pi <= s[HEADING] <= math.pi
+    assert abs(math.remainder(s[HEADING] - heading, 2 * math.pi)) < 1e-14 * (1 + abs(turns))
 
 
 def test_a_smaller_step_flies_the_same_path():
@@ -100,9 +122,16 @@ def test_a_smaller_step_flies_the_same_path():
 
 def test_gusts_have_their_spread_and_their_time():
     wind = Wind(4.0, 90.0, gust_std_mps=1.5, gust_time_s=2.0)
-    gusts = Gusts(wind, 0.1, np.random.default_rng(3))
-    samples = np.array([gusts.next_mps() for _ in range(200_000)])
-    assert samples.mean(axis=0) == pytest.approx((0, 4), abs=0.06)
+    s, c = state_of(PaperVehicle(), STILL, (0.0, 0.0), 0.0, 25.0), constants_of(PaperVehicle(), Guidance(), wind, 0.1)
+    count = 200_000
+    noise = np.random.default_rng(3).standard_normal(2 * count).tolist()
+    s[NOISE_LEFT] = len(noise)
+    samples = np.empty((count, 2))
+    for row in samples:
+        next_gust(s, c, noise)
+        row[:] = s[GUST_X], s[GUST_Y]
+    assert s[NOISE_LEFT] == 0
+    assert samples.mean(axis=0) == pytest.approx((0, 0), abs=0.06)
     assert samples.std(axis=0) == pytest.approx((1.5, 1.5), rel=0.03)
     gust = samples[:, 0] - samples[:, 0].mean()
     lag = 20  # 2 s
@@ -110,7 +139,5 @@ def test_gusts_have_their_spread_and_their_time():
     assert abs(np.corrcoef(samples.T)[0, 1]) < 0.03
 
 
-def test_without_gusts_the_wind_is_steady():
-    gusts = Gusts(Wind(5.0, 180.0), 0.01, np.random.default_rng(0))
-    assert {gusts.next_mps() for _ in range(10)} == {Wind(5.0, 180.0).steady_mps}
+def test_the_steady_wind_blows_where_it_is_said_to():
     assert Wind(5.0, 90.0).steady_mps == pytest.approx((0, 5), abs=1e-12)

@@ -7,18 +7,35 @@ import math
 import pytest
 from scipy.integrate import solve_ivp
 
-from eadp.models.battery import Battery, Fault
-from eadp.simulation.loop import BATTERY_EMPTY, _Charge
+from eadp.models.battery import Battery
+from eadp.simulation.aircraft import STEP_S as STEP_S_PLACE
+from eadp.simulation.stretch import (
+    CONSTANTS,
+    DRAIN,
+    DROP,
+    EMPTY,
+    EMPTY_V,
+    FAULT_AT,
+    SAGS,
+    SOC,
+    STATE,
+    drain,
+    drain_constants,
+)
 
 STEP_S = 0.01
 
 
-def drained(battery, power_w, seconds, faults=()):
-    charge = _Charge(battery, tuple(faults), STEP_S)
-    for k in range(round(seconds / STEP_S)):
-        if not charge.drain((k + 1) * STEP_S, power_w((k + 1) * STEP_S)):
-            break
-    return charge
+def drained(battery, power_w, seconds, fault=(0, 0.0)):
+    """The charge after some time of a power, and what ended it."""
+    s, c = [0.0] * STATE, [0.0] * CONSTANTS
+    c[EMPTY_V : DRAIN + 1] = drain_constants(battery, STEP_S)
+    c[FAULT_AT], c[DROP] = fault
+    s[SOC] = battery.soc
+    for k in range(1, round(seconds / STEP_S) + 1):
+        if failed := drain(s, c, power_w(k * STEP_S), k, None):
+            return s[SOC], failed
+    return s[SOC], 0
 
 
 @pytest.mark.parametrize("empty_v", [None, 12.4])
@@ -34,23 +51,32 @@ def test_the_charge_follows_its_equation(empty_v):
         return [-current / 3600 / 1.2]
 
     expected = solve_ivp(slope, (0, 600), [0.95], rtol=1e-9, atol=1e-12).y[0, -1]
-    assert drained(battery, power, 600).soc == pytest.approx(expected, abs=2e-6)
+    assert drained(battery, power, 600)[0] == pytest.approx(expected, abs=2e-6)
 
 
 def test_a_voltage_that_falls_empties_the_battery_sooner():
     flat, falling = Battery(16.8, capacity_ah=0.1), Battery(16.8, capacity_ah=0.1, voltage_empty_v=12.0)
-    assert drained(falling, lambda _t: 40.0, 60).soc < drained(flat, lambda _t: 40.0, 60).soc
+    assert drained(falling, lambda _t: 40.0, 60) < drained(flat, lambda _t: 40.0, 60)
 
 
 def test_a_battery_that_sags_below_what_is_drawn_says_so():
     # 4 R y = 4·0.5·100 = 200 V²: above 14.14 V it can, below it cannot
     battery = Battery(16.0, 0.5, 0.5, 1 / 3600, 1.0, 10.0, (), 12.0)
-    charge = drained(battery, lambda _t: 100.0, 600)
-    assert "cannot deliver" in charge.failure
-    assert battery.voltage_at(charge.soc) == pytest.approx(math.sqrt(200), abs=0.01)
+    soc, failed = drained(battery, lambda _t: 100.0, 600)
+    assert failed == SAGS
+    assert battery.voltage_at(soc) == pytest.approx(math.sqrt(200), abs=0.01)
 
 
-def test_faults_and_the_end():
-    charge = drained(Battery(capacity_ah=1.0), lambda _t: 30.0, 100, [Fault(5.0, 0.3), Fault(6.0, 0.9)])
-    assert charge.soc == 0
-    assert charge.failure == BATTERY_EMPTY
+def test_a_loss_of_charge_and_the_end():
+    battery = Battery(capacity_ah=1.0)
+    before, after = (drained(battery, lambda _t: 30.0, 100, fault)[0] for fault in ((0, 0.0), (500, 0.3)))
+    assert before - after == pytest.approx(0.3, abs=1e-12)
+    assert drained(battery, lambda _t: 30.0, 100, (600, 0.999)) == (0, EMPTY)
+
+
+def test_a_replayed_charge_is_not_drained():
+    s, c = [0.0] * STATE, [0.0] * CONSTANTS
+    c[EMPTY_V : DRAIN + 1] = drain_constants(Battery(), STEP_S)
+    c[STEP_S_PLACE] = STEP_S
+    assert drain(s, c, 30.0, 50, lambda time_s: time_s) == 0
+    assert s[SOC] == 0.5

@@ -10,14 +10,36 @@ from eadp.core.aerodynamics import GRAVITY_MPS2
 from eadp.core.derivatives import bind
 from eadp.core.expressions import read_expression
 from eadp.models.vehicle import FixedWing, Guidance
-from eadp.simulation.aircraft import FixedWingAircraft
+from eadp.models.weather import Wind
+from eadp.simulation.aircraft import (
+    AIRSPEED,
+    ALTITUDE,
+    BANK,
+    CLIMB,
+    HEADING,
+    VX,
+    X,
+    Y,
+    constants_of,
+    fly_step,
+    state_of,
+)
 
 STEP_S = 0.01
 CALM = (0.0, 0.0)
 
 
-def aircraft(position=(0.0, 0.0), heading=0.0, altitude=25.0, vehicle=None, wind=CALM):
-    return FixedWingAircraft(vehicle or FixedWing(), Guidance(), wind, position, heading, altitude)
+class Plane:
+    """One aircraft and its numbers."""
+
+    def __init__(self, position=(0.0, 0.0), heading=0.0, altitude=25.0, vehicle=None, wind=CALM, step_s=STEP_S):
+        vehicle = vehicle or FixedWing()
+        self.s = state_of(vehicle, wind, position, heading, altitude)
+        self.c = constants_of(vehicle, Guidance(), Wind(), step_s)
+
+    def step(self, along, gain=0.1, sense=1, wind=CALM):
+        """The power of a step."""
+        return fly_step(self.s, self.c, along(self.s[X], self.s[Y]), gain, sense, *wind)
 
 
 def path(text):
@@ -27,29 +49,27 @@ def path(text):
 def fly(plane, along, seconds, gain=0.1, sense=1, wind=CALM):
     """The power of every step."""
     winds = wind if callable(wind) else lambda _t: wind
-    return [
-        plane.step(along, (0.0, 0.0), gain, sense, winds(k * STEP_S), STEP_S) for k in range(round(seconds / STEP_S))
-    ]
+    return [plane.step(along, gain, sense, winds(k * STEP_S)) for k in range(round(seconds / STEP_S))]
 
 
 def test_straight_flight_takes_the_level_power():
-    plane = aircraft()
+    plane = Plane()
     powers = fly(plane, path("-y"), 20)
     assert powers[-1] == pytest.approx(FixedWing().cruise_power_w, rel=1e-6)
-    assert plane.airspeed_mps == pytest.approx(15, rel=1e-6)
-    assert plane.y_m == pytest.approx(0, abs=1e-6)
-    assert plane.x_m == pytest.approx(300, rel=1e-4)
+    assert plane.s[AIRSPEED] == pytest.approx(15, rel=1e-6)
+    assert plane.s[Y] == pytest.approx(0, abs=1e-6)
+    assert plane.s[X] == pytest.approx(300, rel=1e-4)
 
 
 @pytest.mark.parametrize("radius", [40.0, 70.0, 120.0])
 def test_a_circle_takes_the_bank_and_the_power_of_a_level_turn(radius):
     # counter-clockwise round the origin from its rightmost point, heading north
-    plane = aircraft((radius, 0.0), math.pi / 2)
+    plane = Plane((radius, 0.0), math.pi / 2)
     power = fly(plane, path(f"x^2 + y^2 - {radius}^2"), 60, gain=0.1 / (2 * radius))[-1]
     bank = math.atan(15**2 / (GRAVITY_MPS2 * radius))
-    assert plane.bank_rad == pytest.approx(bank, rel=1e-2)
+    assert plane.s[BANK] == pytest.approx(bank, rel=1e-2)
     assert power == pytest.approx(FixedWing().level_power_w(15, bank), rel=2e-3)
-    assert math.hypot(plane.x_m, plane.y_m) == pytest.approx(radius, abs=0.5)
+    assert math.hypot(plane.s[X], plane.s[Y]) == pytest.approx(radius, abs=0.5)
 
 
 def test_the_published_survey_speed_takes_what_was_published():
@@ -58,80 +78,78 @@ def test_the_published_survey_speed_takes_what_was_published():
 
 
 def test_no_bank_is_beyond_its_limit():
-    plane = aircraft((0.0, 100.0), math.pi)
+    plane = Plane((0.0, 100.0), math.pi)
     line = path("-y")
     steepest = 0.0
     for _ in range(3000):
-        plane.step(line, (0.0, 0.0), 5.0, 1, CALM, STEP_S)
-        steepest = max(steepest, abs(plane.bank_rad))
+        plane.step(line, 5.0)
+        steepest = max(steepest, abs(plane.s[BANK]))
     assert math.radians(30) < steepest <= math.radians(45)
 
 
 def test_it_climbs_to_its_height_within_its_limit_and_pays_for_it():
     vehicle = FixedWing(cruise_altitude_m=60.0)
-    plane = aircraft(altitude=25.0, vehicle=vehicle)
+    plane = Plane(altitude=25.0, vehicle=vehicle)
     power = fly(plane, path("-y"), 5)[-1]
-    assert plane.climb_mps == 3.0
+    assert plane.s[CLIMB] == 3.0
     # P = (D + W sin γ) V/η: the climb takes m g ḣ/η more
     assert power == pytest.approx(
         vehicle.cruise_power_w + vehicle.weight_n * 3.0 / vehicle.propulsive_efficiency, rel=1e-3
     )
     fly(plane, path("-y"), 40)
-    assert plane.altitude_m == pytest.approx(60, abs=0.1)
+    assert plane.s[ALTITUDE] == pytest.approx(60, abs=0.1)
 
 
 def test_energy_is_conserved_when_the_motor_is_off():
     # without thrust at level height, kinetic energy is lost to drag alone: m V dV = −D ds
     vehicle = FixedWing(airspeed_mps=14.0, speed_gain_per_s=100.0)
-    plane = aircraft(vehicle=vehicle)
-    plane.airspeed_mps = 25.0
+    plane = Plane(vehicle=vehicle)
+    plane.s[AIRSPEED] = 25.0
     line, lost = path("-y"), 0.0
-    before = 0.5 * vehicle.mass_kg * plane.airspeed_mps**2
-    while plane.airspeed_mps > 18:
-        lost += vehicle.drag_n(plane.airspeed_mps) * plane.airspeed_mps * STEP_S
-        assert plane.step(line, (0.0, 0.0), 0.1, 1, CALM, STEP_S) == vehicle.avionics_w
-    assert before - 0.5 * vehicle.mass_kg * plane.airspeed_mps**2 == pytest.approx(lost, rel=2e-3)
+    before = 0.5 * vehicle.mass_kg * plane.s[AIRSPEED] ** 2
+    while plane.s[AIRSPEED] > 18:
+        lost += vehicle.drag_n(plane.s[AIRSPEED]) * plane.s[AIRSPEED] * STEP_S
+        assert plane.step(line) == vehicle.avionics_w
+    assert before - 0.5 * vehicle.mass_kg * plane.s[AIRSPEED] ** 2 == pytest.approx(lost, rel=2e-3)
 
 
 def test_a_motor_at_its_limit_does_not_hold_the_speed():
     vehicle = FixedWing(most_power_w=20.0)
-    plane = aircraft(vehicle=vehicle)
+    plane = Plane(vehicle=vehicle)
     powers = fly(plane, path("-y"), 60)
     assert max(powers) <= 20.0 + vehicle.avionics_w
-    assert plane.airspeed_mps < 14
+    assert plane.s[AIRSPEED] < 14
 
 
 def test_steady_wind_moves_the_ground_track_and_not_the_power():
-    still, blown = aircraft(), aircraft(wind=(0.0, 4.0))
+    still, blown = Plane(), Plane(wind=(0.0, 4.0))
     line = path("-y")
     a, b = fly(still, line, 60), fly(blown, line, 60, wind=(0.0, 4.0))
     assert b[-1] == pytest.approx(a[-1], rel=1e-3)
     # heading into the wind so far that the track stays on the line
-    assert blown.heading_rad == pytest.approx(-math.asin(4 / 15), abs=1e-2)
-    assert blown.y_m == pytest.approx(0, abs=0.3)
+    assert blown.s[HEADING] == pytest.approx(-math.asin(4 / 15), abs=1e-2)
+    assert blown.s[Y] == pytest.approx(0, abs=0.3)
 
 
 def test_a_head_gust_is_airspeed_first():
-    plane = aircraft()
+    plane = Plane()
     line = path("-y")
     fly(plane, line, 5)
-    plane.step(line, (0.0, 0.0), 0.1, 1, (-2.0, 0.0), STEP_S)
-    assert plane.airspeed_mps == pytest.approx(17, abs=0.01)
-    assert plane.vx == pytest.approx(15, abs=0.01)
+    plane.step(line, wind=(-2.0, 0.0))
+    assert plane.s[AIRSPEED] == pytest.approx(17, abs=0.01)
+    assert plane.s[VX] == pytest.approx(15, abs=0.01)
     fly(plane, line, 20, wind=(-2.0, 0.0))
-    assert plane.airspeed_mps == pytest.approx(15, abs=0.05)
-    assert plane.vx == pytest.approx(13, abs=0.05)
+    assert plane.s[AIRSPEED] == pytest.approx(15, abs=0.05)
+    assert plane.s[VX] == pytest.approx(13, abs=0.05)
 
 
 def test_half_the_step_flies_the_same_way():
     ends = []
     for step in (0.01, 0.005):
-        plane = aircraft((70.0, 0.0), math.pi / 2, wind=(3.0, 1.0))
+        plane = Plane((70.0, 0.0), math.pi / 2, wind=(3.0, 1.0), step_s=step)
         circle = path("x^2 + y^2 - 4900")
-        energy = sum(
-            plane.step(circle, (0.0, 0.0), 0.0007, 1, (3.0, 1.0), step) * step for _ in range(round(40 / step))
-        )
-        ends.append((plane.x_m, plane.y_m, energy))
+        energy = sum(plane.step(circle, 0.0007, 1, (3.0, 1.0)) * step for _ in range(round(40 / step)))
+        ends.append((plane.s[X], plane.s[Y], energy))
     assert ends[0][:2] == pytest.approx(ends[1][:2], abs=0.3)
     assert ends[0][2] == pytest.approx(ends[1][2], rel=1e-3)
 

@@ -20,12 +20,12 @@ def truth(k):
 
 def told(sensors, count, seed=0):
     suite = SensorSuite(sensors, STEP_S, np.random.default_rng(seed))
-    return [suite.observe(truth(k)) for k in range(count)]
+    return [suite.observe(k, truth(k)) for k in range(1, count + 1)]
 
 
 def test_ideal_sensors_tell_the_truth():
     assert Sensors().ideal
-    assert told(Sensors(), 20) == [truth(k) for k in range(20)]
+    assert told(Sensors(), 20) == [truth(k) for k in range(1, 21)]
 
 
 @pytest.mark.parametrize("key", ["power_noise_w", "position_noise_m", "delay_s", "drop_out_share"])
@@ -37,17 +37,24 @@ def test_noise_has_the_size_that_is_said():
     n = 40_000
     seen = told(Sensors(power_noise_w=2.0, position_noise_m=0.7, soc_noise=0.01), n)
     for name, std in (("power_w", 2.0), ("x_m", 0.7), ("y_m", 0.7), ("soc", 0.01)):
-        errors = np.array([getattr(o, name) - getattr(truth(k), name) for k, o in enumerate(seen)])
+        errors = np.array([getattr(o, name) - getattr(truth(k), name) for k, o in enumerate(seen, 1)])
         assert abs(errors.mean()) < 4 * std / n**0.5
         assert errors.std() == pytest.approx(std, rel=4 / (2 * n) ** 0.5)
 
 
-def test_a_delay_shows_the_past_but_for_what_the_planner_counts_itself():
-    seen = told(Sensors(delay_s=0.05), 20)
-    for k, o in enumerate(seen):
-        assert o.time_s == k * STEP_S
-        assert o.x_m == max(0, k - 5)
-        assert o.power_w == 30.0 + max(0, k - 5)
+def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
+    sensors = Sensors(power_noise_w=1.0, position_noise_m=0.5, soc_noise=0.01, drop_out_share=0.3)
+    every = told(sensors, 5000)
+    suite = SensorSuite(sensors, STEP_S, np.random.default_rng(0))
+    for k in (1, 7, 8, 1900, 2000, 2001, 2001, 4999):
+        assert suite.observe(k, truth(k)) == every[k - 1]
+        assert suite.power_w(k, 30.0 + k) == every[k - 1].power_w
+        assert suite.soc(k, 0.5) == every[k - 1].soc
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
+def test_a_delay_is_as_many_steps(delay_s):
+    assert SensorSuite(Sensors(delay_s=delay_s), STEP_S, np.random.default_rng(0)).late == round(delay_s / STEP_S)
 
 
 @pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])

@@ -1,0 +1,90 @@
+"""Compiled code beside the plain function, and the door to it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eadp.core import compiled, disturbance, riccati
+
+SAME = 1e-9
+fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+
+
+@pytest.fixture
+def switched_on():
+    """Compiled code for one test."""
+    compiled.switch_on()
+    yield
+    compiled.switch_on(False)
+
+
+def helper(x):
+    return 2 * x
+
+
+def outermost(x):
+    return helper(x) + 1
+
+
+def test_off_a_function_is_itself():
+    assert not compiled.is_on()
+    assert compiled.quick(outermost, helper) is outermost
+
+
+@fast
+def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    quick = compiled.quick(outermost, helper)
+    assert quick is not outermost
+    assert quick is compiled.quick(outermost, helper)
+    assert quick(3.0) == outermost(3.0) == 7.0
+    assert list(tmp_path.rglob("*.nbi")), "machine code is kept"
+
+
+@fast
+def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
+    code = (
+        "from eadp.core import compiled; import eadp.core.guidance as g; compiled.switch_on();"
+        "print(compiled.quick(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/nowhere"}
+    answer = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert answer.stdout.strip() == "1.0"
+
+
+def symmetric(rng, n):
+    factor = rng.standard_normal((n, n))
+    return factor @ factor.T
+
+
+@fast
+@pytest.mark.parametrize("n", [2, 5, 9])
+def test_a_covariance_goes_through_a_map_alike(n, switched_on):
+    rng = np.random.default_rng(n)
+    step = riccati.CovarianceMap(rng.standard_normal((n, n)), symmetric(rng, n), symmetric(rng, n))
+    covariance = 10 * symmetric(rng, n)
+    quick = step.of(covariance)
+    compiled.switch_on(False)
+    assert quick == pytest.approx(step.of(covariance), rel=SAME, abs=SAME)
+    assert (quick == quick.T).all()
+
+
+@fast
+@pytest.mark.parametrize("seed", range(3))
+def test_a_disturbance_is_learned_alike(seed, switched_on):
+    rng = np.random.default_rng(seed)
+    time_s = np.cumsum(rng.uniform(0.05, 0.2, 300))
+    power_w = np.convolve(rng.standard_normal(320), np.ones(21) / 5, "valid") + rng.standard_normal(300)
+    columns = np.column_stack([np.ones(300), np.cos(time_s)])
+    quick = disturbance.learned(time_s, power_w, columns=columns, samples=128)
+    compiled.switch_on(False)
+    plain = disturbance.learned(time_s, power_w, columns=columns, samples=128)
+    for name in ("std_w", "time_s", "noise_w", "log_likelihood"):
+        assert getattr(quick, name) == pytest.approx(getattr(plain, name), rel=SAME)
