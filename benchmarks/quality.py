@@ -364,7 +364,7 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
         worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
         mean = statistics.mean(u(r, name) for r in results)
         ours = statistics.mean(u(r, "joint") for r in results)
-        yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; joint worse in {len(worse)} {worse[:20] or ''}"
+        yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; worse in {len(worse)} {worse[:20] or '-'}"
 
 
 def reserve(count: int, seed: int, jobs: int, probability: float) -> None:

@@ -18,6 +18,7 @@ class PlannerName(enum.StrEnum):
 
     static = "static"
     paper = "paper"
+    joint = "joint"
 
 
 def command(
@@ -61,7 +62,7 @@ def command(
         check_new_folder(out, force=force)
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
-    world, pilot, outcome = inputs.world, inputs.planner(), Outcome()
+    world, pilot, outcome, expected = inputs.world, inputs.planner(), Outcome(), inputs.take_off()
     progress = Progress("flying")
     steps = []
     for step in fly(world, pilot, outcome):
@@ -70,7 +71,13 @@ def command(
     progress.close()
     settings = inputs.scenario.planner
     summary = summarise(
-        world, pilot, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
+        world,
+        pilot,
+        outcome,
+        reserve_soc=settings.reserve_soc,
+        weights=settings.weights,
+        name=settings.name,
+        expected=expected,
     )
     if out is not None:
         used = [
@@ -78,7 +85,7 @@ def command(
             *([f"planner.name={planner.value}"] if planner else []),
             *([f"seed={seed}"] if seed else []),
         ]
-        write_flight(out, world, steps, summary, inputs.texts, used, force=force)
+        write_flight(out, world, steps, summary, inputs.texts, used, force=force, records=outcome.records)
     if format_ is Format.json:
         emit_json(summary)
     else:
@@ -92,6 +99,7 @@ def _text(summary: Mapping[str, Any], out: str | None) -> str:
     power, solver = summary["power_w"], summary["solver"]
     reserve = "kept" if summary["reserve_kept"] else "not kept"
     lines = [
+        *_forecast(summary["energy_forecast"]),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
         f"energy     {summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W, "
         f"from {power['min']:.2f} to {power['max']:.2f} W",
@@ -111,5 +119,18 @@ def _text(summary: Mapping[str, Any], out: str | None) -> str:
         f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"
     )
     if out is not None:
-        lines.append(f"written    {out}/flight.csv, summary.json, flight.svg, flight.png")
+        decisions = "decisions.jsonl, " if summary["planner"] == "joint" else ""
+        lines.append(f"written    {out}/flight.csv, summary.json, {decisions}flight.svg, flight.png")
     return "\n".join(lines)
+
+
+def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
+    """What was to be expected before take-off."""
+    if expected is None:
+        return []
+    energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
+    times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
+    return [
+        f"forecast   completes with {100 * expected['completes_probability']:.0f} %, keeps the reserve with "
+        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}"
+    ]

@@ -67,7 +67,7 @@ def upper_envelope(points_m: FloatArray) -> Envelope:
     left, right = ends[:-1], ends[1:]
     middle = (left + right) / 2
     low, high = np.minimum(start[:, 0], end[:, 0]), np.maximum(start[:, 0], end[:, 0])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = (end[:, 1] - start[:, 1]) / (end[:, 0] - start[:, 0])
 
         def edge(u: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +18,8 @@ from eadp.io.streams import write_bytes
 from eadp.models.field import Field
 from eadp.models.nominal import Leg, leg_points, nominal_legs
 from eadp.models.plan import COMPUTATION, Plan, point_at
+from eadp.planning.mission_program import INFEASIBLE
+from eadp.planning.planners import Record
 from eadp.planning.sweep import Way
 from eadp.simulation.loop import Step, World
 
@@ -54,14 +58,17 @@ def _figure(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
         figure.savefig(path.with_suffix(".png"), metadata={"Software": "eadp"})
 
 
-def draw_flight(path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any]) -> None:
+def draw_flight(
+    path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any], records: Sequence[Record] = ()
+) -> None:
     """The path over the field by stage, power with its forecast, state of charge with the reserve, parameters.
 
-    Written to `path` with the endings .svg and .png.
+    Where and when re-plannings changed parameters is marked. Written to `path` with the endings .svg and .png.
     """
     with _figure(path, 11.5, 7.0) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1))
-        _draw_path(figure.add_subplot(grid[:, 0]), world, steps)
+        path_axes = figure.add_subplot(grid[:, 0])
+        _draw_path(path_axes, world, steps)
         time = np.array([step.time_s for step in steps])
         power = figure.add_subplot(grid[0, 1])
         _draw_power(power, time, steps)
@@ -69,6 +76,7 @@ def draw_flight(path: Path, world: World, steps: Sequence[Step], summary: Mappin
         _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
         lower = figure.add_subplot(grid[2, 1], sharex=power)
         _draw_parameters(lower, time, steps, world)
+        _draw_decisions(path_axes, lower, steps, records)
         lower.set_xlabel("time [s]")
         for axes in (power, charge):
             axes.tick_params(labelbottom=False)
@@ -164,6 +172,30 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
     axes.set_title("Parameters", loc="left", fontsize=10)
     if plan.parameters:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[Record]) -> None:
+    """Where and when a re-planning has changed parameters; in grey, the time in which nothing was feasible."""
+    times = [step.time_s for step in steps]
+    before = [steps[0].parameters, *(record.parameters for record in records)]
+    changed = [record for old, record in zip(before, records, strict=False) if record.parameters != old]
+    places = [steps[min(bisect.bisect_left(times, record.time_s), len(steps) - 1)] for record in changed]
+    if places:
+        x, y = [place.x_m for place in places], [place.y_m for place in places]
+        path.plot(x, y, "D", color="black", markersize=4, markerfacecolor="gold", label="decision", zorder=5)
+        path.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, frameon=False, fontsize=8)
+        lower.plot(
+            [record.time_s for record in changed],
+            [1.06] * len(changed),
+            "D",
+            color="black",
+            markersize=4,
+            markerfacecolor="gold",
+            clip_on=False,
+        )
+    for record, after in itertools.pairwise(records):
+        if record.status == INFEASIBLE:
+            lower.axvspan(record.time_s, after.time_s, color=GREY, alpha=0.2, linewidth=0)
 
 
 def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> None:

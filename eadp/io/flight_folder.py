@@ -7,22 +7,34 @@ import itertools
 import json
 import statistics
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from eadp.io.figures import draw_flight
 from eadp.io.streams import Text, new_folder
 from eadp.models.plan import PATH
-from eadp.planning.planners import Planner
+from eadp.planning.planners import Planner, Record
+from eadp.planning.take_off import TakeOff
 from eadp.simulation.loop import Outcome, Step, World
 
 SCHEMA = "eadp.flight/1"
 
 
 def summarise(
-    world: World, planner: Planner, outcome: Outcome, *, reserve_soc: float, weights: Mapping[str, float], name: str
+    world: World,
+    planner: Planner,
+    outcome: Outcome,
+    *,
+    reserve_soc: float,
+    weights: Mapping[str, float],
+    name: str,
+    expected: TakeOff | None = None,
 ) -> dict[str, Any]:
-    """The summary of a flight as `summary.json` holds it; units end the keys' names."""
+    """The summary of a flight as `summary.json` holds it; units end the keys' names.
+
+    `expected` is what was to be expected of it before it took off.
+    """
     log, totals, report = outcome.parameters, outcome.totals, planner.report
     assert log is not None
     parameters: dict[str, Any] = {}
@@ -68,7 +80,29 @@ def summarise(
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
             "max_ms": max(report.solve_ms, default=None),
         },
+        "energy_forecast": None if expected is None else _expected(expected),
         "seed": world.seed,
+    }
+
+
+def _expected(expected: TakeOff) -> dict[str, Any]:
+    told = expected.forecast
+    return {
+        "completes": told.completes_probability >= 0.5,
+        "completes_probability": told.completes_probability,
+        "reserve_probability": told.reserve_probability,
+        "time_s": told.remaining_s,
+        "time_std_s": told.remaining_std_s,
+        "energy_wh": told.energy_wh,
+        "energy_std_wh": told.energy_std_wh,
+        "soc_end": told.soc_end,
+        "soc_end_std": told.soc_end_std,
+        "parameters": expected.parameters,
+        "quality": expected.quality,
+        "stages": [
+            {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
+            for stage, (seconds, energy_wh) in sorted(told.stages.items())
+        ],
     }
 
 
@@ -90,8 +124,9 @@ def write_flight(
     overrides: Sequence[str],
     *,
     force: bool,
+    records: Sequence[Record] = (),
 ) -> None:
-    """Write a result folder, whole or not at all.
+    """Write a result folder, whole or not at all; `records` become `decisions.jsonl`, where there are any.
 
     Raises
     ------
@@ -103,7 +138,13 @@ def write_flight(
         (folder / "summary.json").write_text(
             json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
         )
-        draw_flight(folder / "flight", world, steps, summary)
+        if records:
+            lines = [
+                json.dumps(record_row(record, world.plan.names), ensure_ascii=False, allow_nan=False)
+                for record in records
+            ]
+            (folder / "decisions.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        draw_flight(folder / "flight", world, steps, summary, records)
         _copy_inputs(folder / "inputs", texts, overrides)
 
 
@@ -114,6 +155,14 @@ def _write_csv(path: Path, world: World, steps: Sequence[Step]) -> None:
         writer.writerow([*columns, *world.plan.names])
         for step in steps:
             writer.writerow([round(step.time_s, 9), *step[1:-1], *step.parameters])
+
+
+def record_row(record: Record, names: Sequence[str]) -> dict[str, Any]:
+    """A re-planning's record as a line of `decisions.jsonl`; see `Record` for its keys."""
+    row = {field.name: getattr(record, field.name) for field in fields(record)}
+    row["time_s"] = round(record.time_s, 9)
+    row["parameters"] = dict(zip(names, record.parameters, strict=True))
+    return row
 
 
 def _copy_inputs(folder: Path, texts: Mapping[str, Text], overrides: Sequence[str]) -> None:

@@ -23,6 +23,7 @@ from eadp.models.plan import Finding, Plan, Stage
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import FixedWing
 from eadp.planning.planners import Mission, Planner, make_planner
+from eadp.planning.take_off import TakeOff, take_off
 from eadp.simulation.loop import World
 
 CORNERS_LIMIT = 6
@@ -66,6 +67,11 @@ class FlightInputs:
     def planner(self) -> Planner:
         """A new planner for one flight."""
         return make_planner(self.scenario.planner, self.scenario.estimator, self.mission)
+
+    def take_off(self) -> TakeOff | None:
+        """What is to be expected of the flight before it takes off, its wind as the weather forecast."""
+        wind = self.world.wind
+        return take_off(self.scenario.planner, self.mission, wind.steady_mps, wind.gust_std_mps)
 
 
 def load_flight(

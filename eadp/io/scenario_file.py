@@ -49,7 +49,7 @@ class _Strict(BaseModel):
 class VehicleKeys(_Strict):
     """The simulated aircraft: constants of model `paper`, then of `fixed-wing`; those of the other are ignored."""
 
-    model: Literal["paper", "fixed-wing"] = "paper"
+    model: Literal["paper", "fixed-wing"] = "fixed-wing"
     mass_kg: Positive | None = Field(default=None, description="1.0 for paper, 1.2 for fixed-wing")
     weight_n: Positive = 9.8
     lift_coefficient: Positive = 9.8 / 15**2
@@ -192,13 +192,13 @@ class TradeOffKeys(_Strict):
 class PlannerKeys(_Strict):
     """The planner and its settings."""
 
-    name: str = "paper"
+    name: str = "joint"
     every_s: Positive = 1.0
     horizon_s: Positive | Literal["period"] = 6.0
     reserve_probability: Annotated[float, Field(ge=0.5, lt=1, allow_inf_nan=False)] = Field(
         default=0.95, description="joint: how surely the reserve is kept"
     )
-    keep_gain: Share = Field(default=0.005, description="joint: the quality U that a change of a parameter has to gain")
+    keep_gain: Share = Field(default=0.01, description="joint: the quality U that a change of a parameter has to gain")
     objective: Literal["quality", "total"] = Field(
         default="quality", description="joint: U averaged over the flight, or the computations summed over time"
     )

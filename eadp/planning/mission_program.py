@@ -16,7 +16,10 @@ Source: letter, Sec. VI, which names this optimisation as future work.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import heapq
+import itertools
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,8 +33,8 @@ FloatArray = NDArray[np.float64]
 Shares = tuple[float, ...]
 """Path parameters as shares of their boxes."""
 
-COARSE, FINE, HALVINGS = 13, 2, 9
-"""A scan: places over a box, places between the best and its neighbours on each side, and halvings towards an edge."""
+COARSE, MOST_HALVINGS, LEAST_PROMISE = 13, 60, 2e-5
+"""A scan: places over a box, halvings towards edges of steps, and what a step must promise to be looked at."""
 
 PASSES, FIRST_REACH, LEAST_REACH = 6, 0.1, 1e-5
 DIFFERENCE = 1e-3
@@ -291,49 +294,58 @@ def _better(new: Answer | None, old: Answer | None) -> Answer | None:
 
 
 def _scanned(look: Callable[[Shares], Answer | None], best: Answer | None, warm: Shares, axis: int) -> Answer | None:
-    """The best along one path parameter: over its box, between the neighbours of the best, then up to an edge."""
+    """The best along one path parameter: over its box, then up to the edges of those steps that could be better."""
     base = best.prospect.shares if best is not None else warm
 
     def at(share: float) -> Answer | None:
         return look((*base[:axis], share, *base[axis + 1 :]))
 
     places = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
-    for _ in range(2):
-        for share in places:
-            best = _better(at(share), best)
-        if best is None:
-            return None
-        centre = best.prospect.shares[axis]
-        below = max((p for p in places if p < centre), default=centre)
-        above = min((p for p in places if p > centre), default=centre)
-        between = [
-            end + (centre - end) * (i + 1) / (FINE + 1) for end in (below, above) if end != centre for i in range(FINE)
-        ]
-        if not set(between) - set(places):
+    found = [at(share) for share in places]
+    for answer in found:
+        best = _better(answer, best)
+    if best is None:
+        return None
+    cells = list(itertools.pairwise(zip(places, found, strict=True)))
+    rises = [
+        abs(b.value - a.value) / (high - low)
+        for (low, a), (high, b) in cells
+        if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
+    ]
+    slope = max(rises, default=1.0)
+    queue = [(-_promise(low, high, slope), i, low, high) for i, (low, high) in enumerate(cells) if _broken(low, high)]
+    heapq.heapify(queue)
+    for count in range(len(cells), len(cells) + MOST_HALVINGS):
+        if not queue or -queue[0][0] <= best.value + LEAST_PROMISE:
             break
-        places = sorted({*places, *between})
-    assert best is not None
-    for end in (_neighbour(places, best, axis, 1), _neighbour(places, best, axis, -1)):
-        best = _towards(at, best, axis, end)
+        _, _, low, high = heapq.heappop(queue)
+        share = (low[0] + high[0]) / 2
+        middle = share, at(share)
+        best = _better(middle[1], best)
+        assert best is not None
+        for left, right in ((low, middle), (middle, high)):
+            if right[0] - left[0] > LEAST_REACH and _broken(left, right):
+                heapq.heappush(queue, (-_promise(left, right, slope), 2 * count + (left is middle), left, right))
     return best
 
 
-def _neighbour(places: Sequence[float], best: Answer, axis: int, direction: int) -> float:
-    centre = best.prospect.shares[axis]
-    beside = [p for p in places if (p - centre) * direction > 0]
-    return min(beside, key=lambda p: abs(p - centre), default=centre)
+_Place = tuple[float, Answer | None]
 
 
-def _towards(at: Callable[[float], Answer | None], best: Answer, axis: int, end: float) -> Answer:
-    """From the best towards a worse neighbour, as far as it gets better: by halving."""
-    near, far = best.prospect.shares[axis], end
-    for _ in range(HALVINGS):
-        if abs(far - near) < LEAST_REACH:
-            break
-        middle = (near + far) / 2
-        found = _better(at(middle), best)
-        if found is not None and found is not best:
-            best, near = found, middle
-        else:
-            far = middle
-    return best
+def _alike(a: Answer, b: Answer) -> bool:
+    """Whether two answers lie on one step of the staircase, both feasible or both not."""
+    return a.prospect.shape == b.prospect.shape and a.allocation.feasible == b.allocation.feasible
+
+
+def _broken(low: _Place, high: _Place) -> bool:
+    """Whether an edge of a step, or of what is feasible, lies between two places."""
+    a, b = low[1], high[1]
+    if a is None or b is None:
+        return a is not b
+    return not _alike(a, b)
+
+
+def _promise(low: _Place, high: _Place, slope: float) -> float:
+    """What could at most be found between two places, steps being no steeper than those seen."""
+    values = [answer.value for _, answer in (low, high) if answer is not None and answer.allocation.feasible]
+    return max(values, default=-math.inf) + slope * (high[0] - low[0])

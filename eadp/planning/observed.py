@@ -73,12 +73,15 @@ class TimeRatio:
         self._legs.append((forecast_s, flown_s))
         self._forecast_s += forecast_s
         self._excess_s += flown_s - forecast_s
-        # a gust of σ that stays τ moves a leg of t seconds by √(2 τ t) σ metres
-        expected = TIME_NOISE_S + 2 * stay_s * (gust_std_mps / airspeed_mps) ** 2
+        expected = _expected_noise_s(gust_std_mps, airspeed_mps, stay_s)
         beta = self._excess_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
         squares = sum((flown - (1 + beta) * told) ** 2 / told for told, flown in self._legs)
         self.noise_s = (TIME_NOISE_LEGS * expected + squares) / (TIME_NOISE_LEGS + len(self._legs))
         self.ratio = 1.0 + self._excess_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
+
+    def expect(self, gust_std_mps: float, airspeed_mps: float, stay_s: float) -> None:
+        """Nothing is flown yet, and gusts are told."""
+        self.noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, stay_s)
 
     @property
     def variance(self) -> float:
@@ -88,6 +91,12 @@ class TimeRatio:
     def variance_s2(self, remaining_s: float) -> float:
         """Variance of a time that is forecast [s²]."""
         return remaining_s**2 * self.variance + self.noise_s * remaining_s
+
+
+def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, stay_s: float) -> float:
+    """Variance of a leg's time per second of it [s]."""
+    # a gust of σ that stays τ moves an aircraft by √(2 τ t) σ metres in t seconds
+    return TIME_NOISE_S + 2 * stay_s * (gust_std_mps / airspeed_mps) ** 2
 
 
 class MotionPower:

@@ -140,7 +140,7 @@ class PlannerSettings:
     `joint` maximises: `quality`, or `total`, the sum of the computations over time.
     """
 
-    name: str = PAPER
+    name: str = JOINT
     every_s: float = 1.0
     horizon_s: float | None = 6.0
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -161,7 +161,7 @@ class PlannerSettings:
     trade_offs: tuple[tuple[Mapping[str, float], float], ...] = ()
     reserve_soc: float = 0.05
     reserve_probability: float = 0.95
-    keep_gain: float = 0.005
+    keep_gain: float = 0.01
     objective: str = "quality"
 
 

@@ -150,7 +150,7 @@ BAD_SETS = [
     ("wind.speed_mps=1e999", "too large"),
     ("wind.speed=3", "unknown key wind.speed"),
     ("nosuch=1", "unknown key nosuch"),
-    ("planner.name=joint", "unknown planner joint"),
+    ("planner.name=greedy", "unknown planner greedy"),
     ("vehicle.model=balloon", "vehicle.model"),
     ("step_s=0", "step_s"),
     ("parameters.c7=1", "no parameter c7"),
@@ -291,4 +291,4 @@ def test_a_mission_that_never_ends_meets_the_time_limit(eadp, tmp_path):
 
 
 def test_unknown_planner_on_the_command_line(eadp):
-    assert refused(eadp("simulate", PLAN, "--planner", "joint"), "joint")
+    assert refused(eadp("simulate", PLAN, "--planner", "greedy"), "greedy")

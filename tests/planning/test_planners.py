@@ -32,7 +32,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
 BATTERY = Battery(14.8, 0.0012, 3.2, 0.00183, 1.0, 10.0)
-SETTINGS = PlannerSettings(min_periods=0, longest_s=705.96, shortest_s=270.15, reserve_soc=0.0, delta={"c1": 500})
+SETTINGS = PlannerSettings(
+    name="paper", min_periods=0, longest_s=705.96, shortest_s=270.15, reserve_soc=0.0, delta={"c1": 500}
+)
 
 
 def mission(plan=PLAN, profile=PROFILE, battery=BATTERY, parameters=(0.0, 10.0)):

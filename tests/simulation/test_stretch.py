@@ -143,7 +143,7 @@ def drawn(seed):
         "guidance.wind_corrected": bool(rng.random() < 0.7),
         "parameter_changes": str(rng.choice(["latched", "live"])),
         "estimator.every_s": float(rng.choice([0.03, 0.1, 0.25])),
-        "planner.name": str(rng.choice(["static", "paper"])),
+        "planner.name": str(rng.choice(["static", "paper", "joint"])),
         "planner.every_s": float(rng.choice([0.5, 1.0, 1.7])),
         "planner.min_periods": 1,
         "log_every_s": float(rng.choice([0.1, 3.0, 1e9])),

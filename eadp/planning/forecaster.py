@@ -1,0 +1,412 @@
+"""What the rest of a mission will take: time, energy and charge for any parameters, and how sure that is.
+
+What is left to fly comes from the plan's own geometry in the wind as estimated, corrected by how long legs took so far;
+the motion's power from what was flown; the state of charge at the end through the battery. Each comes with its spread.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.geometry import Point
+from eadp.core.wind import GUST_TIME_S, WindFilter
+from eadp.errors import EadpError, PathUndefined
+from eadp.models.ahead import Course, Follower, left_m
+from eadp.models.itinerary import Vector
+from eadp.planning.mission_program import Answer, Prospect, Shares
+from eadp.planning.observed import ChargeFilter, Flown, MotionPower, TimeRatio
+from eadp.planning.planner import Mission, Observation, PlannerSettings
+from eadp.planning.prospects import Past, Segments, Terms, Terrain
+
+FloatArray = NDArray[np.float64]
+
+WIND_STEP_MPS = 0.02
+"""A wind that has changed by less is planned with as before."""
+
+SENSITIVITY_EVERY_S, WIND_DIFFERENCE_MPS = 10.0, 0.3
+PERIOD_SAMPLES = 48
+HOME_TURN = 1.1
+"""The way home is longer than straight by this factor: it begins with a turn."""
+
+LEAST_STD = 1e-6
+
+
+class Forecast(NamedTuple):
+    """What a mission's rest takes with given parameters: see `planner.Record`.
+
+    `stages` tells time [s] and energy [Wh] of each stage of the plan, all its laps together.
+    """
+
+    remaining_s: float
+    remaining_std_s: float
+    energy_wh: float
+    energy_std_wh: float
+    soc_end: float
+    soc_end_std: float
+    reserve_soc: float
+    stages: dict[int, tuple[float, float]]
+
+    @property
+    def completes_probability(self) -> float:
+        """That the battery is not empty before the end."""
+        return NormalDist().cdf(self.soc_end / max(self.soc_end_std, LEAST_STD))
+
+    @property
+    def reserve_probability(self) -> float:
+        """That the reserve is kept."""
+        return NormalDist().cdf((self.soc_end - self.reserve_soc) / max(self.soc_end_std, LEAST_STD))
+
+
+class Forecaster:
+    """Follows a flight and tells what its rest takes; see the module.
+
+    Parameters
+    ----------
+    settings : PlannerSettings
+        Reserve and its probability, weights, levels, trade-offs and objective count here.
+    mission : Mission
+
+    Attributes
+    ----------
+    open : list of int
+        Path parameters that leave a choice; `Shares` are those of their boxes, in this order.
+    shares : tuple of float
+        Those decided.
+    lost : bool
+        Whether the plan could not be followed on: there is nothing more to forecast.
+    """
+
+    def __init__(self, settings: PlannerSettings, mission: Mission) -> None:
+        plan = mission.plan
+        self._settings, self._mission, self._plan = settings, mission, plan
+        self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+        self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
+        self.terrain = Terrain(
+            plan,
+            mission.computing,
+            mission.battery,
+            settings.weights,
+            settings.levels,
+            settings.trade_offs,
+            settings.objective,
+        )
+        self._z = NormalDist().inv_cdf(settings.reserve_probability)
+        self._speed = mission.cruise_mps
+        self._follower = Follower(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
+        self._wind = WindFilter(mission.cruise_mps)
+        self._wind_used: Point = (0.0, 0.0)
+        self._known_wind: Point | None = None
+        self._ratio = TimeRatio()
+        self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
+        self._slope = 0.0
+        self._charge = ChargeFilter()
+        self._flown = Flown(len(plan.parameters))
+        self._held_for: tuple[Vector, int] | None = None
+        self._decided = mission.parameters
+        self.shares = self._shares_of(mission.parameters)
+        self._courses: dict[Shares, Course | None] = {}
+        self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
+        self._told: dict[Shares, tuple[Terms, Segments] | None] = {}
+        self._time_s = self._stage_since_s = self._charge_s = 0.0
+        self._position: Point = mission.start_m or (0.0, 0.0)
+        self._last_s: float | None = None
+        self._sensitivity = (-math.inf, (0.0, 0.0))
+        self._ripple_w = 0.0
+        self._power_w = 0.0
+        self._stages_begun = 1
+        self._home_s: float | None = 0.0
+        self.before_latch = self._follower.before_latch
+        self.lost = False
+
+    # --- what is seen
+
+    @property
+    def lap(self) -> int:
+        """Laps flown before this one."""
+        return self._follower.lap
+
+    @property
+    def soc(self) -> float:
+        """State of charge, freed from the gauge's noise."""
+        return self._charge.soc
+
+    @property
+    def wind_mps(self) -> Point:
+        """The wind to plan with [m/s]: as given, else as estimated, in small steps."""
+        now = self._known_wind if self._known_wind is not None else self._wind.wind_mps
+        if math.dist(now, self._wind_used) > WIND_STEP_MPS:
+            self._wind_used = now
+            self._times.clear()
+        return self._wind_used
+
+    def see(self, o: Observation) -> bool:
+        """Take note of stage and parameters; return whether a new stage has begun."""
+        begun = o.stages_begun != self._stages_begun
+        if begun:
+            self._begin_stage(o)
+        if self._held_for != (o.parameters, o.stage):
+            self._held_for = (o.parameters, o.stage)
+            self._flown.hold(o.time_s, o.parameters, self._plan.stages[o.stage - 1].sets)
+        return begun
+
+    def read(self, o: Observation, computing_w: float) -> bool:
+        """Take readings: wind from the velocity, the motion's power, the charge; return whether the charge has jumped.
+
+        Parameters
+        ----------
+        o : Observation
+        computing_w : float
+            What of the power is the computations' [W].
+        """
+        step_s = o.time_s - self._last_s if self._last_s is not None else 0.0
+        self._last_s = o.time_s
+        self._position = (o.x_m, o.y_m)
+        if o.power_w is not None and step_s > 0:
+            self._motion.observe(o.power_w - computing_w, step_s, self._slope)
+        if o.wind_mps is not None:
+            self._known_wind = o.wind_mps
+        elif o.velocity_mps is not None and step_s > 0:
+            self._wind.observe(o.velocity_mps, o.heading_rad, step_s)
+        return self._read_charge(o)
+
+    def assume(self, wind_mps: Point, gust_std_mps: float, soc: float) -> None:
+        """Before take-off: the wind of the weather forecast [m/s], its gusts, and the state of charge."""
+        self._known_wind = wind_mps
+        self._ratio.expect(gust_std_mps, self._speed, GUST_TIME_S)
+        self._charge.observe(soc, 0.0)
+
+    def _read_charge(self, o: Observation) -> bool:
+        if math.isnan(self._charge.soc):
+            self._charge_s = o.time_s
+            return self._charge.observe(o.soc, 0.0)
+        step_s = o.time_s - self._charge_s
+        self._charge_s = o.time_s
+        if o.power_w is not None:
+            self._power_w = o.power_w
+        b = self._mission.battery
+        volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
+        root = math.sqrt(max(volts * volts - 4 * b.resistance_ohm * self._power_w, 0.0))
+        drained = b.k_b_per_s / b.capacity_ah * 2 * self._power_w / (volts + root) * step_s
+        return self._charge.observe(o.soc, 0.0 if b.prescribed else drained)
+
+    def _begin_stage(self, o: Observation) -> None:
+        """Go on to the next stage; what the last leg took is learned from, but for the first, which began anywhere."""
+        duration = o.time_s - self._stage_since_s
+        self._stage_since_s = o.time_s
+        course = self._course(self.shares)
+        if course is not None and self._stages_begun > 1:
+            forecast_s = float(course.times_s(self._speed, self.wind_mps)[0][0])
+            self._ratio.learn(forecast_s, duration, self._wind.gust_std_mps, self._speed, GUST_TIME_S)
+        self._motion.end_spell(self._slope)
+        try:
+            for _ in range(o.stages_begun - self._stages_begun):
+                self._follower.next_stage(o.parameters)
+        except EadpError:
+            self.lost = True
+        self._stages_begun = o.stages_begun
+        self._courses.clear()
+        self._times.clear()
+        self._told.clear()
+        if course is not None and len(course.legs) > 1 and course.legs[1].stage.index == o.stage:
+            self._courses[self.shares] = course.after()
+        self.before_latch = self._follower.before_latch
+        course = self._course(self.shares)
+        if course is not None and course.legs:
+            times, turning = course.times_s(self._speed, self.wind_mps)
+            self._slope = float(turning[0] / times[0]) if 0 < times[0] < math.inf else 0.0
+
+    def decide(self, parameters: Vector, shares: Shares) -> None:
+        """Parameters have been decided."""
+        if parameters == self._decided:
+            return
+        kept = self._courses.get(shares)
+        self._decided, self.shares = parameters, shares
+        self._follower.decide(parameters)
+        if kept is not None:
+            self._courses[shares] = kept
+
+    # --- courses
+
+    def _shares_of(self, parameters: Vector) -> Shares:
+        return tuple(self._boxes[i].share(parameters[i]) or 0.0 for i in self.open)
+
+    def parameters_of(self, shares: Shares) -> Vector:
+        """Parameters with the path's at shares of their boxes, computations as decided."""
+        if shares == self.shares:  # as decided, not as rounded
+            return self._decided
+        values = list(self._decided)
+        for i, share in zip(self.open, shares, strict=True):
+            values[i] = self._boxes[i].lo + share * (self._boxes[i].hi - self._boxes[i].lo)
+        return tuple(values)
+
+    def course(self, shares: Shares) -> Course:
+        """What is left to fly; only for shares that `prospect` has told of."""
+        course = self._courses[shares]
+        assert course is not None
+        return course
+
+    def _course(self, shares: Shares) -> Course | None:
+        if shares not in self._courses:
+            try:
+                self._courses[shares] = self._follower.course(self.parameters_of(shares))
+            except PathUndefined:
+                self._courses[shares] = None
+        return self._courses[shares]
+
+    # --- forecasts
+
+    def at(self, time_s: float, position: Point, ripple_w: float) -> None:
+        """Forecast from a moment and a place on; the motion's power rises above its mean by `ripple_w` within a lap."""
+        self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
+        self._told.clear()
+
+    def told(self, shares: Shares) -> tuple[Terms, Segments] | None:
+        """The program's terms and the segments at shares; None where the plan cannot be flown at them."""
+        if shares not in self._told:
+            course = self._course(shares)
+            segments = self._segments(shares, course) if course is not None and course.legs else None
+            if course is None or segments is None:
+                self._told[shares] = None
+            else:
+                past = Past(self._flown.times_s, self._flown.areas_s)
+                terms = self.terrain.terms(course, segments, past, self.soc, self._settings.reserve_soc)
+                self._told[shares] = terms, segments
+        return self._told[shares]
+
+    def prospect(self, shares: Shares) -> Prospect | None:
+        """What the program is to know of the rest at shares: its margin is z standard deviations of the charge."""
+        told = self.told(shares)
+        if told is None:
+            return None
+        terms, segments = told
+        margin = self._z * self._soc_std(terms, segments)
+        available = self.soc - self._settings.reserve_soc - margin
+        return Prospect(shares, self.course(shares).shape, terms.steps, available)
+
+    def forecast(self, answer: Answer) -> Forecast:
+        """What the rest takes as planned."""
+        told = self.told(answer.prospect.shares)
+        assert told is not None
+        terms, segments = told
+        powers = segments.motion_w + _computing_w(terms, answer)
+        energies_wh = powers * segments.times_s / 3600
+        mean_w = float(powers @ segments.times_s) / max(float(segments.times_s.sum()), 1e-9)
+        stages: dict[int, tuple[float, float]] = {}
+        indices = [leg.stage.index for leg in self.course(answer.prospect.shares).legs]
+        for i, seconds, energy_wh in zip(indices, segments.times_s.tolist(), energies_wh.tolist(), strict=True):
+            before = stages.get(i, (0.0, 0.0))
+            stages[i] = before[0] + seconds, before[1] + energy_wh
+        return Forecast(
+            remaining_s=float(segments.times_s.sum()),
+            remaining_std_s=segments.time_std_s,
+            energy_wh=float(energies_wh.sum()),
+            energy_std_wh=math.hypot(segments.energy_std_j, mean_w * segments.time_std_s) / 3600,
+            soc_end=self.soc - answer.allocation.use,
+            soc_end_std=self._soc_std(terms, segments),
+            reserve_soc=self._settings.reserve_soc,
+            stages=stages,
+        )
+
+    def _segments(self, shares: Shares, course: Course) -> Segments | None:
+        """What is left of a course, in time and power of the motion; None where it cannot be flown in this wind."""
+        wind = self.wind_mps
+        if shares not in self._times:
+            self._times[shares] = course.times_s(self._speed, wind)
+        whole, turning = self._times[shares]
+        if not np.isfinite(whole).all():
+            return None
+        part = np.ones(len(whole))
+        part[0] = self._left(course, float(whole[0]))
+        times = whole * part * self._ratio.ratio
+        bank_s = float(turning @ part) * self._ratio.ratio
+        total_s = max(float(times.sum()), 1e-3)
+        slopes = np.divide(turning, whole, out=np.zeros(len(whole)), where=whole > 0)
+        motion = np.maximum(self._motion.level_w + self._motion.slope_w * slopes, 0.0)
+        time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(course)
+        energy_var = self._motion.energy_variance_j2(total_s, bank_s)
+        return Segments(times, motion, motion + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
+
+    def _left(self, course: Course, whole_s: float) -> float:
+        """The share of the first leg that is left: by the position, told apart from other turns by the time."""
+        leg = course.legs[0]
+        flown = min(1.0, (self._time_s - self._stage_since_s) / max(whole_s * self._ratio.ratio, 1e-9))
+        if leg.distance_m <= 0:
+            return 0.0
+        try:
+            return left_m(leg, self._position, flown * leg.distance_m) / leg.distance_m
+        except PathUndefined:
+            return 1.0 - flown
+
+    def _wind_share(self, course: Course) -> float:
+        """Variance of the logarithm of the time by what is not known of the wind."""
+        if self._known_wind is not None:
+            return 0.0
+        since, (gx, gy) = self._sensitivity
+        if self._time_s - since >= SENSITIVITY_EVERY_S:
+            (wx, wy), d = self.wind_mps, WIND_DIFFERENCE_MPS
+            logs = [
+                math.log(max(float(course.times_s(self._speed, (wx + dx, wy + dy))[0].sum()), 1e-9))
+                for dx, dy in ((d, 0.0), (-d, 0.0), (0.0, d), (0.0, -d))
+            ]
+            if all(math.isfinite(value) for value in logs):
+                gx, gy = (logs[0] - logs[1]) / (2 * d), (logs[2] - logs[3]) / (2 * d)
+            self._sensitivity = (self._time_s, (gx, gy))
+        pxx, pyy, pxy = self._wind.covariance
+        return max(gx * gx * pxx + 2 * gx * gy * pxy + gy * gy * pyy, 0.0)
+
+    def _soc_std(self, terms: Terms, segments: Segments) -> float:
+        """Standard deviation of the state of charge at the end."""
+        energy_j2 = segments.energy_std_j**2 + (terms.mean_w * segments.time_std_s) ** 2
+        return math.sqrt(terms.soc_per_j**2 * energy_j2 + self._charge.variance)
+
+    def home(self, answer: Answer) -> tuple[bool | None, float | None]:
+        """Whether home can be reached with the reserve kept; where not, when it last could [s]. None without one."""
+        home = self._mission.home_m
+        told = self.told(answer.prospect.shares)
+        if home is None or told is None:
+            return None, None
+        terms, segments = told
+        dx, dy = home[0] - self._position[0], home[1] - self._position[1]
+        distance = math.hypot(dx, dy)
+        reachable = distance < 1.0
+        if not reachable:
+            wx, wy = self.wind_mps
+            tail, cross = (wx * dx + wy * dy) / distance, (wx * dy - wy * dx) / distance
+            square = self._speed**2 - cross**2
+            speed = tail + math.sqrt(square) if square > 0 else 0.0
+            if speed > 0:
+                lowest_w = min(float(menu.powers_w[0]) for menu in terms.menus)
+                energy_j = HOME_TURN * distance / speed * (float(segments.motion_w.min()) + lowest_w)
+                reachable = self.soc - self._settings.reserve_soc >= energy_j * terms.soc_per_j
+        if reachable:
+            self._home_s = self._time_s
+            return True, None
+        return False, self._home_s
+
+
+def _computing_w(terms: Terms, answer: Answer) -> FloatArray:
+    """Mean power of the computations on each segment as allocated, shape (segments,) [W]."""
+    power = np.array([menu.powers_w[0] for menu in terms.menus])
+    steps, shares = terms.steps, answer.allocation.shares
+    rises: Sequence[float] = [
+        float(terms.menus[segment].powers_w[level + 1] - terms.menus[segment].powers_w[level])
+        for segment, level in zip(steps.segment.tolist(), steps.level.tolist(), strict=True)
+    ]
+    np.add.at(power, steps.segment, shares * np.array(rises))
+    return power
+
+
+def ripple_w(state_w: FloatArray) -> float:
+    """How far the motion's power rises above its level within a lap [W], of an energy state q."""
+    if len(state_w) < 3:
+        return 0.0
+    angles = np.arange(PERIOD_SAMPLES) * (2 * math.pi / PERIOD_SAMPLES)
+    orders = np.arange(1, len(state_w) // 2 + 1)[:, None]
+    wave = state_w[1::2] @ np.cos(orders * angles) + state_w[2::2] @ np.sin(orders * angles)
+    return max(float(wave.max()), 0.0)
