@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from eadp import __version__
-from eadp.cli import cover, fit, plan, profile, schema, simulate, sweep
+from eadp.cli import cover, fit, plan, profile, replan, schema, simulate, sweep
 from eadp.errors import EadpError, InputError
 
 # The matrices here are small: threads of the linear algebra cost more than they give, and on a busy machine twentyfold.
@@ -40,6 +40,7 @@ COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
     "simulate": (simulate.command, "Fly a plan in simulation, re-planning on the way."),
     "cover": (cover.command, "Cover a field: from its outline to a plan."),
     "sweep": (sweep.command, "Fly many times: a grid or a random sample, resumable."),
+    "replan": (replan.command, "Re-plan a live or recorded flight: telemetry in, decisions out."),
     "schema": (schema.command, "Print the JSON Schema of a file format."),
 }
 for _name, (_command, _summary) in COMMANDS.items():

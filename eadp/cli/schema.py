@@ -15,6 +15,8 @@ _MODULES = {
     "energy": "eadp.io.energy_file",
     "scenario": "eadp.io.scenario_file",
     "sweep": "eadp.io.sweep_file",
+    "telemetry": "eadp.io.telemetry",
+    "decision": "eadp.io.decision_line",
 }
 _NAMES = ", ".join(_MODULES)
 

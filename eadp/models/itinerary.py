@@ -7,6 +7,7 @@ effect so that the robot always joins.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from eadp.core.geometry import (
 from eadp.errors import PathUndefined
 from eadp.models.parts import State
 from eadp.models.plan import COMPUTATION, PATH, Plan, Stage, point_at
-from eadp.models.walk import Walk
+from eadp.models.walk import LAP_LIMIT, Walk
 
 Vector = tuple[float, ...]
 LATCHED, LIVE = "latched", "live"
@@ -152,6 +153,19 @@ class Itinerary:
         if not seen & FIRED:
             self.complete = self.complete or bool(seen & ENDED)
             return False
+        return self._leave((x, y), ended=bool(seen & ENDED))
+
+    def go_on(self, position: Point) -> bool:
+        """Leave the stage at a position [m], wherever its trigger is; return whether another one has begun.
+
+        Raises
+        ------
+        PathUndefined
+            As `advance`.
+        """
+        return self._leave(position, ended=bool(watched(self.watch, *position, self.curve) & ENDED))
+
+    def _leave(self, position: Point, *, ended: bool) -> bool:
         if self._walk is not None:
             self._walk.next()
             self.complete = self._walk.done
@@ -161,14 +175,72 @@ class Itinerary:
             self._follow(self._walk)
             self.stages_begun += 1
             self._begun_anew()
-            self._place((x, y))
+            self._place(position)
             return True
-        if seen & ENDED or (self._last() and (self._final_lap or not self._plan.repeats)):
+        if ended or (self._last() and (self._final_lap or not self._plan.repeats)):
             self.complete = True
             return False
         self._join = self.trigger_m
-        self._begin_next((x, y))
+        self._begin_next(position)
         return True
+
+    # --- where others tell what is flown
+
+    def stay(self, x: float, y: float) -> None:
+        """Look at a position [m] while something else tells that the stage goes on: only the plan's end counts."""
+        seen = watched(self.watch, x, y, self.curve)
+        self.complete = bool(seen & ENDED) or (bool(seen & FIRED) and self._nothing_follows())
+
+    def stages_to(self, index: int) -> int | None:
+        """How many stages from here on the next one of an index (from 1) begins; None where none will.
+
+        Raises
+        ------
+        PathUndefined
+            If a lap's quantities have no value.
+        """
+        if self._walk is None:
+            if self.stage.index < index <= len(self._plan.stages):
+                return index - self.stage.index
+            if index < 1 or index > self.stage.index or not self._plan.repeats or self._final_lap:
+                return None
+            return index - self.stage.index + len(self._plan.stages)
+        walk = copy.copy(self._walk)
+        for count in range(1, LAP_LIMIT):
+            walk.next()
+            if walk.done:
+                return None
+            if walk.place.stage.index == index:
+                return count
+        return None
+
+    def believe(self, parameters: Sequence[float], position: Point) -> bool:
+        """Take parameters that are known to be in force, whatever was decided; return whether they are others.
+
+        Raises
+        ------
+        PathUndefined
+            If the path has no value at them.
+        """
+        before, values = self.parameters, tuple(parameters)
+        if values == before:
+            return False
+        if self._walk is not None:
+            self._walk.believe(values)
+            self.parameters = self._walk.place.parameters
+        else:
+            self._waiting = values
+            self.parameters = self._clipped()
+        if self.parameters[: self._plan.path_count] != before[: self._plan.path_count]:
+            self._place(position)
+        return self.parameters != before
+
+    def _nothing_follows(self) -> bool:
+        if self._walk is None:
+            return self._last() and (self._final_lap or not self._plan.repeats)
+        walk = copy.copy(self._walk)
+        walk.next()
+        return walk.done
 
     # --- from one stage to the next
 

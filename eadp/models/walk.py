@@ -69,6 +69,12 @@ class Walk:
         place = self.place
         self.place = Place(place.stage, self._clipped(place.stage), place.state, place.lap)
 
+    def believe(self, parameters: Sequence[float]) -> None:
+        """Take parameters that are known to be in force, whatever was decided."""
+        self._waiting = tuple(parameters)
+        place = self.place
+        self.place = Place(place.stage, self._clipped(place.stage), place.state, place.lap)
+
     def next(self) -> None:
         """Go on to the next stage, or be done.
 

@@ -841,3 +841,54 @@ def test_what_is_watched_may_be_an_array():
         assert plain.advance(x, y) == arrayed.advance(x, y)
         assert list(plain.watch) == list(arrayed.watch)
     assert plain.stage.index == 2
+
+
+# --- where others tell what is flown
+
+
+def test_a_stage_may_be_left_anywhere_and_the_next_ones_lie_where_they_would():
+    plan = survey()
+    led, flown = (begun(plan, (0.0, 10.0)) for _ in range(2))
+    here = (500.0, 500.0)
+    for _ in range(5):
+        assert led.go_on(here)
+        assert flown.go_on(flown.trigger_m)
+    assert (led.stage.index, led.lap, led.stages_begun) == (2, 1, 6)
+    assert led.trigger_m == flown.trigger_m
+    assert led.offset_m == flown.offset_m == pytest.approx(shift_at(plan, (0.0, 10.0)))
+
+
+def test_how_many_stages_lie_between():
+    itinerary = begun(survey(), (0.0, 10.0))
+    assert [itinerary.stages_to(index) for index in (0, 1, 2, 3, 4, 5)] == [None, 4, 1, 2, 3, None]
+    itinerary.go_on(itinerary.trigger_m)
+    assert [itinerary.stages_to(index) for index in (1, 2, 3, 4)] == [3, 4, 1, 2]
+    once = begun(plan_of("0.1; 90; x\n0, 400\n0.1; 90; x - 1\n1, 500\n"))
+    assert [once.stages_to(index) for index in (1, 2, 3)] == [None, 1, None]
+
+
+def test_a_stage_that_is_told_to_go_on_is_not_left_but_the_plans_end_counts():
+    itinerary = begun(survey(), (0.0, 10.0))
+    trigger = itinerary.trigger_m
+    for point in polyline((trigger[0] + 30, trigger[1] + 60), trigger, (trigger[0], trigger[1] - 50)):
+        itinerary.stay(*point)
+    assert (itinerary.stages_begun, itinerary.complete) == (1, False)
+    assert itinerary.advance(trigger[0], trigger[1] - 50), "once nothing tells otherwise"
+    line = begun(plan_of("0.1; 90; x\n0, 400\n"))
+    line.stay(0.0, 100.0)
+    assert not line.complete
+    line.stay(0.0, 395.0)
+    assert line.complete
+
+
+def test_parameters_that_are_known_to_be_in_force_move_the_path_at_once():
+    plan = survey()
+    told, waiting = (begun(plan, (0.0, 10.0)) for _ in range(2))
+    here = told.trigger_m
+    waiting.decide((-500.0, 10.0), here)
+    assert waiting.parameters == (0.0, 10.0)
+    assert told.believe((-500.0, 10.0), here)
+    assert told.parameters == (-500.0, 10.0)
+    assert told.path(*here)[0] == pytest.approx(begun(plan, (-500.0, 10.0)).path(*here)[0])
+    assert not told.believe((-500.0, 10.0), here)
+    assert told.believe((-500.0, 99.0), here) is False, "clipped to the stage's set"

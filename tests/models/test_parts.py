@@ -216,3 +216,30 @@ def test_more_quantities_than_the_limit_are_refused():
     many = "\n".join(f"q{i} = {i}" for i in range(300))
     with pytest.raises(InputError, match="at most 200"):
         plan(PARTS.replace("top = 500", many + "\ntop = 500"))
+
+
+def test_where_others_tell_what_is_flown():
+    itinerary = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    stages = [itinerary.stage.index]
+    ahead = {index: itinerary.stages_to(index) for index in range(len(plan().stages) + 2)}
+    while itinerary.go_on((0.0, 0.0)):
+        stages.append(itinerary.stage.index)
+    assert itinerary.complete
+    first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
+    assert ahead == first
+    assert len(stages) > len(set(stages)), "laps"
+
+
+def test_parameters_that_are_known_to_be_in_force():
+    itinerary = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary.go_on(itinerary.trigger_m)
+    assert itinerary.believe((-400.0, 10.0), itinerary.trigger_m)
+    assert itinerary.parameters == (-400.0, 10.0)
+    last = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan().stages)) is not None:
+        last.go_on(last.trigger_m)
+    x, y = last.trigger_m
+    for point in ((x, y - 50), (x, y)):
+        assert not last.complete
+        last.stay(*point)
+    assert last.complete

@@ -1,0 +1,367 @@
+"""`eadp replan` as a companion computer meets it: lines in, lines out, kills, and lines that are none.
+
+`python tests/cli/test_replan.py` flies the survey in simulation and writes scenarios/example-telemetry.jsonl anew.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from eadp.cli.main import main
+from eadp.io.flight_inputs import load_flight
+from eadp.simulation.loop import Outcome, fly
+
+ROOT = Path(__file__).resolve().parents[2]
+PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
+ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
+LINES = (ROOT / EXAMPLE).read_bytes().splitlines(keepends=True)
+CONTRACT = {"time_s", "stage", "parameters", "soc_end_forecast", "completes_probability", "reason"}
+
+
+@pytest.fixture
+def replan(capsys, monkeypatch):
+    """Run `eadp replan` on bytes given on standard input."""
+    monkeypatch.chdir(ROOT)
+
+    def run(data, *arguments):
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
+        code = main([*ARGUMENTS, *(str(argument) for argument in arguments)])
+        captured = capsys.readouterr()
+        return code, [json.loads(line, parse_constant=no_constant) for line in captured.out.splitlines()], captured.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The answers to the whole recorded flight."""
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-m", "eadp", *ARGUMENTS]
+    done = subprocess.run(command, input=b"".join(LINES), stdout=pipe, stderr=pipe, cwd=ROOT, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    return [json.loads(line, parse_constant=no_constant) for line in done.stdout.splitlines()]
+
+
+def no_constant(name):
+    raise AssertionError(f"{name} in JSON")
+
+
+def started(*arguments):
+    """`eadp replan` as a process of its own."""
+    command = [sys.executable, "-m", "eadp", *ARGUMENTS, *(str(argument) for argument in arguments)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=ROOT)
+
+
+def ask(process, line):
+    """Write a line and read the answer, standard input still open."""
+    process.stdin.write(line)
+    process.stdin.flush()
+    return process.stdout.readline()
+
+
+def test_the_recorded_flight(whole):
+    advice = whole
+    assert len(advice) == len(LINES)
+    assert all(set(line) > CONTRACT for line in advice)
+    assert [line["time_s"] for line in advice] == [json.loads(line)["time_s"] for line in LINES]
+    assert all(set(line["parameters"]) == {"c1", "c2"} for line in advice)
+    last = advice[-1]
+    assert (last["reason"], last["completes_probability"]) == ("final point reached", 1)
+    # a cell drops at 93 s: the lines grow further apart, so that the flight ends before the battery does
+    before, after = (next(line for line in advice if line["time_s"] == time_s) for time_s in (92, 94))
+    assert after["parameters"]["c1"] < before["parameters"]["c1"] - 50
+    assert after["completes_probability"] > 0.95
+
+
+def test_the_telemetry_may_be_a_file(eadp, whole):
+    answer = eadp(*ARGUMENTS, "--telemetry", EXAMPLE)
+    assert answer.code == 0
+    assert [json.loads(line) for line in answer.out.splitlines()] == whole
+
+
+def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
+    low = [json.dumps({**json.loads(line), "soc": 0.2}).encode() + b"\n" for line in LINES[:30]]
+    code, advice, err = replan(b"".join(low))
+    assert (code, err) == (1, "")
+    assert advice[-1]["soc_end_forecast"] < 0
+    assert advice[-1]["completes_probability"] < 0.01
+    assert advice[-1]["reason"].startswith("infeasible")
+    assert replan(b"".join(LINES[:30]))[0] == 0
+
+
+def test_a_flight_that_has_run_empty_is_a_no(replan):
+    empty = json.dumps({**json.loads(LINES[30]), "soc": 0}).encode()
+    code, advice, err = replan(b"".join(LINES[:30]) + empty)
+    assert (code, err) == (1, "")
+    assert advice[-1]["reason"] == "battery empty"
+    assert (advice[-1]["soc_end_forecast"], advice[-1]["completes_probability"]) == (0, 0)
+
+
+def test_no_line_at_all_is_a_no(replan):
+    code, advice, err = replan(b"")
+    assert (code, advice) == (1, [])
+    assert err == "<stdin>:1:1: warning: no line could be used; expected telemetry as JSON lines\n"
+
+
+def test_lines_that_are_none_are_told_of_and_skipped(replan, whole):
+    bad = [
+        b"not JSON\n",
+        b"\n",
+        b'\xff{"time_s": 1}\n',
+        b'{"time_s": 3}\n',
+        LINES[0],
+        LINES[2].replace(b'"soc": 0.', b'"soc": 7.'),
+        LINES[2].replace(b'"x_m": ', b'"x_m": -99'),
+        LINES[2].replace(b'"x_m": ', b'"x_m": 1e999, "_": '),
+        b"[" * 3000 + b"\n",
+        b" " * 200_000 + b"\n",
+    ]
+    code, advice, err = replan(b"".join([*LINES[:2], *bad, *LINES[2:60]]))
+    assert (code, advice) == (0, whole[:60])
+    told = err.splitlines()
+    assert [line.split(":")[:2] for line in told] == [
+        ["<stdin>", str(number)] for number in (3, 4, 5, 6, 7, 8, 9, 10, 10, 11, 12)
+    ]
+    assert all(line.split(":")[3] == " warning" for line in told)
+
+
+def test_a_gap_is_told_of_and_flown_through(replan):
+    code, advice, err = replan(b"".join(LINES[:40] + LINES[52:]))
+    assert code == 0
+    assert err == "<stdin>:41:12: warning: a gap of 13 s; expected lines more often\n"
+    assert advice[-1]["reason"] == "final point reached"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("replan", "nosuch.plan"), "nosuch.plan:1:1: error: cannot be read"),
+        (("replan", "-"), "--telemetry:1:1: error: standard input is another file already"),
+        ((*ARGUMENTS, "--telemetry", "nosuch.jsonl"), "nosuch.jsonl:1:1: error: cannot be read"),
+        ((*ARGUMENTS, "--telemetry", "scenarios"), "scenarios:1:1: error: cannot be read: Is a directory"),
+        ((*ARGUMENTS, "--set", "nosuch=1"), "unknown key nosuch"),
+        ((*ARGUMENTS, "--log", "scenarios", "--telemetry", EXAMPLE), "scenarios:1:1: error: cannot be written"),
+        ((*ARGUMENTS, "--log", PLAN, "--telemetry", EXAMPLE), f"{PLAN}:1:1: error: is no log of eadp replan"),
+    ],
+)
+def test_what_cannot_be_begun_is_exit_2(eadp, arguments, words):
+    before = (ROOT / PLAN).read_bytes()
+    answer = eadp(*arguments)
+    assert (answer.code, answer.out) == (2, "")
+    assert words in answer.err
+    assert "Traceback" not in answer.err
+    assert (ROOT / PLAN).read_bytes() == before
+
+
+def test_the_page_shows_real_lines(whole):
+    page = (ROOT / "docs/replan.md").read_text(encoding="utf-8")
+    line, answer = (json.loads(block) for block in re.findall(r"```json\n(.*?)\n```", page))
+    assert line in [json.loads(known) for known in LINES]
+    assert set(answer) == set(whole[0])
+
+
+def test_the_example_is_followed_whatever_the_planner_would_have_flown(eadp):
+    answer = eadp(*ARGUMENTS[:-1], "static", "--telemetry", EXAMPLE)
+    advice = [json.loads(line) for line in answer.out.splitlines()]
+    assert answer.code == 0
+    assert advice[-1]["reason"] == "final point reached"
+    assert advice[300]["soc_end_forecast"] < 0, "the parameters of take-off would not last"
+    assert answer.err == ""
+
+
+def test_schemas(eadp):
+    for name, key in (("telemetry", "soc"), ("decision", "reason")):
+        assert key in json.loads(eadp("schema", name).out)["properties"]
+
+
+# --- the log
+
+
+def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
+    log = tmp_path / "flight.jsonl"
+    first = replan(b"".join(LINES[:300]), "--log", log)
+    then = replan(b"".join(LINES[300:]), "--log", log)
+    assert (then[0], then[2]) == (0, "")
+    assert first[1] + then[1] == whole
+    kinds = [json.loads(line)["kind"] for line in log.read_text().splitlines()]
+    assert kinds == ["start"] + ["telemetry", "decision"] * len(LINES)
+
+
+def test_a_recorded_flight_may_be_given_again_from_its_begin(replan, whole, tmp_path):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:100]), "--log", log)
+    code, advice, err = replan(b"".join(LINES[:150]), "--log", log)
+    assert code == 0
+    assert advice == whole[100:150]
+    assert err == "<stdin>:1:12: warning: lines up to 100 s are in the log already, and are passed over\n"
+    assert replan(b"".join(LINES[:150]), "--log", log)[:2] == (0, [])
+
+
+def test_a_torn_last_line_is_dropped(replan, whole, tmp_path):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:50]), "--log", log)
+    kept = log.read_bytes().splitlines(keepends=True)
+    # killed while the last line of telemetry was written: it comes again
+    log.write_bytes(b"".join(kept[:-2]) + kept[-2][:40])
+    code, advice, err = replan(b"".join(LINES[49:120]), "--log", log)
+    assert (code, advice) == (0, whole[49:120])
+    assert err == f"{log}:100:1: warning: the last line was torn; it is dropped\n"
+    assert all(json.loads(line) for line in log.read_text().splitlines())
+
+
+def test_a_decision_that_was_not_told_is_told_at_the_start(replan, whole, tmp_path):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:50]), "--log", log)
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:-1]))
+    assert replan(b"".join(LINES[50:60]), "--log", log)[1] == whole[49:60]
+
+
+@pytest.mark.parametrize("changed", [("--set", "reserve_soc=0.1"), ("--planner", "static")])
+def test_the_log_of_other_inputs_is_refused(replan, tmp_path, changed):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:5]), "--log", log)
+    before = log.read_bytes()
+    code, advice, err = replan(b"".join(LINES[5:9]), "--log", log, *changed)
+    assert (code, advice) == (2, [])
+    assert err == (
+        f"{log}:1:1: error: is a log of another plan, profile, scenario or settings; "
+        "expected the log of these, or a new file\n"
+    )
+    assert log.read_bytes() == before
+
+
+def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:5]), "--log", log)
+    lines = log.read_bytes().splitlines(keepends=True)
+    log.write_bytes(b"".join([*lines[:3], b"garbage\n", *lines[3:]]))
+    code, advice, err = replan(b"".join(LINES[5:9]), "--log", log)
+    assert (code, advice) == (2, [])
+    assert err.startswith(f"{log}:4:1: error: is no line of a log; expected")
+
+
+def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
+    log = tmp_path / "flight.jsonl"
+    told = []
+    for begin, end in ((0, 30), (30, 80), (80, 120)):
+        process = started("--log", log)
+        with process:
+            for line in LINES[begin:end]:
+                told.append(json.loads(ask(process, line)))
+                if told[-1]["time_s"] != json.loads(line)["time_s"]:
+                    # the kill fell between a decision that was told and its line in the log: it is told once more
+                    assert told.pop() == told[-1]
+                    told.append(json.loads(process.stdout.readline()))
+            process.send_signal(signal.SIGKILL)
+        assert process.returncode == -signal.SIGKILL
+    assert told == whole[:120]
+
+
+def test_two_processes_cannot_share_a_log(tmp_path, replan):
+    log = tmp_path / "flight.jsonl"
+    with started("--log", log) as process:
+        ask(process, LINES[0])
+        code, advice, err = replan(LINES[0], "--log", log)
+        process.stdin.close()
+    assert (code, advice) == (2, [])
+    assert f"{log}:1:1: error: is in use by another process" in err
+
+
+# --- a process
+
+
+def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
+    log = tmp_path / "flight.jsonl"
+    with started("--log", log) as process:
+        for line in LINES[:3]:
+            assert json.loads(ask(process, line))["time_s"] == json.loads(line)["time_s"]
+        process.send_signal(signal.SIGINT)
+        out, err = process.stdout.read(), process.stderr.read()
+    assert process.returncode == 130
+    assert out == b""
+    assert err in (b"", b"eadp: interrupted\n")  # some versions of typer say it without a word
+    assert len(log.read_bytes().splitlines()) == 7
+
+
+def test_a_closed_pipe_ends_quietly():
+    command = shlex.join([sys.executable, "-m", "eadp", *ARGUMENTS, "--telemetry", EXAMPLE]) + " | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, cwd=ROOT, check=False)
+    assert done.stderr == b""
+    assert json.loads(done.stdout)["time_s"] == 1
+
+
+VALUE = (
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.lists(st.floats(), max_size=3)
+)
+KEY = st.sampled_from(["time_s", "x_m", "y_m", "power_w", "soc", "stage", "wind_mps", "heading_deg", "parameters", "z"])
+CHANGED = st.builds(
+    lambda i, changes: json.dumps({**json.loads(LINES[i]), **changes}).encode(),
+    st.integers(0, 40),
+    st.dictionaries(KEY, VALUE | st.dictionaries(st.sampled_from(["c1", "c2", ""]), VALUE, max_size=2), max_size=2),
+)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.binary(max_size=60) | CHANGED | st.sampled_from(LINES[:40]), max_size=12))
+def test_no_line_crashes_it(replan, lines):
+    code, advice, err = replan(b"\n".join(line.replace(b"\n", b"") for line in lines))
+    assert code in (0, 1)
+    assert "bug" not in err
+    assert "failed" not in err
+    assert len(advice) <= len(lines)
+
+
+# --- the example
+
+
+class _Recorder:
+    def __init__(self, planner):
+        self._planner = planner
+        self.report = planner.report
+        self.seen = []
+
+    @property
+    def period_s(self):
+        return self._planner.period_s
+
+    def update(self, observation):
+        self.seen.append(observation)
+        return self._planner.update(observation)
+
+
+def example():
+    """The survey flown in simulation with the joint planner: telemetry once a second, and at its end."""
+    inputs = load_flight(str(ROOT / PLAN), scenario_path=str(ROOT / SCENARIO), overrides={"planner.name": "joint"})
+    recorder, outcome = _Recorder(inputs.planner()), Outcome()
+    for _ in fly(inputs.world, recorder, outcome):
+        pass
+    for k, o in enumerate(recorder.seen, 1):
+        if k % 100 and k != len(recorder.seen):
+            continue
+        yield {
+            "time_s": round(o.time_s, 3),
+            "x_m": round(o.x_m, 2),
+            "y_m": round(o.y_m, 2),
+            "power_w": round(o.power_w, 2),
+            "soc": round(o.soc, 5),
+            "velocity_mps": [round(value, 2) for value in o.velocity_mps],
+            "heading_deg": round(math.degrees(math.remainder(o.heading_rad, 2 * math.pi)), 1),
+            "parameters": {name: round(value, 3) for name, value in zip(("c1", "c2"), o.parameters, strict=True)},
+        }
+
+
+if __name__ == "__main__":
+    (ROOT / EXAMPLE).write_text("".join(json.dumps(line) + "\n" for line in example()), encoding="utf-8")

@@ -1,0 +1,351 @@
+"""A planner on telemetry: the same stages and nearly the same decisions as in the simulation that was recorded."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eadp.io.flight_inputs import load_flight
+from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, Fix, LiveFlight, Screen
+from eadp.planning.planners import make_planner
+from eadp.simulation.loop import Outcome, fly
+
+ROOT = Path(__file__).resolve().parents[2]
+EPOCH_S = 1.7e9
+
+
+class Recorder:
+    """A planner that keeps what it is shown and what it decides."""
+
+    def __init__(self, planner):
+        self._planner = planner
+        self.report = planner.report
+        self.seen, self.decided = [], []
+
+    @property
+    def period_s(self):
+        return self._planner.period_s
+
+    @property
+    def reading_every_s(self):
+        return self._planner.reading_every_s
+
+    @property
+    def next_look_s(self):
+        return 0.0
+
+    def update(self, observation):
+        decision = self._planner.update(observation)
+        self.seen.append(observation)
+        self.decided.append(decision.parameters)
+        return decision
+
+
+def inputs_of(planner="joint", **overrides):
+    return load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"planner.name": planner, **overrides},
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """The survey flown with the joint planner: the inputs, and all that it saw."""
+    inputs = inputs_of()
+    recorder, outcome = Recorder(inputs.planner()), Outcome()
+    for _ in fly(inputs.world, recorder, outcome):
+        pass
+    assert outcome.completed
+    return inputs, recorder
+
+
+def live(inputs):
+    scenario = inputs.scenario
+    return LiveFlight(
+        inputs.mission,
+        lambda mission: make_planner(scenario.planner, scenario.estimator, mission),
+        scenario.planner.every_s,
+    )
+
+
+def fixes(seen, every, shift_s=0.0, keys=()):
+    """Every so many observations and the last one, as telemetry with some of its optional keys."""
+    for k, o in enumerate(seen, 1):
+        if k % every == 0 or k == len(seen):
+            fix = Fix(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
+            yield fix._replace(**{key: getattr(o, key) for key in keys})
+
+
+def changes(pairs):
+    """Times and values where the values change."""
+    result = []
+    for time_s, value in pairs:
+        if not result or value != result[-1][1]:
+            result.append((time_s, value))
+    return result
+
+
+TOLD = ("velocity_mps", "heading_rad")
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "keys", "shift_s"),
+    [
+        (1, (), 0),
+        (5, (), 0),
+        (10, (), 0),
+        (1, TOLD, 0),
+        (1, (*TOLD, "stage"), 0),
+        (5, ("stage",), 0),
+        (1, TOLD, EPOCH_S),
+        (0.5, TOLD, 0),
+    ],
+)
+def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
+    inputs, recorder = recorded
+    step_s = 1 / rate_hz
+    flight, screen = live(inputs), Screen(inputs.mission.cruise_mps)
+    stages, decided = [], []
+    advice = None
+    for fix in fixes(recorder.seen, round(step_s / 0.01), shift_s, keys):
+        assert screen.judge(fix) == (True, None)
+        screen.keep(fix)
+        answer, remarks = flight.take(fix)
+        assert remarks == ()
+        if answer is not None:
+            advice = answer
+            stages.append((fix.time_s - shift_s, advice.stage))
+            decided.append((fix.time_s - shift_s, tuple(advice.parameters.values())))
+    true_stages = changes((o.time_s, o.stage) for o in recorder.seen)
+    told_stages = changes(stages)
+    assert [stage for _, stage in told_stages] == [stage for _, stage in true_stages]
+    late_s = [told - true for (told, _), (true, _) in zip(told_stages, true_stages, strict=True)]
+    assert all(-0.02 < late < max(step_s, 1.0) + 0.01 for late in late_s)  # advice comes once a second at least
+    # path parameters in the end, the times of their changes, and the computations' on the whole
+    true = changes((o.time_s, c) for o, c in zip(recorder.seen, recorder.decided, strict=True))
+    path = changes((time_s, c[0]) for time_s, c in true)
+    told = changes((time_s, c[0]) for time_s, c in decided)
+    assert [c1 for _, c1 in told] == pytest.approx([c1 for _, c1 in path], abs=2)
+    assert [t for t, _ in told[1:]] == pytest.approx([t for t, _ in path[1:]], abs=step_s + 1.01)
+    assert mean_of(decided, 1) == pytest.approx(
+        mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
+    )
+    assert flight.complete
+    assert flight.forecast_completes
+    assert advice.reason == COMPLETED
+    assert (advice.soc_end_forecast, advice.completes_probability) == (recorder.seen[-1].soc, 1.0)
+
+
+def mean_of(pairs, index, end_s=None):
+    """Mean over time of a parameter that is held from each time to the next."""
+    times = [time_s for time_s, _ in pairs] + [end_s or pairs[-1][0]]
+    areas = [c[index] * (later - now) for (now, c), later in zip(pairs, times[1:], strict=True)]
+    return sum(areas) / (times[-1] - times[0])
+
+
+def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
+    inputs, recorder = recorded
+    flight = live(inputs)
+    times = [fix.time_s for fix in fixes(recorder.seen[:3000], 20, 0, TOLD) if flight.take(fix)[0] is not None]
+    assert times[0] == 0.2
+    gaps = [later - now for now, later in itertools.pairwise(times)]
+    assert max(gaps) < 1.01
+    assert len(times) < 35
+
+
+@pytest.mark.parametrize("planner", ["static", "paper"])
+def test_planners_that_tell_no_forecast_have_a_plain_one(planner):
+    calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -190.0}
+    inputs = inputs_of(planner, **calm, faults=[])
+    recorder, outcome = Recorder(inputs.planner()), Outcome()
+    for _ in fly(inputs.world, recorder, outcome):
+        pass
+    flight = live(inputs)
+    told = {}
+    for fix in fixes(recorder.seen, 100):
+        advice, _ = flight.take(fix)
+        if advice is not None:
+            told[round(fix.time_s)] = advice
+    assert outcome.completed
+    half = told[round(outcome.duration_s / 2)]
+    assert half.completes_probability is None
+    assert half.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
+    assert half.soc_end_forecast == pytest.approx(outcome.soc_final, abs=0.02)
+    assert flight.complete
+
+
+def start(inputs, time_s=0.0, **changes):
+    x, y = inputs.mission.start_m
+    return Fix(time_s, x, y, 36.0, 0.9)._replace(**changes)
+
+
+def test_an_empty_battery_is_a_no_until_it_is_told_not_to_be(recorded):
+    flight = live(recorded[0])
+    flight.take(start(recorded[0]))
+    advice, _ = flight.take(start(recorded[0], 1.0, soc=0.0))
+    assert (advice.reason, advice.soc_end_forecast, advice.completes_probability) == (EMPTY, 0.0, 0.0)
+    assert not flight.forecast_completes
+    assert flight.take(start(recorded[0], 2.0, soc=0.0)) == (None, ())
+    advice, _ = flight.take(start(recorded[0], 3.0, soc=0.9))
+    assert advice.reason != EMPTY
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (5e3, -5e3), (-1e7, 1e7), (35.0, 146.0), (-40.0, 11.0)])
+def test_the_first_fix_may_be_anywhere(recorded, place):
+    inputs = recorded[0]
+    flight = live(inputs)
+    for k in range(30):
+        fix = Fix(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
+        advice, remarks = flight.take(fix)
+        assert not any("failed" in remark.message for remark in remarks)
+        assert advice is not None
+        assert 1 <= advice.stage <= 4
+
+
+def told_stage(flight, inputs, *stages):
+    """The stages that are flown after each that is told, and the remarks."""
+    answers = []
+    for k, stage in enumerate(stages):
+        advice, remarks = flight.take(start(inputs, float(k), stage=stage))
+        answers.append((advice.stage, [remark.message for remark in remarks]))
+    return answers
+
+
+def test_stages_that_are_told_are_believed(recorded):
+    inputs = recorded[0]
+    told = told_stage(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
+    assert told == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
+
+
+def test_a_jump_back_and_a_stage_that_is_none_are_told_of_once_and_ignored(recorded):
+    inputs = recorded[0]
+    back = "stage 2 is before stage 3, which is flown; ignored"
+    none = "there is no stage 7; ignored"
+    told = told_stage(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
+    assert told == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [back])]
+
+
+def test_parameters_that_are_told_are_in_force(recorded):
+    inputs = recorded[0]
+    flight = live(inputs)
+    advice, remarks = flight.take(start(inputs, parameters={"c1": -300.0, "c9": 1.0}))
+    assert advice.in_force == {"c1": -300.0, "c2": 10.0}
+    assert [remark.message for remark in remarks] == ["the plan has no parameter c9; ignored"]
+    advice, remarks = flight.take(start(inputs, 1.0, parameters={"c2": 99.0, "c9": 1.0}))
+    assert advice.in_force == {"c1": -300.0, "c2": 10.0}
+    assert [remark.message for remark in remarks] == ["c2 = 99 is outside its set; clipped"]
+
+
+def test_a_planner_that_fails_is_told_of_and_does_not_end_it(recorded):
+    inputs = recorded[0]
+
+    class Failing(Recorder):
+        def update(self, observation):
+            raise RuntimeError("out of order")
+
+    flight = LiveFlight(inputs.mission, lambda mission: Failing(inputs.planner()), 1.0)
+    advice, remarks = flight.take(start(inputs))
+    assert "the planner failed, and parameters stay: RuntimeError: out of order" in remarks[0].message
+    assert advice.parameters == {"c1": 0.0, "c2": 10.0}
+    assert flight.take(start(inputs, 1.0))[1] == ()
+
+
+# --- the screen
+
+
+def judged(*pairs):
+    """Whether fixes of (time, x) are used, and what is odd about them."""
+    screen, answers = Screen(15.0), []
+    for time_s, x in pairs:
+        fix = Fix(time_s, x, 0.0, None, 0.5)
+        usable, remark = screen.judge(fix)
+        if usable:
+            screen.keep(fix)
+        answers.append((usable, remark.message if remark else None))
+    return answers
+
+
+def test_late_lines_and_duplicates_are_not_used():
+    answers = judged((1, 0), (2, 15), (2, 15), (1.5, 8), (3, 30))
+    assert answers[:2] == [(True, None)] * 2
+    assert answers[2] == (False, "late: 2 s is not after 2 s")
+    assert answers[3] == (False, "late: 1.5 s is not after 2 s")
+    assert answers[4] == (True, None)
+
+
+def test_gaps_are_told_of_and_a_slow_stream_has_none():
+    assert [message for _, message in judged((0, 0), (1, 15), (9, 100))] == [None, None, "a gap of 8 s"]
+    assert [message for _, message in judged((0, 0), (8, 100), (16, 200))] == [None, "a gap of 8 s", None]
+
+
+def test_outliers_are_not_used_unless_they_stay():
+    used = [usable for usable, _ in judged((0, 0), (1, 9000), (2, 30), (3, 9000), (4, 60))]
+    assert used == [True, False, True, False, True]
+    far = judged((0, 0), *((k, 9000 + 15 * k) for k in range(1, 5)))
+    assert [usable for usable, _ in far] == [True] + [False] * (BELIEVED - 1) + [True, True]
+    assert "m from the last line's position" in far[1][1]
+    clock = judged((0, 0), (9e9, 0), (1, 15), (9e9, 0), (9e9 + 1, 15), (9e9 + 2, 30), (9e9 + 3, 45))
+    assert [usable for usable, _ in clock] == [True, False, True, False, False, True, True]
+
+
+FINITE = st.floats(-1e7, 1e7)
+PAIR = st.none() | st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
+ANY_FIX = st.builds(
+    Fix,
+    st.floats(-1e11, 1e11),
+    FINITE,
+    FINITE,
+    st.none() | st.floats(-1e6, 1e6),
+    st.floats(0, 1),
+    st.none() | st.integers(1, 6),
+    PAIR,
+    PAIR,
+    st.none() | st.floats(-7, 7),
+    st.dictionaries(st.sampled_from(["c1", "c2", "c3"]), st.floats(allow_nan=False, allow_infinity=False)),
+)
+INPUTS = {planner: inputs_of(planner) for planner in ("static", "paper", "joint")}
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.sampled_from(sorted(INPUTS)),
+    st.lists(st.tuples(st.floats(1e-6, 50), st.floats(-30, 30), st.floats(-30, 30), ANY_FIX), max_size=25),
+    st.booleans(),
+)
+def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
+    flight = live(INPUTS[planner])
+    x, y = INPUTS[planner].mission.start_m
+    time_s = 0.0
+    for step_s, dx, dy, fix in steps:
+        time_s, x, y = time_s + step_s, x + dx, y + dy
+        fix = fix._replace(time_s=time_s)
+        advice, remarks = flight.take(fix._replace(x_m=x, y_m=y) if near else fix)
+        assert not any("failed" in remark.message for remark in remarks), remarks
+        if advice is None:
+            continue
+        numbers = [*advice.parameters.values(), *advice.in_force.values(), *(advice.wind_mps or ())]
+        numbers += [advice.soc_end_forecast, advice.completes_probability, advice.remaining_s]
+        assert all(value is None or math.isfinite(value) for value in numbers)
+        assert advice.reason
+
+
+def test_the_same_fixes_give_the_same_advice(recorded):
+    inputs, recorder = recorded
+    one, other = live(inputs), live(inputs_of())
+    for fix in fixes(recorder.seen[:12000], 100, 0, TOLD):
+        assert one.take(fix) == other.take(fix)
+
+
+def test_a_mission_without_a_start_begins_at_the_first_fix(recorded):
+    inputs = recorded[0]
+    flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
+    advice, remarks = flight.take(Fix(3.0, -100.0, 220.0, 36.0, 0.9))
+    assert remarks == ()
+    assert advice.stage == 1
