@@ -25,6 +25,9 @@ GUST_TIME_S = 5.0
 """How long a gust stays: readings within this time tell the same."""
 
 FIRST_GUST_MPS, LEAST_GUST_MPS = 0.5, 0.02
+BEND = 10.0
+"""How much more than its variance the bend of a reading without a heading counts as noise: it does not average out."""
+
 FORGET_S = 60.0
 """Over how long the spread of the gusts is taken."""
 
@@ -136,16 +139,21 @@ class WindFilter:
             self._correct(1.0, 0.0, ex, noise)
             # the second component's error, after the first one's correction
             self._correct(0.0, 1.0, ey - (self.wind_mps[1] - wy), noise)
-            self._spread((ex * ex + ey * ey) / 2, step_s)
+            self._spread((ex * ex + ey * ey) / 2, self._pxx + self._pyy, step_s, step_s)
             return
         ax, ay = vx - wx, vy - wy
         air = math.hypot(ax, ay)
         if air < 0.1 * self._s:
             return
-        # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖
-        error = self._s - air
-        self._correct(-ax / air, -ay / air, error, noise)
-        self._spread(error * error, step_s)
+        # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
+        hx, hy = -ax / air, -ay / air
+        along = hx * hx * self._pxx + 2 * hx * hy * self._pxy + hy * hy * self._pyy
+        across = hy * hy * self._pxx - 2 * hx * hy * self._pxy + hx * hx * self._pyy
+        error = self._s - air - across / (2 * air)
+        bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
+        self._correct(hx, hy, error, noise + BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s))
+        told = self._gust_var / (self._gust_var + along + bent)
+        self._spread(error * error, along + bent, told * step_s, step_s)
 
     def _correct(self, hx: float, hy: float, error: float, noise: float) -> None:
         gx, gy = self._pxx * hx + self._pxy * hy, self._pxy * hx + self._pyy * hy
@@ -156,10 +164,9 @@ class WindFilter:
         self._pyy = max(self._pyy - ky * gy, 1e-12)
         self._pxy -= kx * gy
 
-    def _spread(self, squared: float, step_s: float) -> None:
-        """Forget the first estimate of the spread as readings come; large errors at the start are not gusts."""
+    def _spread(self, squared: float, known: float, counted_s: float, step_s: float) -> None:
+        """Forget the first estimate of the spread as readings come, less what the wind itself is not known by."""
         self._seen_s += step_s
-        known = self._pxx + self._pyy
-        share = min(1.0, step_s / min(FORGET_S, self._seen_s + 2 * GUST_TIME_S))
+        share = min(1.0, counted_s / min(FORGET_S, self._seen_s + 2 * GUST_TIME_S))
         self._gust_var += share * (max(squared - known, 0.0) - self._gust_var)
         self._gust_var = max(self._gust_var, LEAST_GUST_MPS**2)

@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 NODES_PER_QUARTER, MOST_NODES = 4, 16
 CURVE_NODES = 24
 SAME_PLACE_M = 1e-6
+SLACK_M = 1.0
+"""An aircraft is no nearer to its path than this: a path that comes as near to the end of its plan ends there."""
 
 
 class Nodes(NamedTuple):
@@ -76,6 +78,8 @@ class Course:
 
         Source: ∫ ds/v over each leg, v from the wind triangle.
         """
+        if not self.legs:
+            return np.zeros(0), np.zeros(0)
         nodes, starts = self._flat
         speeds, along = ground_speeds_mps(nodes.cosine, nodes.sine, airspeed_mps, wind_mps)
         with np.errstate(divide="ignore"):
@@ -88,14 +92,21 @@ class Course:
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Whether each parameter has a choice on each leg, shape (parameters, legs)."""
-        return np.array([[not box.fixed for box in leg.stage.sets] for leg in self.legs], dtype=bool).T
+        count = len(self.parameters[0])
+        return np.array(
+            [[not box.fixed for box in leg.stage.sets] or [False] * count for leg in self.legs], dtype=bool
+        ).T
 
     @cached_property
     def shares(self) -> FloatArray:
         """Share of its set that each parameter has on each leg, shape (parameters, legs); 0 where it has no choice."""
-        pairs = zip(self.legs, self.parameters, strict=True)
         return np.array(
-            [[box.share(value) or 0.0 for box, value in zip(leg.stage.sets, own, strict=True)] for leg, own in pairs],
+            [
+                [box.share(value) or 0.0 for box, value in zip(leg.stage.sets, own, strict=True)]
+                if leg.stage.sets
+                else [0.0] * len(own)
+                for leg, own in zip(self.legs, self.parameters, strict=True)
+            ],
             dtype=float,
         ).T
 
@@ -212,7 +223,14 @@ class Follower:
         self._waiting = self._latched(self._index, self._waiting, self._decided)
         expected = self._clipped(self.stage, self._waiting)
         if expected[:rho] != parameters[:rho]:  # a decision has come a moment earlier or later than was thought
-            self._waiting = (*parameters[:rho], *self._waiting[rho:])
+            decided = self._clipped(self.stage, self._decided)
+            known = [
+                waiting if own == told else new if clipped == told else told
+                for waiting, own, new, clipped, told in zip(
+                    self._waiting, expected, self._decided, decided, parameters, strict=True
+                )
+            ]
+            self._waiting = (*known[:rho], *self._waiting[rho:])
 
     def _next_of_parts(self, parameters: Vector) -> None:
         assert self._walk is not None
@@ -287,7 +305,7 @@ class Follower:
             return False, None
         if plan.ends_at_trigger and not self._ends_anywhere:
             return True, None
-        return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m)
+        return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m, SLACK_M)
 
     def _ends_at(self, own: Vector) -> tuple[Point, Point, Point]:
         """Final point, shift, and last trigger of lap 0 at some parameters [m]."""

@@ -18,6 +18,7 @@ from eadp.models.walk import LAP_LIMIT, Walk
 POINTS_LIMIT = 5_000_000
 END_STEP_M = 1.0
 LEAST_BEYOND_M = 1e-9
+MOST_PLACES = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +101,25 @@ def _legs_of_parts(plan: Plan, parameters: Sequence[float], begin: Point) -> lis
     return legs
 
 
-def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
-    """How far along a leg the plan is over [m], to a millimetre; None where it is not. See `itinerary.beyond`."""
+def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_m: float = 0.0) -> float | None:
+    """How far along a leg the plan is over [m], to a millimetre; None where it is not. See `itinerary.beyond`.
+
+    `slack_m` before the final point counts as beyond it [m].
+    """
     if not math.isfinite(leg.length_m):
         return None
+    dx, dy = shift
+    final = (
+        final[0] - (math.copysign(slack_m, dx) if abs(dx) >= 1e-9 else 0.0),
+        final[1] - (math.copysign(slack_m, dy) if abs(dy) >= 1e-9 else 0.0),
+    )
     if leg.stage.kind == LINE:
         return _line_beyond_m(leg, final, shift, radius_m)
     is_over = beyond(final, shift, radius_m)
     count = max(1, math.ceil(leg.length_m / END_STEP_M))
     if leg.stage.kind == CIRCLE:
         at = _on_circle(leg)
+        count = max(count, math.ceil(leg.length_m / max(radius_m / 4, leg.length_m / MOST_PLACES)))
         found = next((i for i in range(count + 1) if is_over(*at(leg.length_m * i / count))), None)
     else:
         points = [(point.x_m, point.y_m) for point in leg_points(leg, END_STEP_M)]

@@ -213,7 +213,13 @@ class Forecaster:
         self._courses.clear()
         self._times.clear()
         self._told.clear()
-        if course is not None and len(course.legs) > 1 and course.legs[1].stage.index == o.stage:
+        rho = self._plan.path_count
+        if (
+            course is not None
+            and len(course.legs) > 1
+            and course.legs[1].stage.index == o.stage
+            and course.parameters[1][:rho] == o.parameters[:rho]
+        ):
             self._courses[self.shares] = course.after()
         self.before_latch = self._follower.before_latch
         course = self._course(self.shares)
@@ -274,7 +280,7 @@ class Forecaster:
             if course is None or segments is None:
                 self._told[shares] = None
             else:
-                past = Past(self._flown.times_s, self._flown.areas_s)
+                past = Past(*self._flown.until(self._time_s))
                 terms = self.terrain.terms(course, segments, past, self.soc, self._settings.reserve_soc)
                 self._told[shares] = terms, segments
         return self._told[shares]
@@ -286,7 +292,9 @@ class Forecaster:
             return None
         terms, segments = told
         margin = self._z * self._soc_std(terms, segments)
-        available = self.soc - self._settings.reserve_soc - margin
+        available = self.soc - max(self._settings.reserve_soc, terms.least_soc) - margin
+        if terms.beyond_w > 0:
+            available = -math.inf
         return Prospect(shares, self.course(shares).shape, terms.steps, available)
 
     def forecast(self, answer: Answer) -> Forecast:

@@ -197,6 +197,11 @@ class JointPlanner(StaticPlanner):
         if not answer.allocation.feasible:
             if self._infeasible_since_s is None:
                 self._infeasible_since_s = o.time_s
+            if terms.beyond_w > 0:
+                return (
+                    f"infeasible since {self._infeasible_since_s:.1f} s: {terms.beyond_w:.1f} W more than the battery "
+                    "can deliver on the way; lowest configuration"
+                )
             volts = self._mission.battery.voltage_at(max(self._ahead.soc, 0.0))
             short_wh = answer.short * self._mission.battery.capacity_ah * volts
             return (
@@ -212,14 +217,14 @@ class JointPlanner(StaticPlanner):
         ]
         if moved:
             return ", ".join(moved)
-        if terms.beyond_w > 0:
-            return f"kept; {terms.beyond_w:.1f} W more on the way than the battery is allowed, at the lowest"
         return "kept: no change gains enough" if looked else "kept"
 
     def _record(self, o: Observation, why: str, chosen: Vector, answer: Answer, reason: str) -> Record:
         ahead, b = self._ahead, self._mission.battery
         forecast, (reachable, lost_s) = ahead.forecast(answer), ahead.home(answer)
-        reserve = self._settings.reserve_soc
+        told = ahead.told(answer.prospect.shares)
+        assert told is not None
+        floor = max(self._settings.reserve_soc, told[0].least_soc)
         return Record(
             time_s=o.time_s,
             why=why,
@@ -230,7 +235,7 @@ class JointPlanner(StaticPlanner):
             remaining_std_s=forecast.remaining_std_s,
             energy_wh=forecast.energy_wh,
             energy_std_wh=forecast.energy_std_wh,
-            available_wh=max(ahead.soc - reserve, 0.0) * b.capacity_ah * b.voltage_at((ahead.soc + reserve) / 2),
+            available_wh=max(ahead.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((ahead.soc + floor) / 2),
             soc_end=forecast.soc_end,
             soc_end_std=forecast.soc_end_std,
             completes_probability=forecast.completes_probability,

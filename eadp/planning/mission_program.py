@@ -36,6 +36,10 @@ Shares = tuple[float, ...]
 COARSE, MOST_HALVINGS, LEAST_PROMISE = 13, 60, 2e-5
 """A scan: places over a box, halvings towards edges of steps, and what a step must promise to be looked at."""
 
+GRIDS, SEARCHED, LEAST_STEP = {2: 11, 3: 5}, 3, 1e-3
+"""Places a side of a grid over two or three path parameters, how many of its best are searched round, and how finely.
+More parameters are scanned one after the other."""
+
 PASSES, FIRST_REACH, LEAST_REACH = 6, 0.1, 1e-5
 DIFFERENCE = 1e-3
 PROXIMAL = 1e-3
@@ -84,6 +88,10 @@ Outlook = Callable[[Shares], Prospect | None]
 """Prospects at path parameters; None where the plan cannot be flown at them."""
 
 
+class _NoSlope(Exception):
+    """A step of the staircase is too narrow to tell how it slopes: there is nothing to climb."""
+
+
 def best_at(prospect: Prospect) -> Answer:
     """The best computations at given path parameters, in closed form."""
     allocation = filled(prospect.steps, prospect.available)
@@ -129,9 +137,12 @@ class MissionProgram:
             return known[shares]
 
         best = _better(look(warm), None)
-        for _ in range(2 if self.dimensions > 1 else 1):
-            for axis in range(self.dimensions):
-                best = _scanned(look, best, warm, axis)
+        if self.dimensions in GRIDS:
+            best = _gridded(look, best, self.dimensions)
+        else:
+            for _ in range(2 if self.dimensions > 1 else 1):
+                for axis in range(self.dimensions):
+                    best = _scanned(look, best, warm, axis)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
@@ -147,6 +158,8 @@ class MissionProgram:
         while passes < PASSES and reach >= LEAST_REACH:
             try:
                 shares, x = self._pass(outlook, best, reach)
+            except _NoSlope:
+                break
             except (SolverFailed, Infeasible):
                 failures += 1
                 break
@@ -248,7 +261,7 @@ class MissionProgram:
             a, b = allocation_of(here.steps, x), allocation_of(there.steps, x)
             use = (b.use - there.available) - (a.use - here.available)
             return (b.value - a.value) / step, use / step
-        raise SolverFailed("no slope: the step of the staircase is too narrow")
+        raise _NoSlope
 
     def _evaluated(self, outlook: Outlook, shares: Shares, x: FloatArray, at: Answer) -> Answer | None:
         """What a QP's answer is really worth: its shares, cut to the charge that there is, or the closed form's."""
@@ -291,6 +304,34 @@ def _better(new: Answer | None, old: Answer | None) -> Answer | None:
     if not new.allocation.feasible:
         return new if new.short < old.short else old
     return new if new.value > old.value else old
+
+
+def _gridded(look: Callable[[Shares], Answer | None], best: Answer | None, dimensions: int) -> Answer | None:
+    """The best of a grid over all path parameters, and of searches from its best places with steps that are halved.
+
+    Parameters that compete for charge are best along an edge that no search by one of them alone goes along.
+
+    Source: pattern search (Hooke and Jeeves 1961).
+    """
+    places = np.linspace(0.0, 1.0, GRIDS[dimensions]).tolist()
+    found = [answer for shares in itertools.product(places, repeat=dimensions) if (answer := look(shares)) is not None]
+    if best is not None:
+        found.append(best)
+    found.sort(
+        key=lambda answer: (answer.allocation.feasible, answer.value if answer.allocation.feasible else -answer.short)
+    )
+    for start in found[-SEARCHED:]:
+        own = start
+        step = 0.5 / (GRIDS[dimensions] - 1)
+        while own.allocation.feasible and step > LEAST_STEP:
+            centre = own.prospect.shares
+            for moves in itertools.product((-step, 0.0, step), repeat=dimensions):
+                there = tuple(min(1.0, max(0.0, c + move)) for c, move in zip(centre, moves, strict=True))
+                own = _better(look(there), own) or own
+            if own.prospect.shares == centre:
+                step /= 2
+        best = _better(own, best)
+    return best
 
 
 def _scanned(look: Callable[[Shares], Answer | None], best: Answer | None, warm: Shares, axis: int) -> Answer | None:

@@ -34,7 +34,11 @@ POWER_SHARE, LEAST_POWER_W, SPELLS_KNOWN = 0.03, 0.2, 3
 """How far a spell's mean power is off before any is flown, as a share of the level's and at least [W]; and how many
 spells that knowledge is worth."""
 
-JUMP, JUMP_STDS = 0.01, 6.0
+JUMP, JUMP_STDS, LEAST_JUMP = 0.01, 6.0, 1e-3
+"""A reading farther off than this, and than so many standard deviations, is odd; of an exact gauge, by the last."""
+
+EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS = 1e-8, 0.02, 60
+"""Variance below which a gauge is exact; how fast its noise is learned at last; how many readings are the first."""
 
 
 class TimeRatio:
@@ -199,6 +203,7 @@ class ChargeFilter:
         self._noise = 0.0
         self._last: float | None = None
         self._odd = 0
+        self._count = 1
 
     def observe(self, reading: float, drained: float) -> bool:
         """Take a reading after so much should have been drained since the last; return whether it has jumped."""
@@ -207,23 +212,36 @@ class ChargeFilter:
             return False
         change = reading - self._last + drained
         self._last = reading
+        self._count += 1
         expected = self.soc - drained
         self.variance += (0.05 * drained) ** 2 + 1e-14
+        self._not_surer()
         error = reading - expected
-        spread = math.sqrt(self.variance + self._noise)
-        if abs(error) > JUMP and abs(error) > JUMP_STDS * spread:
+        if self._jumps(error, drained):
             self._odd += 1
-            if self._odd > 1 or self._noise < 1e-8:
-                self.soc, self.variance, self._odd = reading, self._noise, 0
+            if self._odd > 1 or self._noise < EXACT_GAUGE:
+                self.soc, self.variance, self._odd, self._count = reading, self._noise, 0, 2
                 return True
             self.soc = expected
             return False
         self._odd = 0
-        self._noise += 0.02 * (change * change / 2 - self._noise)
+        self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
+        self._not_surer()
         gain = self.variance / (self.variance + self._noise) if self._noise > 1e-12 else 1.0
         self.soc = expected + gain * error
         self.variance *= 1 - gain
         return False
+
+    def _not_surer(self) -> None:
+        """Not surer than a mean of the readings so far: the first of them was no better than the others."""
+        if self._count <= FIRST_READINGS:
+            self.variance = max(self.variance, self._noise / (self._count - 1))
+
+    def _jumps(self, error: float, drained: float) -> bool:
+        if self._noise < EXACT_GAUGE and self._count > 2:
+            return abs(error) > LEAST_JUMP + 10 * drained
+        spread = math.sqrt(self.variance + self._noise)
+        return self._count > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * spread
 
 
 class Flown:
@@ -232,19 +250,23 @@ class Flown:
     def __init__(self, count: int) -> None:
         self.areas_s = [0.0] * count
         self.times_s = [0.0] * count
-        self.raw_areas_s = [0.0] * count
         self._since_s = 0.0
         self._held: tuple[Vector, Sequence[Box]] | None = None
 
     def hold(self, time_s: float, parameters: Vector, sets: Sequence[Box]) -> None:
         """From a time on [s] these are flown."""
         if self._held is not None:
+            self.times_s, self.areas_s = self.until(time_s)
+        self._since_s, self._held = time_s, (parameters, sets)
+
+    def until(self, time_s: float) -> tuple[list[float], list[float]]:
+        """Times and areas of shares up to a time [s], what is held included."""
+        times, areas = list(self.times_s), list(self.areas_s)
+        if self._held is not None and self._held[1]:
             duration = time_s - self._since_s
-            values, boxes = self._held
-            for i, (value, box) in enumerate(zip(values, boxes, strict=True)):
+            for i, (value, box) in enumerate(zip(*self._held, strict=True)):
                 share = box.share(value)
                 if share is not None:
-                    self.areas_s[i] += share * duration
-                    self.times_s[i] += duration
-                    self.raw_areas_s[i] += value * duration
-        self._since_s, self._held = time_s, (parameters, sets)
+                    areas[i] += share * duration
+                    times[i] += duration
+        return times, areas

@@ -68,7 +68,9 @@ class Terms:
     mean_w : float
         Power with the computations half way [W].
     beyond_w : float
-        Power that exceeds, even at the cheapest, what the battery allows [W]; 0 where none does.
+        Power by which even the cheapest is more than the battery can deliver [W]; 0 where it is not.
+    least_soc : float
+        State of charge at the end below which even the cheapest is more, somewhere on the way, than b Q_c V crate.
     worth : array, shape (parameters,)
         What a share of each parameter adds to the objective per second.
     """
@@ -78,6 +80,7 @@ class Terms:
     soc_per_j: float
     mean_w: float
     beyond_w: float
+    least_soc: float
     worth: FloatArray
 
 
@@ -129,22 +132,33 @@ class Terrain:
         """
         times, total_s = segments.times_s, float(segments.times_s.sum())
         worth, worth_past = self._worth(course, times, past)
-        # the state of charge on the way, about: straight from now to the reserve
-        ends = np.cumsum(times) / max(total_s, 1e-9)
-        charge_end = soc + (min(reserve_soc, soc) - soc) * ends
-        charge_mid = charge_end + (soc - min(reserve_soc, soc)) * times / (2 * max(total_s, 1e-9))
         b = self._battery
-        volts = _voltages(b, charge_mid)
-        limit = np.maximum(charge_end, 0.0) * b.power_per_soc_w
-        if b.resistance_ohm > 0:
-            limit = np.minimum(limit, DELIVERABLE * volts**2 / (4 * b.resistance_ohm))
-        room = limit - segments.peak_w
-        groups = _Groups(worth_past, len(times))
+        highest, lowest = np.zeros(len(times)), np.zeros(len(times))
+        alike = course.alike_in_path if self._trade_offs else course.alike
+        for first, members in alike:
+            powers = self.configurations(course.legs[first].stage.sets, course.parameters[first])[1]
+            lowest[members], highest[members] = powers[0], powers[-1]
+        # the state of charge on the way, at least: as the highest computations take it, but not below the reserve
+        floor = min(reserve_soc, soc)
+        volts_low = _voltages(b, np.full(len(times), max(floor, 0.0)))
+        taken = times * _rates(b, segments.motion_w + highest, volts_low)
+        taken *= min(1.0, (soc - floor) / max(float(taken.sum()), 1e-12))
+        charge_end = soc - np.cumsum(taken)
+        volts = _voltages(b, np.maximum(charge_end + taken / 2, 0.0))
+        room = np.maximum(charge_end, 0.0) * b.power_per_soc_w - segments.peak_w
         beyond = 0.0
-        for first, members in course.alike_in_path if self._trade_offs else course.alike:
+        if b.resistance_ohm > 0:
+            room = np.minimum(room, DELIVERABLE * volts**2 / (4 * b.resistance_ohm) - segments.peak_w)
+            beyond = float((segments.peak_w + lowest - volts**2 / (4 * b.resistance_ohm)).max())
+        # y ≤ b Q_c V crate at the end of each segment, at its cheapest, told as a charge at the end of all
+        cheapest = times * _rates(b, segments.motion_w + lowest, volts)
+        least_soc = float(
+            ((segments.peak_w + lowest) / b.power_per_soc_w - (cheapest.sum() - np.cumsum(cheapest))).max()
+        )
+        groups = _Groups(worth_past, len(times))
+        for first, members in alike:
             stage, own = course.legs[first].stage, course.parameters[first]
             powers = self.configurations(stage.sets, own)[1]
-            beyond = max(beyond, float(powers[0] - room[members].min()))
             allowed = np.maximum(np.searchsorted(powers, room[members], side="right"), 1)
             for count in np.unique(allowed):
                 index = members[allowed == count]
@@ -158,7 +172,7 @@ class Terrain:
         voltage = float(np.mean(volts))
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
         slope = b.k_b_per_s / b.capacity_ah / math.sqrt(discriminant)
-        return Terms(groups.steps(), tuple(groups.menus), slope, mean_w, max(beyond, 0.0), worth)
+        return Terms(groups.steps(), tuple(groups.menus), slope, mean_w, max(beyond, 0.0), least_soc, worth)
 
     # --- worth
 
@@ -229,10 +243,12 @@ class Terrain:
         levels = [self._values(rho + k, box) for k, box in enumerate(sets[rho:])]
         while math.prod(len(values) for values in levels) > MOST_CONFIGURATIONS:
             longest = max(range(len(levels)), key=lambda k: len(levels[k]))
+            if len(levels[longest]) <= 2:
+                break
             kept = levels[longest][::2]
             levels[longest] = kept if kept[-1] == levels[longest][-1] else (*kept, levels[longest][-1])
         rows, powers = [], []
-        for choice in itertools.product(*levels):
+        for choice in itertools.islice(itertools.product(*levels), MOST_CONFIGURATIONS):
             values = (*own[:rho], *choice)
             if any(
                 sum(row.get(name, 0.0) * value for name, value in zip(names, values, strict=True)) < least - 1e-9
