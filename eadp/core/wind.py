@@ -24,7 +24,7 @@ DRIFT_M2PS3 = 0.5**2 / 300
 GUST_TIME_S = 5.0
 """How long a gust stays: readings within this time tell the same."""
 
-FIRST_GUST_MPS, LEAST_GUST_MPS = 0.5, 0.02
+FIRST_GUST_MPS, LEAST_GUST_MPS = 1.0, 0.02
 BEND = 10.0
 """How much more than its variance the bend of a reading without a heading counts as noise: it does not average out."""
 

@@ -31,8 +31,9 @@ FloatArray = NDArray[np.float64]
 NODES_PER_QUARTER, MOST_NODES = 4, 16
 CURVE_NODES = 24
 SAME_PLACE_M = 1e-6
-SLACK_M = 1.0
-"""An aircraft is no nearer to its path than this: a path that comes as near to the end of its plan ends there."""
+SLACK_M = -1.0
+"""An end that the path passes by less than this is not counted on: no aircraft is nearer to its path, and whoever looks
+for the best parameters finds those that just reach the end."""
 
 
 class Nodes(NamedTuple):

@@ -104,14 +104,14 @@ def _legs_of_parts(plan: Plan, parameters: Sequence[float], begin: Point) -> lis
 def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_m: float = 0.0) -> float | None:
     """How far along a leg the plan is over [m], to a millimetre; None where it is not. See `itinerary.beyond`.
 
-    `slack_m` before the final point counts as beyond it [m].
+    `slack_m` before the final point counts as beyond it [m]; below 0, it has to be passed by as much.
     """
     if not math.isfinite(leg.length_m):
         return None
     dx, dy = shift
     final = (
-        final[0] - (math.copysign(slack_m, dx) if abs(dx) >= 1e-9 else 0.0),
-        final[1] - (math.copysign(slack_m, dy) if abs(dy) >= 1e-9 else 0.0),
+        final[0] - (slack_m * math.copysign(1.0, dx) if abs(dx) >= 1e-9 else 0.0),
+        final[1] - (slack_m * math.copysign(1.0, dy) if abs(dy) >= 1e-9 else 0.0),
     )
     if leg.stage.kind == LINE:
         return _line_beyond_m(leg, final, shift, radius_m)

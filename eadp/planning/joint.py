@@ -11,6 +11,7 @@ the way, and the margin with it, so that what had to be saved at first may be sp
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -40,6 +41,9 @@ looked at again."""
 RISE, FALL = 0.25, 0.10
 """Of two configurations between which the power lies that lasts to the end, the upper one is flown first, as long as it
 can be for more than this share of the time that is left: to rise to it, and to stay with it."""
+
+LEAST_RISE_S = 15.0
+"""With less time left than this nothing rises any more."""
 
 NEAR_ENVELOPE = 0.01
 """A configuration whose value is below the best mix of the same power by less than this share is as good."""
@@ -179,7 +183,8 @@ class JointPlanner(StaticPlanner):
         below = min(max(int(np.searchsorted(ladder, target_w + 1e-9, side="right")) - 1, 0), len(ladder) - 2)
         held = min(max(held, 0), len(ladder) - 1)
         share = (target_w - ladder[below]) / (ladder[below + 1] - ladder[below]) if len(ladder) > 1 else 0.0
-        lasting = below + 1 if share > (FALL if held > below else RISE) else max(below, 0)
+        enough = FALL if held > below else RISE if remaining_s > LEAST_RISE_S else math.inf
+        lasting = below + 1 if share > enough else max(below, 0)
         if lasting == held and np.array_equal(configurations[choices[held]], now):
             return now
         best = choices[powers[choices] <= ladder[lasting] + 1e-12]
