@@ -39,6 +39,9 @@ sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(
 from eadp.core.compiled import switch_on  # noqa: E402
 from eadp.io.flight_inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.models.ahead import Follower  # noqa: E402
+from eadp.planning.forecaster import Forecaster  # noqa: E402
+from eadp.planning.joint import JointPlanner  # noqa: E402
+from eadp.planning.mission_program import MissionProgram, best_at  # noqa: E402
 from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, StaticPlanner  # noqa: E402
 from eadp.simulation.loop import Outcome, fly  # noqa: E402
 
@@ -46,7 +49,8 @@ switch_on()
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = str(ROOT / "profiles/pednet-jetson-nano.yaml")
 STEP_S = 0.05
-GRID = 41
+GRID = 21
+"""Places of c1 that hindsight looks at, with every level of c2, and that the lap budget chooses from."""
 RESERVE = 0.05
 FIELDS: Mapping[str, list[list[float]]] = {
     "oblong": [[0, 0], [620, 60], [600, 420], [-20, 360]],
@@ -411,6 +415,65 @@ def _end(keys: Mapping[str, Any]) -> tuple[bool, float, float | None]:
     return done["completed"], done["soc"], done["u"]
 
 
+def programs(count: int, seed: int) -> None:
+    """The program against a fine brute force before take-off, and what a re-planning costs in flight."""
+    rng = np.random.default_rng(seed)
+    gaps: dict[str, list[float]] = {"scan": [], "scan, then QPs": []}
+    missed = failed = 0
+    for _ in range(count):
+        keys = {
+            "vehicle.model": "fixed-wing",
+            "wind.speed_mps": float(rng.uniform(0, 8)),
+            "wind.towards_deg": float(rng.uniform(0, 360)),
+            "battery.capacity_ah": float(rng.uniform(0.4, 0.9)),
+            "planner.name": "joint",
+            "planner.weights": {"c1": float(rng.uniform(0.2, 1)), "c2": float(rng.uniform(0.2, 1))},
+        }
+        inputs = load(str(ROOT / "plans/survey.plan"), keys)
+        world = inputs.world
+        ahead = Forecaster(inputs.scenario.planner, inputs.mission)
+        ahead.assume(world.wind.steady_mps, 0.0, 1.0)
+        ahead.at(0.0, world.start_m, 0.0)
+        prospects = [ahead.prospect((share,)) for share in np.linspace(0, 1, 2001).tolist()]
+        answers = [best_at(prospect) for prospect in prospects if prospect is not None]
+        best = max((answer.value for answer in answers if answer.allocation.feasible), default=None)
+        for title, climb in (("scan", False), ("scan, then QPs", True)):
+            found = MissionProgram(1, climb).solve(ahead.prospect, (float(rng.uniform()),))
+            failed += found.failures
+            if best is not None and found.allocation.feasible:
+                gaps[title].append(best - found.value)
+            elif best is not None:
+                missed += 1
+    print(f"seed {seed}, {count} instances, {len(gaps['scan'])} feasible; against 2,001 places of c1, in closed form:")
+    for title, values in gaps.items():
+        print(f"{title:<16}gap median {statistics.median(values):.1e}, worst {max(values):.1e}, best {min(values):.1e}")
+    print(f"not found though feasible: {missed}; QPs that failed: {failed}")
+    costs: list[tuple[int, float]] = []
+    for index in range(4):
+        inputs = load(
+            str(ROOT / "plans/survey.plan"),
+            {"battery.capacity_ah": 1.0, "planner.name": "joint", "wind.gust_std_mps": 1, "wind.speed_mps": 2 * index},
+        )
+        planner = inputs.planner()
+        assert isinstance(planner, JointPlanner)
+        replan = planner._replan
+
+        def timed(o: Observation, why: str, replan: Any = replan, planner: Any = planner) -> None:
+            begun = time.process_time()
+            replan(o, why)
+            course = planner._ahead.course(planner._ahead.shares)
+            costs.append((len(course.legs), 1e3 * (time.process_time() - begun)))
+
+        planner._replan = timed  # type: ignore[method-assign]
+        for _ in fly(inputs.world, planner, Outcome()):
+            pass
+    long = [ms for legs, ms in costs if 50 <= legs <= 66]
+    print(
+        f"a re-planning with 50 to 66 legs left: median {statistics.median(long):.2f} ms CPU, 95 % "
+        f"{np.quantile(long, 0.95):.2f}, most {max(long):.0f} ({len(long)} re-plannings)"
+    )
+
+
 MOMENTS_S, SHARES = (30.0, 60.0), (0.25, 0.5, 0.75)
 
 
@@ -468,9 +531,13 @@ def main() -> None:
     options.add_argument("--only", type=int, nargs="*", help="indices of missions")
     options.add_argument("--out", help="JSON lines, one mission each")
     options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
+    options.add_argument("--programs", type=int, default=0, help="instances to compare with a brute force")
     options.add_argument("--forecasts", type=int, default=0, help="flights with kept parameters to judge forecasts by")
     options.add_argument("--probability", type=float, default=0.95)
     given = options.parse_args()
+    if given.programs:
+        programs(given.programs, given.seed)
+        return
     if given.forecasts:
         forecasts(given.forecasts, given.seed, given.jobs)
         return

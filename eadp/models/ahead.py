@@ -31,9 +31,9 @@ FloatArray = NDArray[np.float64]
 NODES_PER_QUARTER, MOST_NODES = 4, 16
 CURVE_NODES = 24
 SAME_PLACE_M = 1e-6
-SLACK_M = -1.0
-"""An end that the path passes by less than this is not counted on: no aircraft is nearer to its path, and whoever looks
-for the best parameters finds those that just reach the end."""
+MARGIN_M = 1.0
+"""An end that the path passes by less than this is not counted on, nor by less than the aircraft is off its path:
+whoever looks for the best parameters finds those that just reach the end."""
 
 
 class Nodes(NamedTuple):
@@ -153,6 +153,11 @@ class Follower:
     start_m : (float, float)
         Where the flight begins [m].
     rules : Rules
+
+    Attributes
+    ----------
+    margin_m : float
+        By how much the end of the plan has to be passed to be counted on [m].
     """
 
     def __init__(self, plan: Plan, parameters: Vector, start_m: Point, rules: Rules) -> None:
@@ -164,12 +169,14 @@ class Follower:
         self._shifting = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
         self._index = 0
         self._base: Point = (0.0, 0.0)
+        self._pending = self._live and plan.repeats and len(plan.stages) == 1
         self._decided = self._waiting = tuple(parameters)
         self._begin = start_m
         self._geometry: dict[object, _Geometry] = {}
         self._bound: dict[object, tuple[PathFunction, Point]] = {}
         self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
         self.lap = 0
+        self.margin_m = MARGIN_M
 
     @property
     def stage(self) -> Stage:
@@ -212,15 +219,19 @@ class Follower:
             self._next_of_parts(parameters)
             return
         rho = self._plan.path_count
-        self._begin = self._trigger(self.stage, self._clipped(self.stage, self._waiting), self._base)
+        offset = self._offset(self._index, self._base, self._pending, self._waiting)
+        self._begin = self._trigger(self.stage, self._clipped(self.stage, self._waiting), offset)
         if self._index < len(self._plan.stages) - 1:
             self._index += 1
         elif self._plan.repeats:
-            self._base = self._shifted(self._base, self._waiting)
+            if not self._live:
+                self._base = self._shifted(self._base, self._waiting)
             self.lap += 1
             self._index = 0
         else:
             return
+        if self._live and self._plan.repeats and self._index == len(self._plan.stages) - 1:
+            self._base, self._pending = self._frozen(self._base, self._pending, self._decided)
         self._waiting = self._latched(self._index, self._waiting, self._decided)
         expected = self._clipped(self.stage, self._waiting)
         if expected[:rho] != parameters[:rho]:  # a decision has come a moment earlier or later than was thought
@@ -262,22 +273,23 @@ class Follower:
 
     def _course_of_laps(self, decided: Vector) -> Course:
         plan, n = self._plan, len(self._plan.stages)
-        index, base, begin = self._index, self._base, self._begin
-        waiting = decided if self._live else self._waiting
+        index, base, begin, lap, pending = self._index, self._base, self._begin, self.lap, self._pending
+        waiting = decided if self._live and not (plan.repeats and index == n - 1) else self._waiting
         legs: list[Leg] = []
         values: list[Vector] = []
         nodes: list[Nodes] = []
         for _ in range(LAP_LIMIT * n):
             stage = plan.stages[index]
             own = self._clipped(stage, waiting)
-            geometry = self._leg(stage, own, (begin[0] - base[0], begin[1] - base[1]))
-            end = (geometry.end[0] + base[0], geometry.end[1] + base[1])
-            leg = Leg(len(legs), stage, geometry.path, base, begin, end, geometry.length_m)
+            offset = self._offset(index, base, pending, waiting)
+            geometry = self._leg(stage, own, (begin[0] - offset[0], begin[1] - offset[1]))
+            end = (geometry.end[0] + offset[0], geometry.end[1] + offset[1])
+            leg = Leg(lap, stage, geometry.path, offset, begin, end, geometry.length_m)
             last = index == n - 1
-            whole, over_m = self._end(own, base, leg)
+            whole, over_m = self._end(own, offset, leg)
             values.append(own)
             if over_m is not None:
-                leg = Leg(leg.lap, stage, leg.path, base, begin, end, leg.length_m, over_m)
+                leg = Leg(lap, stage, leg.path, offset, begin, end, leg.length_m, over_m)
                 legs.append(leg)
                 nodes.append(_nodes(leg))
                 return Course(tuple(legs), tuple(values), tuple(nodes))
@@ -286,13 +298,24 @@ class Follower:
             if last and (not plan.repeats or whole):
                 return Course(tuple(legs), tuple(values), tuple(nodes))
             if last:
-                base = self._shifted(base, waiting)
-                index = 0
+                base = base if self._live else self._shifted(base, waiting)
+                index, lap = 0, lap + 1
             else:
                 index += 1
             waiting = self._latched(index, waiting, decided)
+            if self._live and plan.repeats and index == n - 1:
+                base, pending = self._frozen(base, pending, waiting)
             begin = end
         raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+
+    def _offset(self, index: int, base: Point, pending: bool, waiting: Vector) -> Point:
+        """How far a stage lies from lap 0's [m]: live, the lap's shift is that of the parameters of the moment."""
+        last = index == len(self._plan.stages) - 1
+        return self._shifted(base, waiting) if self._live and pending and not last else base
+
+    def _frozen(self, base: Point, pending: bool, waiting: Vector) -> tuple[Point, bool]:
+        """Live, a lap's last stage begins: where the lap lies now, it stays, and a shift is due."""
+        return (self._shifted(base, waiting) if pending else base), True
 
     def _end(self, own: Vector, base: Point, leg: Leg) -> tuple[bool, float | None]:
         """Whether this lap's last trigger ends the plan, and where on this leg the plan is over [m], if it is."""
@@ -306,7 +329,7 @@ class Follower:
             return False, None
         if plan.ends_at_trigger and not self._ends_anywhere:
             return True, None
-        return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m, SLACK_M)
+        return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m, -self.margin_m)
 
     def _ends_at(self, own: Vector) -> tuple[Point, Point, Point]:
         """Final point, shift, and last trigger of lap 0 at some parameters [m]."""
@@ -329,7 +352,7 @@ class Follower:
 
     def _latched(self, begun: int, waiting: Vector, decided: Vector) -> Vector:
         return tuple(
-            new if latch in (begun, None) else old
+            new if self._live or latch in (begun, None) else old
             for new, old, latch in zip(decided, waiting, self._latch, strict=True)
         )
 

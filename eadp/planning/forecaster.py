@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eadp.core.geometry import Point
 from eadp.core.wind import GUST_TIME_S, WindFilter
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.ahead import Course, Follower, left_m
+from eadp.models.ahead import MARGIN_M, Course, Follower, left_m
 from eadp.models.itinerary import Vector
 from eadp.planning.mission_program import Answer, Prospect, Shares
 from eadp.planning.observed import ChargeFilter, Flown, MotionPower, TimeRatio
@@ -35,6 +35,11 @@ HOME_TURN = 1.1
 """The way home is longer than straight by this factor: it begins with a turn."""
 
 LEAST_STD = 1e-6
+TOLD_FOR_S = 60.0
+"""A wind that is told counts for so long."""
+
+OFF_PATH_S, MOST_OFF_PATH_M = 60.0, 10.0
+"""Over how long the distance from the path is taken, and how far off counts as that far: what is farther is joining."""
 
 
 class Forecast(NamedTuple):
@@ -102,6 +107,7 @@ class Forecaster:
         self._wind = WindFilter(mission.cruise_mps)
         self._wind_used: Point = (0.0, 0.0)
         self._known_wind: Point | None = None
+        self._known_until_s = -math.inf
         self._ratio = TimeRatio()
         self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
         self._slope = 0.0
@@ -118,6 +124,7 @@ class Forecaster:
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
         self._ripple_w = 0.0
+        self._off_path_m2 = 0.0
         self._power_w = 0.0
         self._stages_begun = 1
         self._home_s: float | None = 0.0
@@ -167,17 +174,35 @@ class Forecaster:
         step_s = o.time_s - self._last_s if self._last_s is not None else 0.0
         self._last_s = o.time_s
         self._position = (o.x_m, o.y_m)
+        self._off_path(o, step_s)
         if o.power_w is not None and step_s > 0:
             self._motion.observe(o.power_w - computing_w, step_s, self._slope)
         if o.wind_mps is not None:
-            self._known_wind = o.wind_mps
-        elif o.velocity_mps is not None and step_s > 0:
+            self._known_wind, self._known_until_s = o.wind_mps, o.time_s + TOLD_FOR_S
+        elif o.time_s > self._known_until_s:
+            self._known_wind = None
+        if o.wind_mps is None and o.velocity_mps is not None and step_s > 0:
             self._wind.observe(o.velocity_mps, o.heading_rad, step_s)
         return self._read_charge(o)
 
+    def _off_path(self, o: Observation, step_s: float) -> None:
+        """How far the aircraft is off its path: by more than twice that the end of the plan has to be passed."""
+        course = self._courses.get(self.shares)
+        if course is None or not course.legs or step_s <= 0:
+            return
+        leg = course.legs[0]
+        try:
+            phi, gx, gy, *_ = leg.path(o.x_m - leg.offset_m[0], o.y_m - leg.offset_m[1])
+        except (ArithmeticError, ValueError):
+            return
+        square = gx * gx + gy * gy
+        if square > 0 and math.isfinite(phi):
+            share = min(1.0, step_s / OFF_PATH_S)
+            self._off_path_m2 += share * (min(phi * phi / square, MOST_OFF_PATH_M**2) - self._off_path_m2)
+
     def assume(self, wind_mps: Point, gust_std_mps: float, soc: float) -> None:
         """Before take-off: the wind of the weather forecast [m/s], its gusts, and the state of charge."""
-        self._known_wind = wind_mps
+        self._known_wind, self._known_until_s = wind_mps, math.inf
         self._ratio.expect(gust_std_mps, self._speed, GUST_TIME_S)
         self._charge.observe(soc, 0.0)
 
@@ -207,6 +232,7 @@ class Forecaster:
         try:
             for _ in range(o.stages_begun - self._stages_begun):
                 self._follower.next_stage(o.parameters)
+            self._follower.margin_m = max(MARGIN_M, 2 * math.sqrt(self._off_path_m2))
         except EadpError:
             self.lost = True
         self._stages_begun = o.stages_begun
