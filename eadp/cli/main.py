@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
 import traceback
 from collections.abc import Callable
 from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -43,8 +44,35 @@ COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
     "replan": (replan.command, "Re-plan a live or recorded flight: telemetry in, decisions out."),
     "schema": (schema.command, "Print the JSON Schema of a file format."),
 }
+
+
+class _Closed(Exception):
+    """Whoever read the output has seen enough."""
+
+
+class _Interrupted(Exception):
+    """Ctrl-C, or SIGTERM."""
+
+
+def _shielded(command: Callable[..., int]) -> Callable[..., int]:
+    """A command whose closed pipe and interruption are told apart here: typer would end the process in its own way."""
+
+    @functools.wraps(command)
+    def shielded(*args: Any, **options: Any) -> int:
+        try:
+            code = command(*args, **options)
+            sys.stdout.flush()
+            return code
+        except BrokenPipeError:
+            raise _Closed from None
+        except KeyboardInterrupt:
+            raise _Interrupted from None
+
+    return shielded
+
+
 for _name, (_command, _summary) in COMMANDS.items():
-    app.command(_name, short_help=_summary)(_command)
+    app.command(_name, short_help=_summary)(_shielded(_command))
 
 
 def _show_version(wanted: bool) -> None:
@@ -80,7 +108,7 @@ def main(arguments: list[str]) -> int:
         return result if isinstance(result, int) else YES
     except typer.Exit as stop:
         return stop.exit_code
-    except (typer.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt, _Interrupted):
         print("eadp: interrupted", file=sys.stderr)  # noqa: T201
         return INTERRUPTED
     except InputError as error:
@@ -91,7 +119,7 @@ def main(arguments: list[str]) -> int:
         _debug()
         print(f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
         return BAD_INPUT
-    except BrokenPipeError:
+    except (BrokenPipeError, _Closed):
         # the reader has seen enough; nothing more may be written, not even by the interpreter's last flush
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return YES
