@@ -530,11 +530,15 @@ def main() -> None:
     options.add_argument("--jobs", type=int, default=1)
     options.add_argument("--only", type=int, nargs="*", help="indices of missions")
     options.add_argument("--out", help="JSON lines, one mission each")
+    options.add_argument("--table", help="print the tables of such a file")
     options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
     options.add_argument("--programs", type=int, default=0, help="instances to compare with a brute force")
     options.add_argument("--forecasts", type=int, default=0, help="flights with kept parameters to judge forecasts by")
     options.add_argument("--probability", type=float, default=0.95)
     given = options.parse_args()
+    if given.table:
+        report(given.seed, [json.loads(line) for line in Path(given.table).read_text().splitlines()])
+        return
     if given.programs:
         programs(given.programs, given.seed)
         return
@@ -556,8 +560,13 @@ def main() -> None:
                 if given.out:
                     with open(given.out, "a") as file:
                         file.write(json.dumps(result) + "\n")
+    report(given.seed, results)
+
+
+def report(seed: int, results: list[dict[str, Any]]) -> None:
+    """Print what came of missions."""
     results.sort(key=lambda r: r["index"])
-    print(f"seed {given.seed}, {len(results)} missions")
+    print(f"seed {seed}, {len(results)} missions")
     print("\n".join(table(results)))
     print("\n".join(verdict(results)))
     for group in sorted({(r["place"], r["vehicle"]) for r in results}):

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from eadp.cli.main import main
+from eadp.core import compiled
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -39,6 +40,13 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
         return Answer(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def _plain_code():
+    """Compiled code, which a sweep in this process switches on, is off again for the next test."""
+    yield
+    compiled.switch_on(False)
 
 
 @pytest.fixture(scope="session")

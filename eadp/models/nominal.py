@@ -118,6 +118,8 @@ def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_
     is_over = beyond(final, shift, radius_m)
     count = max(1, math.ceil(leg.length_m / END_STEP_M))
     if leg.stage.kind == CIRCLE:
+        if not _circle_reaches(leg, final, shift, radius_m):
+            return None
         at = _on_circle(leg)
         count = max(count, math.ceil(leg.length_m / max(radius_m / 4, leg.length_m / MOST_PLACES)))
         found = next((i for i in range(count + 1) if is_over(*at(leg.length_m * i / count))), None)
@@ -138,6 +140,19 @@ def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_
         middle = (low + high) / 2
         low, high = (low, middle) if is_over(*at(middle)) else (middle, high)
     return high
+
+
+def _circle_reaches(leg: Leg, final: Point, shift: Point, radius_m: float) -> bool:
+    """Whether the whole circle of a leg has any point that could be beyond: by the square round it."""
+    circle = circle_of(leg.path, (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1]), leg.stage.sense)
+    for centre, offset, to, d in zip(circle.centre_m, leg.offset_m, final, shift, strict=True):
+        place, r = centre + offset, circle.radius_m
+        if abs(d) < 1e-9:
+            if abs(place - to) > radius_m + r:
+                return False
+        elif (place - to) * math.copysign(1.0, d) + r <= 0:
+            return False
+    return True
 
 
 def _on_circle(leg: Leg) -> Callable[[float], Point]:

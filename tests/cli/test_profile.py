@@ -342,4 +342,6 @@ def test_schema_of_a_profile(run: Run) -> None:
 def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
     code, out, err = run("schema", "plans")
     assert (code, out) == (2, "")
-    assert err.startswith("NAME:1:1: error: no such file format; expected profile, energy, scenario, sweep\n")
+    assert err.startswith(
+        "NAME:1:1: error: no such file format; expected profile, energy, scenario, sweep, telemetry, decision\n"
+    )

@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
 ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
 LINES = (ROOT / EXAMPLE).read_bytes().splitlines(keepends=True)
+LINES_OF = [json.loads(line) for line in LINES]
 CONTRACT = {"time_s", "stage", "parameters", "soc_end_forecast", "completes_probability", "reason"}
 
 
@@ -82,8 +83,11 @@ def test_the_recorded_flight(whole):
     assert (last["reason"], last["completes_probability"]) == ("final point reached", 1)
     # a cell drops at 93 s: the lines grow further apart, so that the flight ends before the battery does
     before, after = (next(line for line in advice if line["time_s"] == time_s) for time_s in (92, 94))
-    assert after["parameters"]["c1"] < before["parameters"]["c1"] - 50
+    assert after["parameters"]["c1"] < before["parameters"]["c1"]
     assert after["completes_probability"] > 0.95
+    assert LINES_OF[-1]["soc"] > 0.05, "the reserve is kept"
+    assert advice[-2]["soc_end_forecast"] == pytest.approx(LINES_OF[-1]["soc"], abs=0.01)
+    assert {line["in_force"]["c1"] for line in advice} >= {line["parameters"]["c1"] for line in LINES_OF[-20:]}
 
 
 def test_the_telemetry_may_be_a_file(eadp, whole):
@@ -293,7 +297,8 @@ def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
     assert process.returncode == 130
     assert out == b""
     assert err in (b"", b"eadp: interrupted\n")  # some versions of typer say it without a word
-    assert len(log.read_bytes().splitlines()) == 7
+    # the interrupt may fall between a decision that was told and its line in the log
+    assert len(log.read_bytes().splitlines()) in (6, 7)
 
 
 def test_a_closed_pipe_ends_quietly():
@@ -336,6 +341,14 @@ class _Recorder:
     @property
     def period_s(self):
         return self._planner.period_s
+
+    @property
+    def reading_every_s(self):
+        return self._planner.reading_every_s
+
+    @property
+    def next_look_s(self):
+        return 0.0
 
     def update(self, observation):
         self.seen.append(observation)

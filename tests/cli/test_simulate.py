@@ -6,7 +6,10 @@ import csv
 import json
 import math
 
+import numpy as np
 import pytest
+
+from eadp.models.vehicle import FixedWing
 
 PLAN = "plans/survey.plan"
 SCENARIO = "scenarios/paper-i-dynamic.yaml"
@@ -48,6 +51,7 @@ def test_the_summary_has_the_documented_keys(eadp):
     summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)
     expected = {"schema", "completed", "reserve_kept", "reason", "duration_s", "distance_m", "energy_wh", "soc_final"}
     expected |= {"soc_reserve", "period_s", "parameters", "quality", "paper_metric", "replans", "solver", "seed"}
+    expected |= {"energy_forecast"}
     assert expected <= set(summary)
     assert summary["schema"] == "eadp.flight/1"
     assert {"mean", "first", "last", "changes"} <= set(summary["parameters"]["c1"])
@@ -118,6 +122,18 @@ def test_without_a_folder_nothing_is_written(eadp, line_plan, tmp_path):
     before = sorted(tmp_path.iterdir())
     assert eadp("simulate", line_plan).code == 0
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_path):
+    folder = tmp_path / "joint"
+    answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder, *SHORT)
+    assert answer.out.startswith("forecast   completes with ")
+    assert "decisions.jsonl" in answer.out
+    told = json.loads((folder / "summary.json").read_text())["energy_forecast"]
+    assert f"{told['energy_wh']:.2f} ± {told['energy_std_wh']:.2f} Wh in {told['time_s']:.0f} ±" in answer.out
+    assert len((folder / "decisions.jsonl").read_text().splitlines()) > 10
+    json_form = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", "json", *SHORT)
+    assert json.loads(json_form.out)["energy_forecast"] == told
 
 
 def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
@@ -232,8 +248,11 @@ def test_a_battery_that_cannot_deliver_is_refused_with_its_place(eadp):
 
 
 def test_a_battery_that_fails_in_flight_ends_it(eadp, line_plan):
-    # 26 W is level flight; the climb from 20 m to 25 m takes more than the 28 W this battery can give
-    climb = ("--set", "battery.resistance_ohm=1.95", "--set", "start.altitude_m=20")
+    # the climb of 2.5 m/s from 20 m to 25 m takes more than the 45 W that this battery can give at most
+    plane = FixedWing()
+    most_w = 14.8**2 / (4 * 1.2)
+    assert plane.cruise_power_w < most_w < plane.cruise_power_w + plane.weight_n * 2.5 / plane.propulsive_efficiency
+    climb = ("--set", "battery.resistance_ohm=1.2", "--set", "start.altitude_m=20")
     answer = eadp("simulate", line_plan, *climb, "--format", "json")
     assert answer.code == 1
     assert json.loads(answer.out)["reason"].startswith("the battery cannot deliver")
@@ -245,8 +264,9 @@ def test_an_empty_battery_ends_the_flight(eadp, line_plan):
     summary = json.loads(answer.out)
     assert summary["reason"] == "battery empty"
     assert summary["soc_final"] == 0
-    # 26 W from 14.8 V: 1.77 A through 0.05 ohm, 3.6 C in all
-    assert summary["duration_s"] == pytest.approx(3.6 / 1.767, abs=0.02)
+    # R I² − V I + P = 0: the current that level flight takes from 14.8 V through 0.05 ohm; 3.6 C in all
+    current_a = min(np.roots([0.05, -14.8, FixedWing().cruise_power_w]))
+    assert summary["duration_s"] == pytest.approx(3.6 / current_a, abs=0.02)
 
 
 UNFLYABLE = [

@@ -145,7 +145,7 @@ def filtered(readings, *, headings=True, step_s=1.0):
 
 def test_with_headings_it_is_a_batch_least_squares_of_a_random_walk(monkeypatch):
     # the spread of the gusts kept as at first, so that all is linear
-    monkeypatch.setattr(WindFilter, "_spread", lambda self, squared, step_s: None)
+    monkeypatch.setattr(WindFilter, "_spread", lambda *_: None)
     readings = list(flown(40, (3.0, -4.0), 0.5, 1))
     found = filtered(readings)
     n, noise = len(readings), wind.FIRST_GUST_MPS**2 * 2 * wind.GUST_TIME_S
@@ -213,18 +213,12 @@ def survey_course(time_s):
     return math.pi / 2 + math.pi * (2 * lap + turned)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="without headings, the spread of the gusts is taken less the variance of both parts of the wind, though a "
-    "reading shows one; and ‖v − w‖ is linearised where w is not known: lines in gusts are far too sure",
-)
 @pytest.mark.parametrize(("course", "gust_mps"), [(survey_course, 1.5), (lambda _: 0.0, 0.7)])
 def test_without_headings_it_is_calibrated_on_lines(course, gust_mps):
     squares = normalised_squares(False, course, seeds=40, gust_mps=gust_mps)
     assert np.mean(squares < chi2(2).ppf(0.95)) > 0.75
 
 
-@pytest.mark.xfail(strict=True, reason="the unknown cross wind of a single course is subtracted from the gusts")
 def test_the_spread_of_gusts_is_seen_on_a_single_course_without_headings():
     spreads = [
         filtered(flown(240, (3.0, -4.0), 0.3, seed, course=lambda _: 0.0), headings=False).gust_std_mps
@@ -235,9 +229,12 @@ def test_the_spread_of_gusts_is_seen_on_a_single_course_without_headings():
 
 def test_nothing_is_learned_of_what_a_single_course_does_not_show():
     found = filtered(flown(300, (4.0, 5.0), 0.3, 3, course=lambda _: 0.0), headings=False)
-    assert found.wind_mps[0] == pytest.approx(4, abs=1.0)
     xx, yy, _ = found.covariance
-    assert yy > 10 * xx
+    # a cross wind of 5 m/s crabs like a tail wind: neither is told well, and it is said so
+    assert abs(found.wind_mps[0] - 4) < 2 * math.sqrt(xx)
+    assert abs(found.wind_mps[1] - 5) < 2 * math.sqrt(yy)
+    assert yy > 0.8 * wind.FIRST_STD_MPS**2
+    assert xx < wind.FIRST_STD_MPS**2 / 5
 
 
 def test_a_wind_that_turns_is_followed():
@@ -246,7 +243,7 @@ def test_a_wind_that_turns_is_followed():
 
 
 def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(WindFilter, "_spread", lambda self, squared, step_s: None)
+    monkeypatch.setattr(WindFilter, "_spread", lambda *_: None)
     found, twice = WindFilter(AIRSPEED_MPS), WindFilter(AIRSPEED_MPS)
     for _ in range(10):
         found.observe((20.0, 0.0), 0.0, 1.0)

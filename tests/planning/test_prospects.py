@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import brentq, linprog
 
 from eadp.core.battery import soc_rate_per_s
 from eadp.io.plan_text import read_plan
@@ -23,6 +23,7 @@ from eadp.planning.allocation import filled
 from eadp.planning.prospects import QUALITY, TOTAL, Past, Segments, Terrain
 
 ALGEBRA = 1e-9
+LOWEST_VOLTAGE = 0.02
 DIFFERENCE_W = 1e-4
 BY_DIFFERENCES = 1e-5
 
@@ -85,6 +86,7 @@ class Case:
     soc: float = 0.9
     reserve: float = 0.1
     seed: int = 0
+    _middles: list = field(default_factory=list)
 
     def __post_init__(self):
         rng = np.random.default_rng(self.seed)
@@ -148,11 +150,44 @@ class Case:
                 total += self.weight(name) * area / time
         return total / weights if weights else 0.0
 
+    def charges(self):
+        """State of charge half way through each leg and at its end, flown with the highest computations.
+
+        The battery is drained in small steps at the voltage that it then has; a flight that would go below the reserve
+        is drained so much slower that it ends there.
+        """
+        b, steps = self.battery, 50
+        floor = min(self.reserve, self.soc)
+
+        def drained(slower):
+            soc, found = self.soc, []
+            for i, seconds in enumerate(self.segments.times_s):
+                power, ends = self.segments.motion_w[i] + self.choices(i)[-1][1], [soc]
+                for _ in range(steps):
+                    rate = soc_rate_per_s(power, b.voltage_at(soc), b.resistance_ohm, b.capacity_ah, b.k_b_per_s)
+                    soc += slower * rate * seconds / steps
+                    ends.append(soc)
+                found.append((ends[steps // 2], ends[-1]))
+            return found
+
+        if drained(1.0)[-1][1] >= floor:
+            return drained(1.0)
+        if self.soc <= floor:
+            return drained(0.0)
+        return drained(brentq(lambda slower: drained(slower)[-1][1] - floor, 0.0, 1.0))
+
     def volts(self, i):
-        """The voltage half way through a leg, on a straight line from now to the reserve."""
-        ends = np.cumsum(self.segments.times_s)
-        middle = (ends[i] - self.segments.times_s[i] / 2) / ends[-1]
-        return self.battery.voltage_at(self.soc + (min(self.reserve, self.soc) - self.soc) * middle)
+        """The voltage half way through a leg."""
+        if self.battery.voltage_empty_v is None:
+            return self.battery.voltage_v
+        if not self._middles:
+            self._middles = [middle for middle, _ in self.charges()]
+        return self.battery.voltage_at(self._middles[i])
+
+    @property
+    def algebra(self):
+        """How near terms are: what is planned with the lowest voltage is a little off where voltages fall."""
+        return ALGEBRA if self.battery.voltage_empty_v is None else LOWEST_VOLTAGE
 
     def use(self, i, power):
         b = self.battery
@@ -189,7 +224,7 @@ def test_the_least_is_every_leg_at_its_cheapest(name):
     it = CASES[name]()
     terms = it.terms()
     least = sum(it.use(i, it.choices(i)[0][1]) for i in range(len(it.course.legs)))
-    assert terms.steps.least_use == pytest.approx(least, rel=ALGEBRA)
+    assert terms.steps.least_use == pytest.approx(least, rel=it.algebra)
     assert terms.beyond_w == 0
     assert len(terms.menus) == len(it.course.legs)
 
@@ -212,7 +247,7 @@ def test_menus_hold_configurations_with_what_they_take_and_are_worth(name):
         own = terms.steps.segment == i
         order = np.argsort(terms.steps.level[own])
         uses = [it.use(i, power) for power in menu.powers_w]
-        assert terms.steps.use[own][order] == pytest.approx(np.diff(uses), rel=1e-6, abs=1e-12)
+        assert terms.steps.use[own][order] == pytest.approx(np.diff(uses), rel=max(it.algebra, 1e-6), abs=1e-12)
         gains = np.diff(menu.values) * it.segments.times_s[i]
         assert terms.steps.gain[own][order] == pytest.approx(gains, abs=ALGEBRA)
 
@@ -234,19 +269,23 @@ def test_filled_terms_are_the_best_mixes_of_all_configurations(name):
     uses, gains, owners = [], [], []
     base = [it.choices(i)[0][0] for i in range(len(it.course.legs))]
     at_base = it.quality(base)
+    least = most = 0.0
     for i in range(len(it.course.legs)):
+        least += it.use(i, it.choices(i)[0][1])
+        most += it.use(i, it.choices(i)[-1][1])
         for choice, power in it.choices(i):
             uses.append(it.use(i, power))
             gains.append(it.quality([*base[:i], choice, *base[i + 1 :]]) - at_base)
             owners.append(i)
     sums = np.array([[owner == i for owner in owners] for i in range(len(it.course.legs))], dtype=float)
+    spare = least + share * (most - least)
     exact = linprog(
-        -np.array(gains), A_ub=100 * np.array([uses]), b_ub=[100 * available], A_eq=sums, b_eq=np.ones(len(sums))
+        -np.array(gains), A_ub=100 * np.array([uses]), b_ub=[100 * spare], A_eq=sums, b_eq=np.ones(len(sums))
     )
     best = at_base - exact.fun
     # a battery's use bends upwards with power: configurations off the envelope in power may be worth a trace more
-    assert filled(terms.steps, available).value == pytest.approx(best, abs=1e-4)
-    assert filled(terms.steps, available).value <= best + ALGEBRA
+    assert filled(terms.steps, available).value == pytest.approx(best, abs=max(it.algebra / 10, 1e-4))
+    assert filled(terms.steps, available).value <= best + (ALGEBRA if it.algebra == ALGEBRA else it.algebra / 10)
 
 
 def test_total_adds_up_the_computations_over_time():
@@ -279,23 +318,46 @@ def test_a_stage_that_inhibits_computations_takes_and_gives_nothing():
 
 def test_the_crate_bounds_every_configuration():
     it = case(battery=no_limit(crate_per_h=4.0), soc=0.9, reserve=0.8)
-    terms = it.terms()
-    ends = np.cumsum(it.segments.times_s) / it.segments.times_s.sum()
+    terms, charges = it.terms(), it.charges()
+    assert charges[-1][1] == pytest.approx(0.8), "it would take more than there is above the reserve"
     for i, menu in enumerate(terms.menus):
-        limit = (0.9 - 0.1 * ends[i]) * 1.0 * 14.8 * 4.0 - it.segments.peak_w[i]
+        limit = charges[i][1] * 1.0 * 14.8 * 4.0 - it.segments.peak_w[i]
         allowed = [power for _, power in it.choices(i) if power <= limit]
         assert menu.powers_w[-1] == pytest.approx(max(allowed, default=it.choices(i)[0][1]))
 
 
-def test_what_exceeds_the_crate_even_at_the_cheapest_is_told():
-    it = case(battery=no_limit(crate_per_h=2.5), soc=0.9, reserve=0.8)
-    ends = np.cumsum(it.segments.times_s) / it.segments.times_s.sum()
-    worst = max(
-        it.choices(i)[0][1] + it.segments.peak_w[i] - (0.9 - 0.1 * ends[i]) * 14.8 * 2.5
-        for i in range(len(it.course.legs))
-    )
-    assert worst > 0
-    assert it.terms().beyond_w == pytest.approx(worst)
+@pytest.mark.parametrize("crate_per_h", [2.5, 6.0, 20.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(crate_per_h, seed):
+    """Found by trying: ends from which the cheapest, flown backwards, is within b Q V crate at every leg's end."""
+    it = case(battery=no_limit(crate_per_h=crate_per_h), seed=seed)
+
+    def within(soc):
+        for i in reversed(range(len(it.course.legs))):
+            cheapest = it.choices(i)[0][1]
+            if it.segments.peak_w[i] + cheapest > soc * 1.0 * 14.8 * crate_per_h:
+                return False
+            soc += it.use(i, cheapest)
+        return True
+
+    low, high = 0.0, 5.0
+    while high - low > 1e-10:
+        middle = (low + high) / 2
+        low, high = (low, middle) if within(middle) else (middle, high)
+    assert it.terms().least_soc == pytest.approx(high, abs=1e-8)
+
+
+@pytest.mark.parametrize("most_w", [30.0, 41.0, 60.0])
+def test_power_that_the_battery_cannot_deliver_is_told(most_w):
+    # V²/4R is the most that comes out of it
+    it = case(battery=no_limit(resistance_ohm=14.8**2 / (4 * most_w)))
+    worst = max(it.choices(i)[0][1] + it.segments.peak_w[i] - most_w for i in range(len(it.course.legs)))
+    assert it.terms().beyond_w == pytest.approx(max(worst, 0.0))
+    assert (worst > 0) == (most_w < 50)
+
+
+def test_without_a_resistance_any_power_is_delivered():
+    assert case(battery=no_limit(resistance_ohm=0.0, crate_per_h=0.1)).terms().beyond_w == 0
 
 
 def test_a_battery_delivers_no_more_than_it_can():
@@ -308,11 +370,6 @@ def test_a_battery_delivers_no_more_than_it_can():
         assert np.isfinite(it.terms().steps.use).all()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the state of charge is thought to fall straight to the reserve whatever the flight takes: with plenty "
-    "left, the last leg is held to the power allowed at the reserve",
-)
 def test_a_battery_that_stays_nearly_full_allows_every_configuration():
     it = case(battery=no_limit(capacity_ah=5.0, crate_per_h=10.0), soc=0.9, reserve=0.03)
     terms = it.terms()
@@ -332,7 +389,8 @@ def test_soc_per_joule_by_differences(volts_empty):
         -soc_rate_per_s(terms.mean_w + d, volts, b.resistance_ohm, b.capacity_ah, b.k_b_per_s)
         for d in (-DIFFERENCE_W, DIFFERENCE_W)
     ]
-    assert terms.soc_per_j == pytest.approx((rates[1] - rates[0]) / (2 * DIFFERENCE_W), rel=BY_DIFFERENCES)
+    expected = (rates[1] - rates[0]) / (2 * DIFFERENCE_W)
+    assert terms.soc_per_j == pytest.approx(expected, rel=max(BY_DIFFERENCES, it.algebra))
 
 
 def test_mean_power_is_with_the_computations_half_way():
@@ -372,7 +430,6 @@ def test_many_configurations_are_thinned_and_keep_their_ends(monkeypatch):
         assert row in configurations.tolist()
 
 
-@pytest.mark.xfail(strict=True, reason="lists of two values each are thinned to themselves, without end")
 def test_many_computations_of_two_values_each_come_to_an_end(monkeypatch):
     monkeypatch.setattr(prospects, "MOST_CONFIGURATIONS", 3)
     it = case(TWO, both(), levels={"c2": (2.0, 10.0), "c3": (1.0, 3.0)})
