@@ -433,8 +433,8 @@ def _geometry(stage: Stage, path: PathFunction, begin: Point, trigger: Point) ->
     return _Geometry(path, trigger, length_m, _nodes(Leg(0, stage, path, (0.0, 0.0), begin, trigger, length_m)))
 
 
-def left_m(leg: Leg, position: Point, flown_m: float) -> float:
-    """How much of a leg is left at a position [m].
+def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
+    """How much of a leg is left at a position [m], and up to `early_m` to its begin, where the last one ended early.
 
     Parameters
     ----------
@@ -456,7 +456,7 @@ def left_m(leg: Leg, position: Point, flown_m: float) -> float:
         left += turn_m * round((leg.distance_m - flown_m - left) / turn_m)
     else:
         left = leg.distance_m - flown_m
-    return min(max(left, 0.0), leg.distance_m)
+    return min(max(left, 0.0), leg.distance_m + early_m)
 
 
 # --- nodes ------------------------------------------------------------------------------------------------------------

@@ -76,6 +76,8 @@ class Forecaster:
     settings : PlannerSettings
         Reserve and its probability, weights, levels, trade-offs and objective count here.
     mission : Mission
+    margin_m : float
+        By how much the end of the plan has to be passed to be counted on [m], at least.
 
     Attributes
     ----------
@@ -87,7 +89,7 @@ class Forecaster:
         Whether the plan could not be followed on: there is nothing more to forecast.
     """
 
-    def __init__(self, settings: PlannerSettings, mission: Mission) -> None:
+    def __init__(self, settings: PlannerSettings, mission: Mission, margin_m: float = MARGIN_M) -> None:
         plan = mission.plan
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
@@ -104,6 +106,7 @@ class Forecaster:
         self._z = NormalDist().inv_cdf(settings.reserve_probability)
         self._speed = mission.cruise_mps
         self._follower = Follower(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
+        self._margin_m = self._follower.margin_m = margin_m
         self._wind = WindFilter(mission.cruise_mps)
         self._wind_used: Point = (0.0, 0.0)
         self._known_wind: Point | None = None
@@ -232,7 +235,7 @@ class Forecaster:
         try:
             for _ in range(o.stages_begun - self._stages_begun):
                 self._follower.next_stage(o.parameters)
-            self._follower.margin_m = max(MARGIN_M, 2 * math.sqrt(self._off_path_m2))
+            self._follower.margin_m = max(self._margin_m, 2 * math.sqrt(self._off_path_m2))
         except EadpError:
             self.lost = True
         self._stages_begun = o.stages_begun
@@ -373,7 +376,8 @@ class Forecaster:
         if leg.distance_m <= 0:
             return 0.0
         try:
-            return left_m(leg, self._position, flown * leg.distance_m) / leg.distance_m
+            early_m = self._plan.trigger_radius_m if self._stages_begun > 1 else 0.0
+            return left_m(leg, self._position, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
             return 1.0 - flown
 

@@ -42,8 +42,8 @@ RISE, FALL = 0.25, 0.10
 """Of two configurations between which the power lies that lasts to the end, the upper one is flown first, as long as it
 can be for more than this share of the time that is left: to rise to it, and to stay with it."""
 
-LEAST_RISE_S = 15.0
-"""With less time left than this nothing rises any more."""
+LEAST_RISE_S, HOLD_S = 15.0, 20.0
+"""Nothing rises with less time left than this, nor so soon after it has fallen."""
 
 NEAR_ENVELOPE = 0.01
 """A configuration whose value is below the best mix of the same power by less than this share is as good."""
@@ -64,6 +64,7 @@ class JointPlanner(StaticPlanner):
         self._looked_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._warm: FloatArray | None = None
+        self._fell_s = -math.inf
 
     @property
     def next_look_s(self) -> float:
@@ -183,8 +184,11 @@ class JointPlanner(StaticPlanner):
         below = min(max(int(np.searchsorted(ladder, target_w + 1e-9, side="right")) - 1, 0), len(ladder) - 2)
         held = min(max(held, 0), len(ladder) - 1)
         share = (target_w - ladder[below]) / (ladder[below + 1] - ladder[below]) if len(ladder) > 1 else 0.0
-        enough = FALL if held > below else RISE if remaining_s > LEAST_RISE_S else math.inf
+        calm = remaining_s > LEAST_RISE_S and o.time_s > self._fell_s + HOLD_S
+        enough = FALL if held > below else RISE if calm else math.inf
         lasting = below + 1 if share > enough else max(below, 0)
+        if lasting < held:
+            self._fell_s = o.time_s
         if lasting == held and np.array_equal(configurations[choices[held]], now):
             return now
         best = choices[powers[choices] <= ladder[lasting] + 1e-12]

@@ -42,7 +42,7 @@ More parameters are scanned one after the other."""
 
 PASSES, FIRST_REACH, LEAST_REACH = 6, 0.1, 1e-5
 DIFFERENCE = 1e-3
-PROXIMAL = 1e-3
+PROXIMALS = (1e-3, 3e-2, 0.3)
 LEAST_GAIN = 1e-7
 SCANNED, SOLVED, CLOSED_FORM, INFEASIBLE = "scanned", "solved", "closed form", "infeasible"
 
@@ -112,7 +112,7 @@ class MissionProgram:
 
     dimensions: int
     climb: bool = True
-    _programs: dict[int, QuadraticProgram] = field(default_factory=dict)
+    _programs: dict[tuple[int, float], QuadraticProgram] = field(default_factory=dict)
 
     def solve(self, outlook: Outlook, warm: Shares) -> Answer:
         """The best path parameters and computations.
@@ -235,18 +235,28 @@ class MissionProgram:
     def _solved(
         self, gain: FloatArray, use: FloatArray, spare: float, lower: FloatArray, upper: FloatArray, now: FloatArray
     ) -> FloatArray:
-        """max gain·z − ½ε|z − now|² subject to use·z ≤ spare within bounds; gain and use are scaled to 1."""
+        """max gain·z − ½ε|z − now|² subject to use·z ≤ spare within bounds; gain and use are scaled to 1.
+
+        Where OSQP does not come to an end with a small ε, it is asked again with a larger one, which it does easily.
+        """
         n = len(gain)
-        if n not in self._programs:
-            filled_rows = np.vstack([np.ones((1, n), dtype=bool), np.eye(n, dtype=bool)])
-            self._programs[n] = QuadraticProgram(filled_rows, PROXIMAL)
         most_gain = max(float(np.abs(gain).max()), 1e-300)
         most_use = max(float(np.abs(use).max()), 1e-300)
         matrix = np.vstack([use / most_use, np.eye(n)])
         low = np.concatenate(([-UNBOUNDED], lower))
         high = np.concatenate(([max(spare, 0.0) / most_use], upper))
-        linear = -gain / most_gain - PROXIMAL * now
-        return self._programs[n].solve(linear, matrix, low, high, np.clip(now, lower, upper))
+        start = np.clip(now, lower, upper)
+        for proximal in PROXIMALS:
+            if (n, proximal) not in self._programs:
+                filled_rows = np.vstack([np.ones((1, n), dtype=bool), np.eye(n, dtype=bool)])
+                self._programs[n, proximal] = QuadraticProgram(filled_rows, proximal)
+            linear = -gain / most_gain - proximal * now
+            try:
+                return self._programs[n, proximal].solve(linear, matrix, low, high, start)
+            except SolverFailed:
+                if proximal == PROXIMALS[-1]:
+                    raise
+        raise SolverFailed("no proximal weight")
 
     def _slope(self, outlook: Outlook, at: Answer, axis: int) -> tuple[float, float]:
         """How value, and use less what is available, change with a path parameter at fixed shares: one-sided."""

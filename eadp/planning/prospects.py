@@ -140,11 +140,12 @@ class Terrain:
             lowest[members], highest[members] = powers[0], powers[-1]
         # the state of charge on the way, at least: as the highest computations take it, but not below the reserve
         floor = min(reserve_soc, soc)
-        volts_low = _voltages(b, np.full(len(times), max(floor, 0.0)))
-        taken = times * _rates(b, segments.motion_w + highest, volts_low)
-        taken *= min(1.0, (soc - floor) / max(float(taken.sum()), 1e-12))
-        charge_end = soc - np.cumsum(taken)
-        volts = _voltages(b, np.maximum(charge_end + taken / 2, 0.0))
+        volts = _voltages(b, np.full(len(times), max(floor, 0.0)))
+        for _ in range(1 if b.voltage_empty_v is None else 3):
+            taken = times * _rates(b, segments.motion_w + highest, volts)
+            taken *= min(1.0, (soc - floor) / max(float(taken.sum()), 1e-12))
+            charge_end = soc - np.cumsum(taken)
+            volts = _voltages(b, np.maximum(charge_end + taken / 2, 0.0))
         room = np.maximum(charge_end, 0.0) * b.power_per_soc_w - segments.peak_w
         beyond = 0.0
         if b.resistance_ohm > 0:

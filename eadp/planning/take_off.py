@@ -8,9 +8,12 @@ import numpy as np
 
 from eadp.core.geometry import Point
 from eadp.errors import Infeasible
+from eadp.models.ahead import MARGIN_M
 from eadp.planning.forecaster import Forecast, Forecaster
 from eadp.planning.mission_program import Answer, MissionProgram, best_at
 from eadp.planning.planner import JOINT, Mission, PlannerSettings
+
+NEAR_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,8 @@ def take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_
     if settings.name != JOINT:
         held = {name: (value,) for name, value in zip(plan.names, mission.parameters, strict=True)}
         settings = replace(settings, levels=held, trade_offs=())
-    ahead = Forecaster(settings, mission)
+    # whoever does not look for parameters that just reach the end may take what comes near to it for passed
+    ahead = Forecaster(settings, mission, MARGIN_M if settings.name == JOINT else -NEAR_M)
     ahead.assume(wind_mps, gust_std_mps, battery.soc)
     ahead.at(0.0, mission.start_m or (0.0, 0.0), 0.0)
     if settings.name == JOINT and ahead.open:
