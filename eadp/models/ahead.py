@@ -91,11 +91,11 @@ class Course:
         return np.add.reduceat(seconds, starts), np.add.reduceat(turning, starts)
 
     @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Whether each parameter has a choice on each leg, shape (parameters, legs)."""
+    def free(self) -> FloatArray:
+        """1 where a parameter has a choice on a leg, else 0, shape (parameters, legs)."""
         count = len(self.parameters[0])
         return np.array(
-            [[not box.fixed for box in leg.stage.sets] or [False] * count for leg in self.legs], dtype=bool
+            [[not box.fixed for box in leg.stage.sets] or [False] * count for leg in self.legs], dtype=float
         ).T
 
     @cached_property
@@ -278,15 +278,26 @@ class Follower:
         legs: list[Leg] = []
         values: list[Vector] = []
         nodes: list[Nodes] = []
+        before: dict[int, tuple[Vector, Point, Vector, _Geometry]] = {}  # the last lap's: most laps are like it
+        asked: tuple[Vector, Point] | None = None
+        reached = False
         for _ in range(LAP_LIMIT * n):
             stage = plan.stages[index]
-            own = self._clipped(stage, waiting)
             offset = self._offset(index, base, pending, waiting)
-            geometry = self._leg(stage, own, (begin[0] - offset[0], begin[1] - offset[1]))
+            local = begin[0] - offset[0], begin[1] - offset[1]
+            known = before.get(index)
+            if known is not None and known[0] == waiting and math.dist(known[1], local) < SAME_PLACE_M:
+                own, geometry = known[2], known[3]
+            else:
+                own = self._clipped(stage, waiting)
+                geometry = self._leg(stage, own, local)
+                before[index] = waiting, local, own, geometry
+            if asked != (own, offset):
+                asked, reached = (own, offset), self._reaches(own, offset)
             end = (geometry.end[0] + offset[0], geometry.end[1] + offset[1])
             leg = Leg(lap, stage, geometry.path, offset, begin, end, geometry.length_m)
             last = index == n - 1
-            whole, over_m = self._end(own, offset, leg)
+            whole, over_m = self._end(own, leg) if reached else (False, None)
             values.append(own)
             if over_m is not None:
                 leg = Leg(lap, stage, leg.path, offset, begin, end, leg.length_m, over_m)
@@ -302,7 +313,8 @@ class Follower:
                 index, lap = 0, lap + 1
             else:
                 index += 1
-            waiting = self._latched(index, waiting, decided)
+            if waiting != decided:
+                waiting = self._latched(index, waiting, decided)
             if self._live and plan.repeats and index == n - 1:
                 base, pending = self._frozen(base, pending, waiting)
             begin = end
@@ -317,16 +329,19 @@ class Follower:
         """Live, a lap's last stage begins: where the lap lies now, it stays, and a shift is due."""
         return (self._shifted(base, waiting) if pending else base), True
 
-    def _end(self, own: Vector, base: Point, leg: Leg) -> tuple[bool, float | None]:
-        """Whether this lap's last trigger ends the plan, and where on this leg the plan is over [m], if it is."""
+    def _reaches(self, own: Vector, offset: Point) -> bool:
+        """Whether a lap goes so far that the plan may be over in it."""
         plan = self._plan
         if not plan.repeats:
-            return False, None
+            return False
         final, shift, last = self._ends_at(own)
-        if not self._ends_anywhere and not reaches(
-            (last[0] + base[0], last[1] + base[1]), final, shift, plan.trigger_radius_m
-        ):
-            return False, None
+        place = last[0] + offset[0], last[1] + offset[1]
+        return self._ends_anywhere or reaches(place, final, shift, plan.trigger_radius_m)
+
+    def _end(self, own: Vector, leg: Leg) -> tuple[bool, float | None]:
+        """In a lap that reaches the end: whether its last trigger is it, and where on this leg it is [m], if it is."""
+        plan = self._plan
+        final, shift, _ = self._ends_at(own)
         if plan.ends_at_trigger and not self._ends_anywhere:
             return True, None
         return False, first_beyond_m(leg, final, shift, plan.trigger_radius_m, -self.margin_m)
