@@ -106,7 +106,7 @@ class Forecaster:
         self._z = NormalDist().inv_cdf(settings.reserve_probability)
         self._speed = mission.cruise_mps
         self._follower = Follower(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
-        self._margin_m = self._follower.margin_m = margin_m
+        self._least_margin_m = self._margin_m = margin_m
         self._wind = WindFilter(mission.cruise_mps)
         self._wind_used: Point = (0.0, 0.0)
         self._known_wind: Point | None = None
@@ -235,7 +235,7 @@ class Forecaster:
         try:
             for _ in range(o.stages_begun - self._stages_begun):
                 self._follower.next_stage(o.parameters)
-            self._follower.margin_m = max(self._margin_m, 2 * math.sqrt(self._off_path_m2))
+            self._margin_m = max(self._least_margin_m, 2 * math.sqrt(self._off_path_m2))
         except EadpError:
             self.lost = True
         self._stages_begun = o.stages_begun
@@ -288,6 +288,8 @@ class Forecaster:
 
     def _course(self, shares: Shares) -> Course | None:
         if shares not in self._courses:
+            # what has been decided had the margin then, and is not doubted each time that the margin grows
+            self._follower.margin_m = min(0.0, self._margin_m) if shares == self.shares else self._margin_m
             try:
                 self._courses[shares] = self._follower.course(self.parameters_of(shares))
             except PathUndefined:
