@@ -5,6 +5,9 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from eadp.core.battery import current_a, soc_rate_per_s
 
@@ -33,6 +36,17 @@ class Battery:
         if self.voltage_empty_v is None:
             return self.voltage_v
         return self.voltage_empty_v + (self.voltage_v - self.voltage_empty_v) * soc
+
+    def drain_per_s(self, power_w: Any, voltage_v: Any) -> Any:
+        """How fast the charge falls [1/s] under a power [W] at an open-circuit voltage [V], numbers or arrays.
+
+        For forecasts, which have to go on: beyond what can be delivered it is large, where `rate_per_s` refuses.
+
+        Source: letter, Eq. 22 and Lem. III.3.
+        """
+        # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
+        root = np.sqrt(np.maximum(voltage_v**2 - 4 * self.resistance_ohm * power_w, 0.0))
+        return self.k_b_per_s / self.capacity_ah * 2 * power_w / (voltage_v + root)
 
     def near(self, soc: float) -> Battery:
         """A battery of one voltage, that of this one near a state of charge: a step of `VOLTAGE_STEP_V` or less below.

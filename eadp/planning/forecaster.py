@@ -219,9 +219,8 @@ class Forecaster:
             self._power_w = o.power_w
         b = self._mission.battery
         volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
-        root = math.sqrt(max(volts * volts - 4 * b.resistance_ohm * self._power_w, 0.0))
-        drained = b.k_b_per_s / b.capacity_ah * 2 * self._power_w / (volts + root) * step_s
-        return self._charge.observe(o.soc, 0.0 if b.prescribed else drained)
+        drained = 0.0 if b.prescribed else float(b.drain_per_s(self._power_w, volts)) * step_s
+        return self._charge.observe(o.soc, drained)
 
     def _begin_stage(self, o: Observation) -> None:
         """Go on to the next stage; what the last leg took is learned from, but for the first, which began anywhere."""

@@ -75,9 +75,7 @@ class Outlook:
         battery = self._mission.battery
         # half of what is left is used on average
         volts = max(battery.voltage_at(min(max(o.soc / 2, 0.0), 1.0)), 1e-3)
-        root = math.sqrt(max(volts * volts - 4 * battery.resistance_ohm * self._power_w, 0.0))
-        rate = battery.k_b_per_s / battery.capacity_ah * 2 * self._power_w / (volts + root)
-        return End(o.soc - rate * remaining_s, remaining_s)
+        return End(o.soc - float(battery.drain_per_s(self._power_w, volts)) * remaining_s, remaining_s)
 
     def _remaining_s(self, o: Observation, decided: Vector) -> float | None:
         if self._lost:

@@ -142,7 +142,7 @@ class Terrain:
         floor = min(reserve_soc, soc)
         volts = _voltages(b, np.full(len(times), max(floor, 0.0)))
         for _ in range(1 if b.voltage_empty_v is None else 3):
-            taken = times * _rates(b, segments.motion_w + highest, volts)
+            taken = times * b.drain_per_s(segments.motion_w + highest, volts)
             taken *= min(1.0, (soc - floor) / max(float(taken.sum()), 1e-12))
             charge_end = soc - np.cumsum(taken)
             volts = _voltages(b, np.maximum(charge_end + taken / 2, 0.0))
@@ -152,7 +152,7 @@ class Terrain:
             room = np.minimum(room, DELIVERABLE * volts**2 / (4 * b.resistance_ohm) - segments.peak_w)
             beyond = float((segments.peak_w + lowest - volts**2 / (4 * b.resistance_ohm)).max())
         # y ≤ b Q_c V crate at the end of each segment, at its cheapest, told as a charge at the end of all
-        cheapest = times * _rates(b, segments.motion_w + lowest, volts)
+        cheapest = times * b.drain_per_s(segments.motion_w + lowest, volts)
         least_soc = float(
             ((segments.peak_w + lowest) / b.power_per_soc_w - (cheapest.sum() - np.cumsum(cheapest))).max()
         )
@@ -164,9 +164,8 @@ class Terrain:
             for count in np.unique(allowed):
                 index = members[allowed == count]
                 menu = self._menu(stage.sets, own, int(count), worth)
-                use = times[index][:, None] * _rates(
-                    b, segments.motion_w[index][:, None] + menu.powers_w, volts[index][:, None]
-                )
+                powers_w = segments.motion_w[index][:, None] + menu.powers_w
+                use = times[index][:, None] * b.drain_per_s(powers_w, volts[index][:, None])
                 groups.add(index, menu, use, times[index][:, None] * menu.values)
                 groups.energy_j += float(times[index].sum()) * float(menu.powers_w[0] + menu.powers_w[-1]) / 2
         mean_w = (float(segments.motion_w @ times) + groups.energy_j) / max(total_s, 1e-9)
@@ -319,15 +318,4 @@ _NOTHING = Menu(np.zeros(1), np.zeros(1), np.zeros((1, 0)))
 
 
 def _voltages(battery: Battery, soc: FloatArray) -> FloatArray:
-    if battery.voltage_empty_v is None:
-        return np.full(len(soc), battery.voltage_v)
-    volts: FloatArray = battery.voltage_empty_v + (battery.voltage_v - battery.voltage_empty_v) * soc
-    return volts
-
-
-def _rates(battery: Battery, powers_w: FloatArray, volts: FloatArray) -> FloatArray:
-    """−ḃ [1/s]; beyond what can be delivered, as at the most that can."""
-    # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
-    root = np.sqrt(np.maximum(volts**2 - 4 * battery.resistance_ohm * powers_w, 0.0))
-    rates: FloatArray = battery.k_b_per_s / battery.capacity_ah * 2 * powers_w / (volts + root)
-    return rates
+    return np.interp(soc, (0.0, 1.0), (battery.voltage_at(0.0), battery.voltage_at(1.0)))  # it is linear
