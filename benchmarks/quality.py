@@ -27,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ from eadp.models.ahead import Follower  # noqa: E402
 from eadp.planning.forecaster import Forecaster  # noqa: E402
 from eadp.planning.joint import JointPlanner  # noqa: E402
 from eadp.planning.mission_program import MissionProgram, best_at  # noqa: E402
-from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, StaticPlanner  # noqa: E402
+from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
 from eadp.simulation.loop import Outcome, fly  # noqa: E402
 
 switch_on()
@@ -137,7 +137,7 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
     return made
 
 
-def flown(inputs: FlightInputs, planner: StaticPlanner | None = None) -> dict[str, Any]:
+def flown(inputs: FlightInputs, planner: TrackingPlanner | None = None) -> dict[str, Any]:
     """Fly, and tell what came of it."""
     outcome = Outcome()
     pilot = planner or inputs.planner()
@@ -173,7 +173,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
     inputs = load(plan, base)
     box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
     levels = inputs.mission.computing.levels(0, levels_box)
-    battery = replace(load(plan, case.keys).world.battery)
+    battery = load(plan, case.keys).world.battery
     best: dict[str, Any] = {"kept": False, "completed": False, "u": 0.0, "c": None}
     for c1 in np.linspace(box.lo, box.hi, GRID):
         inputs = load(plan, {**base, "parameters": {"c1": float(c1), "c2": float(levels[0])}})
@@ -186,18 +186,16 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
             continue
         sets = inputs.mission.plan.stages
         runs = np.array([not stage.sets[1].fixed for stage in sets])[np.array(stages) - 1]
-        least_w = inputs.mission.computing.power_w((c1, levels[0]), sets[0].sets) if not sets[0].sets[1].fixed else 0.0
         motion = np.array(power)
         for c2 in levels:
             more = inputs.mission.computing.power_w((c1, c2), _free(sets)) - inputs.mission.computing.power_w(
                 (c1, levels[0]), _free(sets)
             )
-            end, lowest = _charged(battery, motion + more * runs, case.keys["faults"], outcome.duration_s)
+            end, lowest = _charged(battery, motion + more * runs, case.keys["faults"])
             completed, kept = lowest > 0, lowest > 0 and end >= RESERVE
             u = (box.share(float(c1)) or 0.0) / 2 + (levels_box.share(c2) or 0.0) / 2
             if (kept, completed, u) > (best["kept"], best["completed"], best["u"]) and completed:
                 best = {"kept": kept, "completed": completed, "u": u, "c": (float(c1), c2), "soc": end}
-        del least_w
     return best
 
 
@@ -205,11 +203,9 @@ def _free(stages: Any) -> Any:
     return next(stage.sets for stage in stages if not stage.sets[1].fixed)
 
 
-def _charged(battery: Any, power: Any, faults: Any, duration_s: float) -> tuple[float, float]:
+def _charged(battery: Any, power: Any, faults: Any) -> tuple[float, float]:
     """State of charge at the end and its lowest on the way, of a power sampled at every step."""
-    volts, resistance = battery.voltage_v, battery.resistance_ohm
-    current = 2 * power / (volts + np.sqrt(volts * volts - 4 * resistance * power))
-    soc = battery.soc - np.cumsum(current) * STEP_S * battery.k_b_per_s / battery.capacity_ah
+    soc = battery.soc - np.cumsum(battery.drain_per_s(power, battery.voltage_v)) * STEP_S
     times = np.arange(1, len(power) + 1) * STEP_S
     for fault in faults:
         soc = soc - fault["soc_drop"] * (times >= fault["at_s"] - 1e-9)
@@ -219,7 +215,7 @@ def _charged(battery: Any, power: Any, faults: Any, duration_s: float) -> tuple[
 # --- the plain rule ---------------------------------------------------------------------------------------------------
 
 
-class LapBudget(StaticPlanner):
+class LapBudget(TrackingPlanner):
     """At each new lap: what a metre has cost so far, times what is left of the plan, against the charge that is left.
 
     Takes the highest c1 that fits with the computations at their highest; at the lowest c1, the highest that fits.
@@ -277,7 +273,7 @@ class LapBudget(StaticPlanner):
         return box.lo, levels[0]
 
 
-class Lowest(StaticPlanner):
+class Lowest(TrackingPlanner):
     """Another planner until a time, then the lowest parameters: whether it could still be completed from there."""
 
     def __init__(self, inner: Any, inputs: FlightInputs, from_s: float) -> None:
@@ -382,18 +378,25 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
         yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; worse in {len(worse)} {worse[:20] or '-'}"
 
 
+def _windy(rng: np.random.Generator) -> dict[str, Any]:
+    """The survey by the joint planner, in some wind."""
+    return {
+        "vehicle.model": "fixed-wing",
+        "planner.name": "joint",
+        "wind.speed_mps": float(rng.uniform(0, 8)),
+        "wind.towards_deg": float(rng.uniform(0, 360)),
+    }
+
+
 def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
     """How often the reserve is violated in gusty flights in which charge is short."""
     rng = np.random.default_rng(seed)
     tasks = []
     for _ in range(count):
         keys = {
-            "vehicle.model": "fixed-wing",
-            "wind.speed_mps": float(rng.uniform(0, 8)),
-            "wind.towards_deg": float(rng.uniform(0, 360)),
+            **_windy(rng),
             "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
             "battery.capacity_ah": float(rng.uniform(0.45, 0.62)),
-            "planner.name": "joint",
             "planner.reserve_probability": probability,
             "seed": int(rng.integers(1 << 30)),
         }
@@ -422,11 +425,8 @@ def programs(count: int, seed: int) -> None:
     missed = failed = 0
     for _ in range(count):
         keys = {
-            "vehicle.model": "fixed-wing",
-            "wind.speed_mps": float(rng.uniform(0, 8)),
-            "wind.towards_deg": float(rng.uniform(0, 360)),
+            **_windy(rng),
             "battery.capacity_ah": float(rng.uniform(0.4, 0.9)),
-            "planner.name": "joint",
             "planner.weights": {"c1": float(rng.uniform(0.2, 1)), "c2": float(rng.uniform(0.2, 1))},
         }
         inputs = load(str(ROOT / "plans/survey.plan"), keys)
@@ -484,12 +484,9 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
     for _ in range(count):
         tasks.append(
             {
-                "vehicle.model": "fixed-wing",
-                "wind.speed_mps": float(rng.uniform(0, 8)),
-                "wind.towards_deg": float(rng.uniform(0, 360)),
+                **_windy(rng),
                 "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
                 "battery.capacity_ah": 1.2,
-                "planner.name": "joint",
                 "planner.keep_gain": 1.0,
                 "planner.levels": {"c2": [10.0]},
                 "parameters": {"c1": float(rng.uniform(-950, -50))},

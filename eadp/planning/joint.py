@@ -24,7 +24,15 @@ from eadp.planning.allocation import Menu
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.forecaster import Forecaster, ripple_w
 from eadp.planning.mission_program import Answer, MissionProgram, best_at
-from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, Record, StaticPlanner, next_multiple
+from eadp.planning.planner import (
+    Decision,
+    Mission,
+    Observation,
+    PlannerSettings,
+    Record,
+    TrackingPlanner,
+    next_multiple,
+)
 from eadp.planning.prospects import QUALITY, Terms
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +57,7 @@ NEAR_ENVELOPE = 0.01
 """A configuration whose value is below the best mix of the same power by less than this share is as good."""
 
 
-class JointPlanner(StaticPlanner):
+class JointPlanner(TrackingPlanner):
     """One optimisation over path and computations to the end of the mission; see the module.
 
     Source: letter, Sec. VI (future work).

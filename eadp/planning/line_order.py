@@ -13,6 +13,7 @@ for orders that skip lines so that turns are wide.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -360,8 +361,10 @@ class _Search:
         found: list[tuple[float, list[int]]] = []
         for start in starts:
             self._begin(start)
-            self._descend(range(self.problem.lines + 1))
-            while self._directed_anew():
+            before = math.inf
+            # until a round over all lines finds nothing: a move may be paid for by a way far from the one it begins at
+            while self.total < before - self.least or self._directed_anew():
+                before = self.total
                 self._descend(range(self.problem.lines + 1))
             found.append((self.total, self.tour[1:-1]))
         return min(found)[1]

@@ -22,7 +22,7 @@ from eadp.planning.planner import (
     Mission,
     Observation,
     PlannerSettings,
-    StaticPlanner,
+    TrackingPlanner,
     next_multiple,
 )
 
@@ -32,7 +32,7 @@ LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
 
 
-class PaperPlanner(StaticPlanner):
+class PaperPlanner(TrackingPlanner):
     """The letter's Algorithm 2: computations by a receding horizon, then the path by the time that remains.
 
     Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; drafts 003 and 004 for the

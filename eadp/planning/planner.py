@@ -225,10 +225,10 @@ class Planner(Protocol):
         """Take readings [W] since the last observation, of its stage and parameters; `soc` is that of the last one."""
 
 
-class StaticPlanner:
-    """Keeps the parameters of take-off; estimates all the same, so that its flights tell a forecast.
+class TrackingPlanner:
+    """What every planner does: it follows laps and power with its estimator, and keeps the parameters of take-off.
 
-    Source: flights I and II of the letter.
+    One that decides is made of this one; it is shown every reading, unless it says otherwise.
     """
 
     def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
@@ -261,8 +261,8 @@ class StaticPlanner:
 
     @property
     def next_look_s(self) -> float:
-        """Never; a planner made of this one looks at every reading unless it says otherwise."""
-        return math.inf if type(self) is StaticPlanner else self._next_reading_s
+        """At every reading."""
+        return self._next_reading_s
 
     def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
         """Take readings all at once; the parameters stay."""
@@ -305,6 +305,18 @@ class StaticPlanner:
         motion = None if o.power_w is None else o.power_w - self._computing_w
         expected = self._estimator.observe(o.time_s, motion) + self._computing_w
         self._decision = self._decision._replace(power_forecast_w=expected)
+
+
+class StaticPlanner(TrackingPlanner):
+    """Keeps the parameters of take-off; estimates all the same, so that its flights tell a forecast.
+
+    Source: flights I and II of the letter.
+    """
+
+    @property
+    def next_look_s(self) -> float:
+        """Never: there is nothing to decide."""
+        return math.inf
 
 
 def next_multiple(time_s: float, every_s: float) -> float:

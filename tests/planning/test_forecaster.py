@@ -15,7 +15,7 @@ import pytest
 from eadp.io.flight_inputs import load_flight
 from eadp.planning.forecaster import LEAST_STD, Forecast, Forecaster, ripple_w
 from eadp.planning.mission_program import best_at
-from eadp.planning.planners import StaticPlanner
+from eadp.planning.planner import TrackingPlanner
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,7 +44,7 @@ class Told(NamedTuple):
     wind_mps: tuple[float, float]
 
 
-class Following(StaticPlanner):
+class Following(TrackingPlanner):
     """Keeps its parameters, and has the rest forecast at some moments."""
 
     def __init__(self, settings, estimator, mission, moments_s):
