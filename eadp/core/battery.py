@@ -45,6 +45,30 @@ def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
     return 2 * power_w / (voltage_v + math.sqrt(discriminant))
 
 
+def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
+    """How fast the charge falls under powers, for forecasts, which have to go on: see `current_a`, which may refuse.
+
+    Parameters
+    ----------
+    power_w, voltage_v : float or array
+        Power at the terminals [W], open-circuit voltage [V], of shapes that go together.
+    resistance_ohm : float
+        Inner resistance [Ω].
+    per_as : float
+        State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)].
+
+    Returns
+    -------
+    float or array
+        −ḃ [1/s]; beyond what can be delivered it is large.
+
+    Source: letter, Eq. 22 and Lem. III.3.
+    """
+    # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
+    root = np.sqrt(np.maximum(voltage_v**2 - 4 * resistance_ohm * power_w, 0.0))
+    return per_as * 2 * power_w / (voltage_v + root)
+
+
 def currents_a(power_w: FloatArray, voltage_v: float, resistance_ohm: float) -> FloatArray:
     """`current_a` of an array of powers [W], any shape; [A], the same shape.
 

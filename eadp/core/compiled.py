@@ -1,8 +1,8 @@
 """The one door to numba: functions of numbers and arrays, compiled to machine code where `eadp[fast]` is installed.
 
 A function is written once. It runs as plain Python, or compiled once a process has been told to (`switch_on`): numba
-takes half a second to import, which one flight is not worth. Both do the same arithmetic in the same order; no
-fast-math, so that nothing is reassociated.
+takes half a second to import, which one flight is not worth. Both do the same arithmetic in the same order but for sums
+over arrays, which numpy adds up pairwise; no fast-math: nothing else is reassociated.
 
 Machine code is kept between processes, in a folder named by the sources that it was made from: numba itself looks at
 the file of the outermost function alone, and would keep code of a helper that has changed.

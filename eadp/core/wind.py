@@ -6,11 +6,13 @@ Directions are of motion over ground, wind is the motion of the air: a wind alon
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.aerodynamics import GRAVITY_MPS2
+from eadp.core.compiled import is_on, quick
 from eadp.core.geometry import Point
 
 FloatArray = NDArray[np.float64]
@@ -96,77 +98,114 @@ class WindFilter:
     airspeed_mps : float
         s [m/s].
 
-    Attributes
-    ----------
-    wind_mps : (float, float)
-        Estimate [m/s].
-    gust_std_mps : float
-        Spread of the readings about it [m/s].
-
     Source: Kalman filter of a random walk; wind triangle.
     """
 
     def __init__(self, airspeed_mps: float) -> None:
         self._s = airspeed_mps
-        self.wind_mps: Point = (0.0, 0.0)
-        self._pxx = self._pyy = FIRST_STD_MPS**2
-        self._pxy = 0.0
-        self._gust_var = FIRST_GUST_MPS**2
-        self._seen_s = 0.0
+        self._known: _Known = (0.0, 0.0, FIRST_STD_MPS**2, FIRST_STD_MPS**2, 0.0, FIRST_GUST_MPS**2, 0.0)
+
+    @property
+    def wind_mps(self) -> Point:
+        """Estimate [m/s]."""
+        return self._known[:2]
 
     @property
     def gust_std_mps(self) -> float:
         """Spread of the readings [m/s]."""
-        return math.sqrt(self._gust_var)
+        return math.sqrt(self._known[5])
 
     @property
     def covariance(self) -> tuple[float, float, float]:
         """Variances of both components and their covariance [m²/s²]."""
-        return self._pxx, self._pyy, self._pxy
+        return self._known[2:5]
 
     def observe(self, velocity_mps: Point, heading_rad: float | None, step_s: float) -> None:
         """Take a reading, `step_s` [s] after the last one."""
-        step_s = max(step_s, 1e-3)
-        drift = DRIFT_M2PS3 * step_s
-        self._pxx += drift
-        self._pyy += drift
-        noise = self._gust_var * max(1.0, 2 * GUST_TIME_S / step_s)
-        vx, vy = velocity_mps
-        wx, wy = self.wind_mps
-        if heading_rad is not None:
-            ex = vx - self._s * math.cos(heading_rad) - wx
-            ey = vy - self._s * math.sin(heading_rad) - wy
-            self._correct(1.0, 0.0, ex, noise)
-            # the second component's error, after the first one's correction
-            self._correct(0.0, 1.0, ey - (self.wind_mps[1] - wy), noise)
-            self._spread((ex * ex + ey * ey) / 2, self._pxx + self._pyy, step_s, step_s)
-            return
-        ax, ay = vx - wx, vy - wy
-        air = math.hypot(ax, ay)
-        if air < 0.1 * self._s:
-            return
-        # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
-        hx, hy = -ax / air, -ay / air
-        along = hx * hx * self._pxx + 2 * hx * hy * self._pxy + hy * hy * self._pyy
-        across = hy * hy * self._pxx - 2 * hx * hy * self._pxy + hx * hx * self._pyy
-        error = self._s - air - across / (2 * air)
-        bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
-        self._correct(hx, hy, error, noise + BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s))
-        told = self._gust_var / (self._gust_var + along + bent)
-        self._spread(error * error, along + bent, told * step_s, step_s)
+        heading = math.nan if heading_rad is None else heading_rad
+        self._known = quick(_taken, _corrected, _spread)(self._known, self._s, *velocity_mps, heading, step_s)
 
-    def _correct(self, hx: float, hy: float, error: float, noise: float) -> None:
-        gx, gy = self._pxx * hx + self._pxy * hy, self._pxy * hx + self._pyy * hy
-        innovation = hx * gx + hy * gy + noise
-        kx, ky = gx / innovation, gy / innovation
-        self.wind_mps = (self.wind_mps[0] + kx * error, self.wind_mps[1] + ky * error)
-        self._pxx = max(self._pxx - kx * gx, 1e-12)
-        self._pyy = max(self._pyy - ky * gy, 1e-12)
-        self._pxy -= kx * gy
+    def observe_all(
+        self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
+    ) -> None:
+        """Take readings one after the other, each so long [s] after the one before."""
+        columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
+        if is_on():
+            columns = [np.array(values) for values in columns]
+        self._known = quick(_all_taken, _taken, _corrected, _spread)(self._known, self._s, *columns)
 
-    def _spread(self, squared: float, known: float, counted_s: float, step_s: float) -> None:
-        """Forget the first estimate of the spread as readings come, less what the wind itself is not known by."""
-        self._seen_s += step_s
-        share = min(1.0, counted_s / min(FORGET_S, self._seen_s + 2 * GUST_TIME_S))
-        self._gust_var += share * (max(squared - known, 0.0) - self._gust_var)
-        self._gust_var = max(self._gust_var, LEAST_GUST_MPS**2)
+
+_Known = tuple[float, float, float, float, float, float, float]
+"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time seen [s]."""
+
+
+# What follows may be compiled, see `eadp.core.compiled`.
+
+
+def _all_taken(
+    known: _Known,
+    airspeed_mps: float,
+    vx_mps: Sequence[float] | FloatArray,
+    vy_mps: Sequence[float] | FloatArray,
+    headings_rad: Sequence[float] | FloatArray,
+    steps_s: Sequence[float] | FloatArray,
+) -> _Known:
+    for i in range(len(steps_s)):
+        known = _taken(known, airspeed_mps, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
+    return known
+
+
+def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float) -> _Known:
+    """What is known after a reading; the heading may be no number."""
+    wx, wy, pxx, pyy, pxy, gusts, seen_s = known
+    step_s = max(step_s, 1e-3)
+    pxx += DRIFT_M2PS3 * step_s
+    pyy += DRIFT_M2PS3 * step_s
+    noise = gusts * max(1.0, 2 * GUST_TIME_S / step_s)
+    if not math.isnan(heading_rad):
+        ex = vx - airspeed_mps * math.cos(heading_rad) - wx
+        ey = vy - airspeed_mps * math.sin(heading_rad) - wy
+        before = wy
+        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 1.0, 0.0, ex, noise)
+        # the second component's error, after the first one's correction
+        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 0.0, 1.0, ey - (wy - before), noise)
+        gusts, seen_s = _spread(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s)
+        return wx, wy, pxx, pyy, pxy, gusts, seen_s
+    ax, ay = vx - wx, vy - wy
+    air = math.sqrt(ax * ax + ay * ay)
+    if air < 0.1 * airspeed_mps:
+        return wx, wy, pxx, pyy, pxy, gusts, seen_s
+    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
+    hx, hy = -ax / air, -ay / air
+    along = hx * hx * pxx + 2 * hx * hy * pxy + hy * hy * pyy
+    across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
+    error = airspeed_mps - air - across / (2 * air)
+    bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
+    bend = BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s)
+    wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, hx, hy, error, noise + bend)
+    told_s = gusts / (gusts + along + bent) * step_s
+    gusts, seen_s = _spread(gusts, seen_s, error * error, along + bent, told_s, step_s)
+    return wx, wy, pxx, pyy, pxy, gusts, seen_s
+
+
+def _corrected(
+    wx: float, wy: float, pxx: float, pyy: float, pxy: float, hx: float, hy: float, error: float, noise: float
+) -> tuple[float, float, float, float, float]:
+    """Wind and its covariance after a reading of its part along h that is off by `error`."""
+    gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
+    innovation = hx * gx + hy * gy + noise
+    kx, ky = gx / innovation, gy / innovation
+    return wx + kx * error, wy + ky * error, max(pxx - kx * gx, 1e-12), max(pyy - ky * gy, 1e-12), pxy - kx * gy
+
+
+def _spread(
+    gusts: float, seen_s: float, squared: float, known: float, counted_s: float, step_s: float
+) -> tuple[float, float]:
+    """The gusts' variance and the time seen after an error, whose square is less what the wind is not known by.
+
+    The first estimate of the variance is forgotten as readings come.
+    """
+    seen_s += step_s
+    share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * GUST_TIME_S))
+    gusts += share * (max(squared - known, 0.0) - gusts)
+    return max(gusts, LEAST_GUST_MPS**2), seen_s

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eadp.core.compiled import quick
 from eadp.core.derivatives import PathFunction
 from eadp.core.geometry import CIRCLE, LINE, Point, circle_of, line_of
 from eadp.core.wind import ground_speeds_mps, squared_bank_slopes
@@ -57,10 +58,21 @@ class Course:
     nodes: tuple[Nodes, ...]
 
     @cached_property
-    def _flat(self) -> tuple[Nodes, NDArray[np.intp]]:
-        flat = Nodes(*(np.concatenate(arrays) for arrays in zip(*self.nodes, strict=True)))
-        starts = np.cumsum([0, *(len(nodes.weights_m) for nodes in self.nodes[:-1])])
-        return flat, starts
+    def _flat(self) -> tuple[Nodes, NDArray[np.intp], NDArray[np.intp]]:
+        """The nodes of all legs that differ, to which of these each belongs, and which each leg has: laps repeat."""
+        places: dict[int, int] = {}
+        order = np.array([places.setdefault(id(nodes), len(places)) for nodes in self.nodes])
+        different = {id(nodes): nodes for nodes in self.nodes}.values()
+        flat = Nodes(*(np.concatenate(arrays) for arrays in zip(*different, strict=True)))
+        return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
+
+    @cached_property
+    def _kinds(self) -> tuple[list[int], NDArray[np.intp]]:
+        """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
+        places: dict[tuple[int, Vector], int] = {}
+        keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
+        order = np.array([places.setdefault(key, len(places)) for key in keys])
+        return [keys.index(key) for key in places], order
 
     def times_s(self, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
         """Time on each leg, and the time integral of tan² of the bank that it takes.
@@ -81,56 +93,45 @@ class Course:
         """
         if not self.legs:
             return np.zeros(0), np.zeros(0)
-        nodes, starts = self._flat
-        speeds, along = ground_speeds_mps(nodes.cosine, nodes.sine, airspeed_mps, wind_mps)
-        with np.errstate(divide="ignore"):
-            seconds = np.where(speeds > 0.0, nodes.weights_m / np.maximum(speeds, 1e-300), np.inf)
-        slopes = squared_bank_slopes(nodes.curvature_per_m, speeds, along, airspeed_mps)
-        with np.errstate(invalid="ignore"):
-            turning = np.nan_to_num(seconds * slopes, nan=0.0, posinf=0.0)
-        return np.add.reduceat(seconds, starts), np.add.reduceat(turning, starts)
+        nodes, of_node, order = self._flat
+        return quick(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
 
     @cached_property
     def free(self) -> FloatArray:
         """1 where a parameter has a choice on a leg, else 0, shape (parameters, legs)."""
-        count = len(self.parameters[0])
-        return np.array(
-            [[not box.fixed for box in leg.stage.sets] or [False] * count for leg in self.legs], dtype=float
-        ).T
+        count, (firsts, order) = len(self.parameters[0]), self._kinds
+        free = [[not box.fixed for box in self.legs[i].stage.sets] or [False] * count for i in firsts]
+        return np.ascontiguousarray(np.array(free, dtype=float).T[:, order])
 
     @cached_property
     def shares(self) -> FloatArray:
         """Share of its set that each parameter has on each leg, shape (parameters, legs); 0 where it has no choice."""
-        return np.array(
-            [
-                [box.share(value) or 0.0 for box, value in zip(leg.stage.sets, own, strict=True)]
-                if leg.stage.sets
-                else [0.0] * len(own)
-                for leg, own in zip(self.legs, self.parameters, strict=True)
-            ],
-            dtype=float,
-        ).T
+        firsts, order = self._kinds
+        shares = []
+        for i in firsts:
+            sets, own = self.legs[i].stage.sets, self.parameters[i]
+            told = [box.share(value) or 0.0 for box, value in zip(sets, own, strict=True)] if sets else [0.0] * len(own)
+            shares.append(told)
+        return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
     @cached_property
     def alike(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
         """Legs whose stages have the same sets: the first of them, and all of them."""
-        return self._grouped([tuple((box.lo, box.hi) for box in leg.stage.sets) for leg in self.legs])
+        return self._grouped([tuple((box.lo, box.hi) for box in self.legs[i].stage.sets) for i in self._kinds[0]])
 
     @cached_property
     def alike_in_path(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
         """Legs whose stages have the same sets, with the same parameters in force."""
         return self._grouped(
-            [
-                (tuple((box.lo, box.hi) for box in leg.stage.sets), own)
-                for leg, own in zip(self.legs, self.parameters, strict=True)
-            ]
+            [(tuple((box.lo, box.hi) for box in self.legs[i].stage.sets), self.parameters[i]) for i in self._kinds[0]]
         )
 
     def _grouped(self, keys: Sequence[object]) -> tuple[tuple[int, NDArray[np.intp]], ...]:
-        groups: dict[object, list[int]] = {}
-        for i, key in enumerate(keys):
-            groups.setdefault(key, []).append(i)
-        return tuple((members[0], np.array(members)) for members in groups.values())
+        """Legs whose kinds have the same key."""
+        places: dict[object, int] = {}
+        of_kind = np.array([places.setdefault(key, len(places)) for key in keys])[self._kinds[1]]
+        members = [np.nonzero(of_kind == place)[0] for place in places.values()]
+        return tuple((int(legs[0]), legs) for legs in members)
 
     def after(self) -> Course:
         """The same without its first leg."""
@@ -472,6 +473,26 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     else:
         left = leg.distance_m - flown_m
     return min(max(left, 0.0), leg.distance_m + early_m)
+
+
+def _times_s(
+    weights_m: FloatArray,
+    cosine: FloatArray,
+    sine: FloatArray,
+    curvature_per_m: FloatArray,
+    of_node: NDArray[np.intp],
+    order: NDArray[np.intp],
+    airspeed_mps: float,
+    wind_mps: Point,
+) -> tuple[FloatArray, FloatArray]:
+    """`Course.times_s` by the nodes of the legs that differ; in that part of numpy that may be compiled."""
+    speeds, along = ground_speeds_mps(cosine, sine, airspeed_mps, wind_mps)
+    forward = speeds > 0.0
+    seconds = weights_m / np.where(forward, speeds, 1.0)
+    slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeed_mps)
+    turning = np.bincount(of_node, np.where(forward, seconds * slopes, 0.0)).astype(np.float64)
+    times_s = np.bincount(of_node, np.where(forward, seconds, np.inf)).astype(np.float64)
+    return times_s[order], turning[order]
 
 
 # --- nodes ------------------------------------------------------------------------------------------------------------

@@ -7,9 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from eadp.core.battery import current_a, soc_rate_per_s
+from eadp.core.battery import current_a, drains_per_s, soc_rate_per_s
 
 VOLTAGE_STEP_V = 0.05
 
@@ -44,9 +42,12 @@ class Battery:
 
         Source: letter, Eq. 22 and Lem. III.3.
         """
-        # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
-        root = np.sqrt(np.maximum(voltage_v**2 - 4 * self.resistance_ohm * power_w, 0.0))
-        return self.k_b_per_s / self.capacity_ah * 2 * power_w / (voltage_v + root)
+        return drains_per_s(power_w, voltage_v, self.resistance_ohm, self.drain_per_as)
+
+    @property
+    def drain_per_as(self) -> float:
+        """State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]."""
+        return self.k_b_per_s / self.capacity_ah
 
     def near(self, soc: float) -> Battery:
         """A battery of one voltage, that of this one near a state of charge: a step of `VOLTAGE_STEP_V` or less below.

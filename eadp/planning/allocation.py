@@ -20,6 +20,9 @@ IntArray = NDArray[np.intp]
 FULL = 1e-9
 """A charge short by less than this is enough."""
 
+NEAR_ENVELOPE, SAME_POWER_W = 0.01, 1e-9
+"""A configuration whose value is below the best mix of the same power by less than this share is as good."""
+
 
 @dataclass(frozen=True)
 class Menu:
@@ -32,11 +35,19 @@ class Menu:
     values : array, shape (k,)
         Value of each per second, rising.
     configurations : array, shape (k, computations)
+    near : tuple of array
+        Powers, values and configurations of all that is on the envelope or nearly so, cheapest first.
     """
 
     powers_w: FloatArray
     values: FloatArray
     configurations: FloatArray
+    near: tuple[FloatArray, FloatArray, FloatArray]
+
+    def worth(self, scale: float) -> Menu:
+        """The same with all values times `scale`."""
+        powers_w, values, configurations = self.near
+        return Menu(self.powers_w, self.values * scale, self.configurations, (powers_w, values * scale, configurations))
 
 
 def envelope_menu(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> Menu:
@@ -61,7 +72,12 @@ def envelope_menu(powers_w: FloatArray, values: FloatArray, configurations: Floa
                 break
             kept.pop()
         kept.append(int(i))
-    return Menu(powers_w[kept], values[kept], configurations[kept])
+    best_w, best = powers_w[kept], values[kept]
+    least = np.interp(powers_w, best_w, best) - NEAR_ENVELOPE * (best[-1] - best[0])
+    near = (values >= least) & (powers_w <= best_w[-1] + SAME_POWER_W)
+    near[kept] = True
+    rising = order[near[order]]
+    return Menu(best_w, best, configurations[kept], (powers_w[rising], values[rising], configurations[rising]))
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ the motion's power from what was flown; the state of charge at the end through t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from functools import lru_cache
 from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eadp.core.compiled import quick
 from eadp.core.geometry import Point
 from eadp.core.wind import GUST_TIME_S, WindFilter
 from eadp.errors import EadpError, PathUndefined
@@ -21,7 +22,7 @@ from eadp.models.ahead import MARGIN_M, Course, Follower, left_m
 from eadp.models.itinerary import Vector
 from eadp.planning.mission_program import Answer, Prospect, Shares
 from eadp.planning.observed import ChargeFilter, Flown, MotionPower, TimeRatio
-from eadp.planning.planner import Mission, Observation, PlannerSettings
+from eadp.planning.planner import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.prospects import Past, Segments, Terms, Terrain
 
 FloatArray = NDArray[np.float64]
@@ -174,10 +175,8 @@ class Forecaster:
         computing_w : float
             What of the power is the computations' [W].
         """
-        step_s = o.time_s - self._last_s if self._last_s is not None else 0.0
-        self._last_s = o.time_s
-        self._position = (o.x_m, o.y_m)
-        self._off_path(o, step_s)
+        step_s = self._since(o.time_s)
+        self._off_path((o.x_m, o.y_m), step_s)
         if o.power_w is not None and step_s > 0:
             self._motion.observe(o.power_w - computing_w, step_s, self._slope)
         if o.wind_mps is not None:
@@ -186,16 +185,46 @@ class Forecaster:
             self._known_wind = None
         if o.wind_mps is None and o.velocity_mps is not None and step_s > 0:
             self._wind.observe(o.velocity_mps, o.heading_rad, step_s)
-        return self._read_charge(o)
+        return self._read_charge(o.time_s, o.power_w, o.soc)
 
-    def _off_path(self, o: Observation, step_s: float) -> None:
+    def read_all(self, readings: Readings, computing_w: float) -> bool:
+        """Take readings one after the other, see `read`; return whether the charge has jumped in any."""
+        times = readings.times_s
+        steps = [self._since(time_s) for time_s in times]
+        for x, y, step_s in zip(readings.x_m, readings.y_m, steps, strict=True):
+            self._off_path((x, y), step_s)
+        first = 0 if steps[0] > 0 else 1  # before the first of all nothing is known to have lasted
+        self._wind.observe_all(
+            readings.vx_mps[first:], readings.vy_mps[first:], readings.headings_rad[first:], steps[first:]
+        )
+        jumped = False
+        for time_s, step_s, power_w, soc in zip(times, steps, readings.powers_w, readings.charges, strict=True):
+            if power_w is not None and step_s > 0:
+                self._motion.observe(power_w - computing_w, step_s, self._slope)
+            jumped |= self._read_charge(time_s, power_w, soc)
+        if times[-1] > self._known_until_s:
+            self._known_wind = None
+        return jumped
+
+    def in_doubt(self, soc: float) -> bool:
+        """Whether the charge, `soc` now, may have jumped: the next reading will tell."""
+        return self._charge.in_doubt(soc)
+
+    def _since(self, time_s: float) -> float:
+        """How long after the last readings these are [s]."""
+        step_s = time_s - self._last_s if self._last_s is not None else 0.0
+        self._last_s = time_s
+        return step_s
+
+    def _off_path(self, position: Point, step_s: float) -> None:
         """How far the aircraft is off its path: by more than twice that the end of the plan has to be passed."""
+        self._position = position
         course = self._courses.get(self.shares)
         if course is None or not course.legs or step_s <= 0:
             return
         leg = course.legs[0]
         try:
-            phi, gx, gy, *_ = leg.path(o.x_m - leg.offset_m[0], o.y_m - leg.offset_m[1])
+            phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):
             return
         square = gx * gx + gy * gy
@@ -209,18 +238,18 @@ class Forecaster:
         self._ratio.expect(gust_std_mps, self._speed, GUST_TIME_S)
         self._charge.observe(soc, 0.0)
 
-    def _read_charge(self, o: Observation) -> bool:
+    def _read_charge(self, time_s: float, power_w: float | None, soc: float) -> bool:
         if math.isnan(self._charge.soc):
-            self._charge_s = o.time_s
-            return self._charge.observe(o.soc, 0.0)
-        step_s = o.time_s - self._charge_s
-        self._charge_s = o.time_s
-        if o.power_w is not None:
-            self._power_w = o.power_w
+            self._charge_s = time_s
+            return self._charge.observe(soc, 0.0)
+        step_s = time_s - self._charge_s
+        self._charge_s = time_s
+        if power_w is not None:
+            self._power_w = power_w
         b = self._mission.battery
         volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
         drained = 0.0 if b.prescribed else float(b.drain_per_s(self._power_w, volts)) * step_s
-        return self._charge.observe(o.soc, drained)
+        return self._charge.observe(soc, drained)
 
     def _begin_stage(self, o: Observation) -> None:
         """Go on to the next stage; what the last leg took is learned from, but for the first, which began anywhere."""
@@ -357,18 +386,15 @@ class Forecaster:
         if shares not in self._times:
             self._times[shares] = course.times_s(self._speed, wind)
         whole, turning = self._times[shares]
-        if not np.isfinite(whole).all():
+        if not math.isfinite(whole.sum()):
             return None
-        part = np.ones(len(whole))
-        part[0] = self._left(course, float(whole[0]))
-        times = whole * part * self._ratio.ratio
-        bank_s = float(turning @ part) * self._ratio.ratio
-        total_s = max(float(times.sum()), 1e-3)
-        slopes = np.divide(turning, whole, out=np.zeros(len(whole)), where=whole > 0)
-        motion = np.maximum(self._motion.level_w + self._motion.slope_w * slopes, 0.0)
+        left, motion = self._left(course, float(whole[0])), self._motion
+        times, motion_w, total_s, bank_s = quick(_left_of)(
+            whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w
+        )
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(course)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
-        return Segments(times, motion, motion + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
+        return Segments(times, motion_w, motion_w + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
 
     def _left(self, course: Course, whole_s: float) -> float:
         """The share of the first leg that is left: by the position, told apart from other turns by the time."""
@@ -420,7 +446,7 @@ class Forecaster:
             square = self._speed**2 - cross**2
             speed = tail + math.sqrt(square) if square > 0 else 0.0
             if speed > 0:
-                lowest_w = min(float(menu.powers_w[0]) for menu in terms.menus)
+                lowest_w = min(float(menu.powers_w[0]) for menu in terms.kinds)
                 energy_j = HOME_TURN * distance / speed * (float(segments.motion_w.min()) + lowest_w)
                 reachable = self.soc - self._settings.reserve_soc >= energy_j * terms.soc_per_j
         if reachable:
@@ -429,15 +455,24 @@ class Forecaster:
         return False, self._home_s
 
 
+def _left_of(
+    whole_s: FloatArray, turning_s: FloatArray, left: float, ratio: float, level_w: float, slope_w: float
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Times [s] and the motion's powers [W] of legs, of whose first a share is left; time and ∫ tan² φ in all [s].
+
+    Written in that part of numpy that may be compiled, see `eadp.core.compiled`.
+    """
+    times_s = whole_s * ratio
+    times_s[0] *= left
+    bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio
+    slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
+    return times_s, np.maximum(level_w + slope_w * slopes, 0.0), max(times_s.sum(), 1e-3), bank_s
+
+
 def _computing_w(terms: Terms, answer: Answer) -> FloatArray:
     """Mean power of the computations on each segment as allocated, shape (segments,) [W]."""
-    power = np.array([menu.powers_w[0] for menu in terms.menus])
-    steps, shares = terms.steps, answer.allocation.shares
-    rises: Sequence[float] = [
-        float(terms.menus[segment].powers_w[level + 1] - terms.menus[segment].powers_w[level])
-        for segment, level in zip(steps.segment.tolist(), steps.level.tolist(), strict=True)
-    ]
-    np.add.at(power, steps.segment, shares * np.array(rises))
+    power = terms.lowest_w
+    power += np.bincount(terms.steps.segment, answer.allocation.shares * terms.rises_w, len(power))
     return power
 
 
@@ -445,7 +480,13 @@ def ripple_w(state_w: FloatArray) -> float:
     """How far the motion's power rises above its level within a lap [W], of an energy state q."""
     if len(state_w) < 3:
         return 0.0
-    angles = np.arange(PERIOD_SAMPLES) * (2 * math.pi / PERIOD_SAMPLES)
-    orders = np.arange(1, len(state_w) // 2 + 1)[:, None]
-    wave = state_w[1::2] @ np.cos(orders * angles) + state_w[2::2] @ np.sin(orders * angles)
+    cosines, sines = _waves(len(state_w) // 2)
+    wave = state_w[1::2] @ cosines + state_w[2::2] @ sines
     return max(float(wave.max()), 0.0)
+
+
+@lru_cache
+def _waves(order: int) -> tuple[FloatArray, FloatArray]:
+    """Cosine and sine of each harmonic over a period, shape (order, samples)."""
+    angles = np.arange(1, order + 1)[:, None] * (np.arange(PERIOD_SAMPLES) * (2 * math.pi / PERIOD_SAMPLES))
+    return np.cos(angles), np.sin(angles)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from eadp.errors import Infeasible
 from eadp.models.ahead import Course
 from eadp.models.itinerary import Vector
-from eadp.planning.allocation import Menu
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.forecaster import Forecaster, ripple_w
 from eadp.planning.mission_program import Answer, MissionProgram, best_at
@@ -29,6 +28,7 @@ from eadp.planning.planner import (
     Mission,
     Observation,
     PlannerSettings,
+    Readings,
     Record,
     TrackingPlanner,
     next_multiple,
@@ -38,6 +38,9 @@ from eadp.planning.prospects import QUALITY, Terms
 FloatArray = NDArray[np.float64]
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
+
+LOOK_EVERY_S = 1.0
+"""How often it looks at the charge, so that it answers a jump in time however seldom it re-plans."""
 
 WARM_UP_S = 5.0
 """Before this nothing is decided: wind and power are hardly known."""
@@ -53,9 +56,6 @@ can be for more than this share of the time that is left: to rise to it, and to 
 LEAST_RISE_S, HOLD_S = 15.0, 20.0
 """Nothing rises with less time left than this, nor so soon after it has fallen."""
 
-NEAR_ENVELOPE = 0.01
-"""A configuration whose value is below the best mix of the same power by less than this share is as good."""
-
 
 class JointPlanner(TrackingPlanner):
     """One optimisation over path and computations to the end of the mission; see the module.
@@ -68,16 +68,25 @@ class JointPlanner(TrackingPlanner):
         self._rho = mission.plan.path_count
         self._ahead = Forecaster(settings, mission)
         self._program = MissionProgram(len(self._ahead.open))
-        self._next_s = WARM_UP_S + settings.start_after_s
+        self._next_s = self._begins_s = WARM_UP_S + settings.start_after_s
         self._looked_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._warm: FloatArray | None = None
         self._fell_s = -math.inf
+        self._jumped = False
+        self._looked_s, self._in_doubt = 0.0, False
 
     @property
     def next_look_s(self) -> float:
-        """At every reading, and when it re-plans next."""
-        return min(self._next_reading_s, self._next_s)
+        """When it re-plans next; soon, and at the next reading where the charge may have jumped."""
+        if self._in_doubt:
+            return self._next_reading_s
+        return min(self._next_s, self._looked_s + LOOK_EVERY_S)
+
+    def listen(self, readings: Readings) -> Decision:
+        """Take readings all at once; a jump of the charge among them is answered at the next look."""
+        self._jumped |= self._ahead.read_all(readings, self._computing_w)
+        return super().listen(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, at a new stage, and at once when the charge jumps."""
@@ -85,11 +94,14 @@ class JointPlanner(TrackingPlanner):
         why = NEW_STAGE if ahead.see(o) else ""
         read = o.time_s >= self._next_reading_s - 1e-9
         self._track(o)
-        if read and ahead.read(o, self._computing_w):
-            why = JUMPED
+        self._jumped |= read and ahead.read(o, self._computing_w)
+        self._looked_s, self._in_doubt = o.time_s, ahead.in_doubt(o.soc)
+        if self._jumped:
+            why, self._jumped = JUMPED, False
         elif not why and o.time_s >= self._next_s - 1e-9:
             why = TIME
-        if why and o.time_s >= min(WARM_UP_S, self._next_s) - 1e-9 and not ahead.lost:
+        begins_s = WARM_UP_S if why == JUMPED else self._begins_s
+        if why and o.time_s >= begins_s - 1e-9 and not ahead.lost:
             self._next_s = next_multiple(o.time_s, self._settings.every_s)
             self._replan(o, why)
         return self._decision
@@ -137,10 +149,12 @@ class JointPlanner(TrackingPlanner):
             return self._solved(kept), False
         if kept is not None and why != JUMPED and not self._look_again(kept, why):
             return self._solved(kept), False
-        found = self._program.solve(ahead.prospect, ahead.shares)
+        feasible = kept is not None and kept.allocation.feasible
+        least = kept.value + self._settings.keep_gain if kept is not None and feasible else -math.inf
+        found = self._program.solve(ahead.prospect, ahead.shares, least)
         self._looked_at = _left_over(found)
-        if kept is not None and kept.allocation.feasible:
-            better = found.value > kept.value + self._settings.keep_gain
+        if kept is not None and feasible:
+            better = found.value > least
             if not better:
                 self._looked_at = _left_over(kept)
             return (found, True) if better else (self._solved(kept), True)
@@ -171,23 +185,15 @@ class JointPlanner(TrackingPlanner):
         self, o: Observation, course: Course, terms: Terms, answer: Answer, remaining_s: float
     ) -> list[float]:
         """The computations to fly with now: those that last to the end, with hysteresis."""
-        sets = self._mission.plan.stages[o.stage - 1].sets
         now = list(self._decision.parameters[self._rho :])
         if not now:
             return now
-        menu = terms.menus[0]
+        menu = terms.kinds[terms.kind_of[0]]
         if not answer.allocation.feasible:
             return [float(value) for value in menu.configurations[0]]
         target_w = _lasting_w(terms, answer, remaining_s)
-        configurations, powers = self._ahead.terrain.configurations(sets, course.parameters[0])
-        values = self._ahead.terrain.values(configurations, sets, terms.worth[self._rho :])
-        span = max(float(menu.values[-1] - menu.values[0]), 1e-300)
-        envelope = np.interp(powers, menu.powers_w, menu.values)
-        near = (values >= envelope - NEAR_ENVELOPE * span) & (powers <= menu.powers_w[-1] + 1e-9)
-        near |= np.isin(powers, menu.powers_w)
-        choices = np.nonzero(near)[0]
-        # among them by power; what is flown now is one of them, or the next one below
-        ladder = powers[choices]
+        # what is flown now is one of these, or the next one below
+        ladder, values, configurations = menu.near
         held = int(np.searchsorted(ladder, self._power_of(now, course) + 1e-9, side="right")) - 1
         below = min(max(int(np.searchsorted(ladder, target_w + 1e-9, side="right")) - 1, 0), len(ladder) - 2)
         held = min(max(held, 0), len(ladder) - 1)
@@ -197,10 +203,10 @@ class JointPlanner(TrackingPlanner):
         lasting = below + 1 if share > enough else max(below, 0)
         if lasting < held:
             self._fell_s = o.time_s
-        if lasting == held and np.array_equal(configurations[choices[held]], now):
+        if lasting == held and configurations[held].tolist() == now:
             return now
-        best = choices[powers[choices] <= ladder[lasting] + 1e-12]
-        return [float(value) for value in configurations[best[int(np.argmax(values[best]))]]]
+        affordable = ladder <= ladder[lasting] + 1e-12
+        return [float(value) for value in configurations[int(np.argmax(np.where(affordable, values, -np.inf)))]]
 
     def _power_of(self, values: list[float], course: Course) -> float:
         own = (*course.parameters[0][: self._rho], *values)
@@ -272,17 +278,14 @@ def _lasting_w(terms: Terms, answer: Answer, remaining_s: float) -> float:
 
     Flown all the time, it uses what the best mix in time uses.
     """
-    menu: Menu = terms.menus[0]
-    steps, shares = terms.steps, answer.allocation.shares
-    alike = np.array([other.powers_w is menu.powers_w for other in terms.menus])
-    power = float(menu.powers_w[0])
-    mine = alike[steps.segment] if len(steps.segment) else np.zeros(0, dtype=bool)
-    for level in range(len(menu.powers_w) - 1):
-        chosen = mine & (steps.level == level)
-        use = float(steps.use[chosen].sum())
-        if use > 0:
-            taken = float((steps.use[chosen] * shares[chosen]).sum()) / use
-            power += taken * float(menu.powers_w[level + 1] - menu.powers_w[level])
+    kind = terms.kind_of[0]
+    menu, steps = terms.kinds[kind], terms.steps
+    mine = terms.kind_of[steps.segment] == kind
+    level, use = steps.level[mine], steps.use[mine]
+    whole = np.bincount(level, use, len(menu.powers_w) - 1)
+    taken = np.bincount(level, use * answer.allocation.shares[mine], len(menu.powers_w) - 1)
+    shares = np.divide(taken, whole, out=np.zeros(len(whole)), where=whole > 0)
+    power = float(menu.powers_w[0] + shares @ np.diff(menu.powers_w))
     # what is left over beyond the highest, spread over all that is left
     over = answer.prospect.available - answer.allocation.use
     return power + max(over, 0.0) / max(terms.soc_per_j * remaining_s, 1e-12)

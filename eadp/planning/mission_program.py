@@ -114,7 +114,7 @@ class MissionProgram:
     climb: bool = True
     _programs: dict[tuple[int, float], QuadraticProgram] = field(default_factory=dict)
 
-    def solve(self, outlook: Outlook, warm: Shares) -> Answer:
+    def solve(self, outlook: Outlook, warm: Shares, least: float = -math.inf) -> Answer:
         """The best path parameters and computations.
 
         Parameters
@@ -122,6 +122,8 @@ class MissionProgram:
         outlook : function
         warm : tuple of float, shape (dimensions,)
             Where to begin: the last plan's.
+        least : float
+            What an answer has to be worth to be of use: where none can be, the search ends early.
 
         Raises
         ------
@@ -142,14 +144,15 @@ class MissionProgram:
         else:
             for _ in range(2 if self.dimensions > 1 else 1):
                 for axis in range(self.dimensions):
-                    best = _scanned(look, best, warm, axis)
+                    best = _scanned(look, best, warm, axis, least)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
             return best
         if self.dimensions:
             best = Answer(best.prospect, best.allocation, 0, SCANNED)
-        return self.climbed(outlook, best) if self.climb and self.dimensions else best
+        useful = best.value > least or self.dimensions in GRIDS  # a scan looks as far as a climb could come
+        return self.climbed(outlook, best) if self.climb and self.dimensions and useful else best
 
     def climbed(self, outlook: Outlook, start: Answer) -> Answer:
         """From an answer upwards by QPs; the answer itself where they find nothing better."""
@@ -344,8 +347,13 @@ def _gridded(look: Callable[[Shares], Answer | None], best: Answer | None, dimen
     return best
 
 
-def _scanned(look: Callable[[Shares], Answer | None], best: Answer | None, warm: Shares, axis: int) -> Answer | None:
-    """The best along one path parameter: over its box, then up to the edges of those steps that could be better."""
+def _scanned(
+    look: Callable[[Shares], Answer | None], best: Answer | None, warm: Shares, axis: int, least: float
+) -> Answer | None:
+    """The best along one path parameter: over its box, then up to the edges of those steps that could be better.
+
+    Branch and bound: no step is looked at that could not be worth `least`.
+    """
     base = best.prospect.shares if best is not None else warm
 
     def at(share: float) -> Answer | None:
@@ -367,7 +375,7 @@ def _scanned(look: Callable[[Shares], Answer | None], best: Answer | None, warm:
     queue = [(-_promise(low, high, slope), i, low, high) for i, (low, high) in enumerate(cells) if _broken(low, high)]
     heapq.heapify(queue)
     for count in range(len(cells), len(cells) + MOST_HALVINGS):
-        if not queue or -queue[0][0] <= best.value + LEAST_PROMISE:
+        if not queue or -queue[0][0] <= max(best.value + LEAST_PROMISE, least):
             break
         _, _, low, high = heapq.heappop(queue)
         share = (low[0] + high[0]) / 2

@@ -232,6 +232,10 @@ class ChargeFilter:
         self.variance *= 1 - gain
         return False
 
+    def in_doubt(self, soc: float) -> bool:
+        """Whether the last reading was odd, or a charge that is not taken for one is: the next will tell."""
+        return self._odd > 0 or abs(soc - self.soc) > LEAST_JUMP
+
     def _not_surer(self) -> None:
         """Not surer than a mean of the readings so far: the first of them was no better than the others."""
         if self._count <= FIRST_READINGS:

@@ -22,6 +22,7 @@ from eadp.planning.planner import (
     Mission,
     Observation,
     PlannerSettings,
+    Readings,
     TrackingPlanner,
     next_multiple,
 )
@@ -56,10 +57,10 @@ class PaperPlanner(TrackingPlanner):
         """When it re-plans next, if it has begun to."""
         return self._next_s if self._laps_known() else math.inf
 
-    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
+    def listen(self, readings: Readings) -> Decision:
         """Take readings all at once, and the charge: what it falls from one to the next is no jump."""
-        self._soc = soc
-        return super().listen(times_s, powers_w, soc)
+        self._soc = readings.charges[-1]
+        return super().listen(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""

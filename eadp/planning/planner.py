@@ -56,6 +56,19 @@ class Observation(NamedTuple):
     heading_rad: float | None = None
 
 
+class Readings(NamedTuple):
+    """What sensors have told one after the other: place, power, charge and motion of `Observation`, field by field."""
+
+    times_s: Sequence[float]
+    x_m: Sequence[float]
+    y_m: Sequence[float]
+    powers_w: Sequence[float | None]
+    charges: Sequence[float]
+    vx_mps: Sequence[float]
+    vy_mps: Sequence[float]
+    headings_rad: Sequence[float]
+
+
 class Decision(NamedTuple):
     """The parameters to fly with, the power forecast for the last reading [W], and why.
 
@@ -221,8 +234,8 @@ class Planner(Protocol):
     def update(self, observation: Observation) -> Decision:
         """Take an observation and decide."""
 
-    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
-        """Take readings [W] since the last observation, of its stage and parameters; `soc` is that of the last one."""
+    def listen(self, readings: Readings) -> Decision:
+        """Take readings since the last observation, of its stage and parameters."""
 
 
 class TrackingPlanner:
@@ -264,11 +277,11 @@ class TrackingPlanner:
         """At every reading."""
         return self._next_reading_s
 
-    def listen(self, times_s: Sequence[float], powers_w: Sequence[float | None], soc: float) -> Decision:
+    def listen(self, readings: Readings) -> Decision:
         """Take readings all at once; the parameters stay."""
-        motion = [None if power_w is None else power_w - self._computing_w for power_w in powers_w]
-        expected = self._estimator.observe_all(times_s, motion) + self._computing_w
-        self._next_reading_s = times_s[-1] + self._sensor_every_s
+        motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
+        expected = self._estimator.observe_all(readings.times_s, motion) + self._computing_w
+        self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
         self._decision = self._decision._replace(power_forecast_w=expected)
         return self._decision
 

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eadp.core.battery import drains_per_s
+from eadp.core.compiled import quick
 from eadp.errors import Infeasible
 from eadp.models.ahead import Course
 from eadp.models.battery import Battery
@@ -61,8 +63,10 @@ class Terms:
     Attributes
     ----------
     steps : Steps
-    menus : tuple of Menu
-        Of each segment.
+    kinds : tuple of Menu
+        The menus that there are.
+    kind_of : array of int, shape (segments,)
+        Which of them each segment has.
     soc_per_j : float
         How the state of charge at the end moves with energy, dI/dP k_b/Q_c at the mean power [1/J].
     mean_w : float
@@ -76,12 +80,32 @@ class Terms:
     """
 
     steps: Steps
-    menus: tuple[Menu, ...]
+    kinds: tuple[Menu, ...]
+    kind_of: IntArray
     soc_per_j: float
     mean_w: float
     beyond_w: float
     least_soc: float
     worth: FloatArray
+
+    @property
+    def menus(self) -> tuple[Menu, ...]:
+        """Of each segment."""
+        return tuple(self.kinds[kind] for kind in self.kind_of.tolist())
+
+    @property
+    def rises_w(self) -> FloatArray:
+        """By how much each step raises the computations' power [W], shape (steps,)."""
+        rises, of_step = np.zeros(len(self.steps.use)), self.kind_of[self.steps.segment]
+        for kind, menu in enumerate(self.kinds):
+            chosen = of_step == kind
+            rises[chosen] = np.diff(menu.powers_w)[self.steps.level[chosen]]
+        return rises
+
+    @property
+    def lowest_w(self) -> FloatArray:
+        """Power of each segment's cheapest configuration [W], shape (segments,)."""
+        return np.array([menu.powers_w[0] for menu in self.kinds])[self.kind_of]
 
 
 class Terrain:
@@ -118,6 +142,14 @@ class Terrain:
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
         self._menus: dict[object, Menu] = {}
         self._scale_s = 0.0
+        empty_v = battery.voltage_at(0.0)
+        self._cell = (
+            empty_v,
+            battery.voltage_at(1.0) - empty_v,
+            battery.resistance_ohm,
+            battery.drain_per_as,
+            battery.power_per_soc_w,
+        )
 
     def terms(self, course: Course, segments: Segments, past: Past, soc: float, reserve_soc: float) -> Terms:
         """The program's terms of a course.
@@ -138,63 +170,45 @@ class Terrain:
         for first, members in alike:
             powers = self.configurations(course.legs[first].stage.sets, course.parameters[first])[1]
             lowest[members], highest[members] = powers[0], powers[-1]
-        # the state of charge on the way, at least: as the highest computations take it, but not below the reserve
-        floor = min(reserve_soc, soc)
-        volts = _voltages(b, np.full(len(times), max(floor, 0.0)))
-        for _ in range(1 if b.voltage_empty_v is None else 3):
-            taken = times * b.drain_per_s(segments.motion_w + highest, volts)
-            taken *= min(1.0, (soc - floor) / max(float(taken.sum()), 1e-12))
-            charge_end = soc - np.cumsum(taken)
-            volts = _voltages(b, np.maximum(charge_end + taken / 2, 0.0))
-        room = np.maximum(charge_end, 0.0) * b.power_per_soc_w - segments.peak_w
-        beyond = 0.0
-        if b.resistance_ohm > 0:
-            room = np.minimum(room, DELIVERABLE * volts**2 / (4 * b.resistance_ohm) - segments.peak_w)
-            beyond = float((segments.peak_w + lowest - volts**2 / (4 * b.resistance_ohm)).max())
-        # y ≤ b Q_c V crate at the end of each segment, at its cheapest, told as a charge at the end of all
-        cheapest = times * b.drain_per_s(segments.motion_w + lowest, volts)
-        least_soc = float(
-            ((segments.peak_w + lowest) / b.power_per_soc_w - (cheapest.sum() - np.cumsum(cheapest))).max()
+        # not below the reserve on the way
+        volts, room, beyond, least_soc = quick(_on_the_way, drains_per_s)(
+            times, segments.motion_w, segments.peak_w, lowest, highest, soc, min(reserve_soc, soc), self._cell
         )
         groups = _Groups(worth_past, len(times))
+        steps_of = quick(_steps, drains_per_s)
         for first, members in alike:
             stage, own = course.legs[first].stage, course.parameters[first]
             powers = self.configurations(stage.sets, own)[1]
             allowed = np.maximum(np.searchsorted(powers, room[members], side="right"), 1)
-            for count in np.unique(allowed):
+            for count in sorted({*allowed.tolist()}):
                 index = members[allowed == count]
-                menu = self._menu(stage.sets, own, int(count), worth)
-                powers_w = segments.motion_w[index][:, None] + menu.powers_w
-                use = times[index][:, None] * b.drain_per_s(powers_w, volts[index][:, None])
-                groups.add(index, menu, use, times[index][:, None] * menu.values)
-                groups.energy_j += float(times[index].sum()) * float(menu.powers_w[0] + menu.powers_w[-1]) / 2
+                menu = self._menu(stage.sets, own, count, worth)
+                groups.add(
+                    menu,
+                    index,
+                    steps_of(index, times, segments.motion_w, volts, menu.powers_w, menu.values, self._cell),
+                )
         mean_w = (float(segments.motion_w @ times) + groups.energy_j) / max(total_s, 1e-9)
-        voltage = float(np.mean(volts))
+        voltage = float(volts.mean())
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
-        slope = b.k_b_per_s / b.capacity_ah / math.sqrt(discriminant)
-        return Terms(groups.steps(), tuple(groups.menus), slope, mean_w, max(beyond, 0.0), least_soc, worth)
+        slope = b.drain_per_as / math.sqrt(discriminant)
+        return Terms(groups.steps(), tuple(groups.kinds), groups.kind_of, slope, mean_w, beyond, least_soc, worth)
 
     # --- worth
 
     def _worth(self, course: Course, times: FloatArray, past: Past) -> tuple[FloatArray, float]:
         """What a share of each parameter is worth per second, and what the past and the path are worth."""
         count, rho = len(self._plan.names), self._rho
-        # by parameter: time in which it has a choice, and the area of its share, the past's and the path's to come
-        free_s = np.asarray(past.times_s) + course.free @ times
-        area_s = np.asarray(past.areas_s, dtype=float).copy()
-        area_s[:rho] += course.shares[:rho] @ times
+        times_s, areas_s = np.array(past.times_s), np.array(past.areas_s)
         if self._objective == TOTAL:
             # Σ w c dt, over what the first course seen could give at most, so that it too is about 0..1
             most = np.array([self._plan.hull(j).hi if j >= rho else 0.0 for j in range(count)])
             if not self._scale_s:
-                self._scale_s = float(free_s.max(initial=1.0))
+                self._scale_s = float((times_s + course.free @ times).max(initial=1.0))
             worth = self._weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
             worth /= max(float((worth * most).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return worth, 0.0
-        live = (free_s > 0) & (self._weights > 0)
-        weight = float(self._weights[live].sum())
-        worth = np.where(live, self._weights / (max(weight, 1e-12) * np.maximum(free_s, 1e-9)), 0.0)
-        return worth, float(worth @ area_s)
+        return quick(_quality)(course.free, course.shares, times, times_s, areas_s, self._weights, rho)
 
     # --- menus
 
@@ -208,7 +222,7 @@ class Terrain:
             configurations, powers = self.configurations(sets, own)
             self._menus[key] = self._of_envelope(configurations[:allowed], powers[:allowed], sets, ours, most)
         base = self._menus[key]  # for a worth of 1 of the dearest parameter
-        return Menu(base.powers_w, base.values * most, base.configurations)
+        return base.worth(most)
 
     def _of_envelope(
         self, configurations: FloatArray, powers: FloatArray, sets: Sequence[Box], worth: FloatArray, most: float
@@ -278,44 +292,116 @@ class _Groups:
     """Steps of segments that share a menu, gathered."""
 
     def __init__(self, value: float, segments: int) -> None:
-        self.menus: list[Menu] = [_NOTHING] * segments
+        self.kinds: list[Menu] = []
+        self.kind_of = np.zeros(segments, dtype=np.intp)
         self.energy_j = 0.0
         self._value, self._use = value, 0.0
-        self._segments: list[IntArray] = []
-        self._levels: list[IntArray] = []
-        self._uses: list[FloatArray] = []
-        self._gains: list[FloatArray] = []
+        self._found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
 
-    def add(self, index: IntArray, menu: Menu, use: FloatArray, value: FloatArray) -> None:
-        """Segments with what each configuration of their menu takes and is worth, shape (segments, configurations)."""
-        for i in index.tolist():
-            self.menus[i] = menu
-        self._use += float(use[:, 0].sum())
-        self._value += float(value[:, 0].sum())
-        count = use.shape[1] - 1
-        if count:
-            self._segments.append(np.repeat(index, count))
-            self._levels.append(np.tile(np.arange(count), len(index)))
-            self._uses.append(np.diff(use, axis=1).ravel())
-            self._gains.append(np.diff(value, axis=1).ravel())
+    def add(self, menu: Menu, index: IntArray, steps: _StepsOfMenu) -> None:
+        """Segments of a menu, and their steps."""
+        seconds, least_use, segment, level, use, gain = steps
+        self.kind_of[index] = len(self.kinds)
+        self.kinds.append(menu)
+        self.energy_j += seconds * float(menu.powers_w[0] + menu.powers_w[-1]) / 2
+        self._use += least_use
+        self._value += seconds * float(menu.values[0])
+        self._found.append((segment, level, use, gain))
 
     def steps(self) -> Steps:
         """All of them."""
-        if not self._segments:
-            none = np.zeros(0, dtype=np.intp)
-            return Steps(none, none, np.zeros(0), np.zeros(0), self._use, self._value)
-        return Steps(
-            np.concatenate(self._segments),
-            np.concatenate(self._levels),
-            np.concatenate(self._uses),
-            np.concatenate(self._gains),
-            self._use,
-            self._value,
-        )
+        if len(self._found) == 1:
+            return Steps(*self._found[0], self._use, self._value)
+        segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*self._found, strict=True))
+        return Steps(segment, level, use, gain, self._use, self._value)
 
 
-_NOTHING = Menu(np.zeros(1), np.zeros(1), np.zeros((1, 0)))
+_StepsOfMenu = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
+_Cell = tuple[float, float, float, float, float]
+"""Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W]."""
 
 
-def _voltages(battery: Battery, soc: FloatArray) -> FloatArray:
-    return np.interp(soc, (0.0, 1.0), (battery.voltage_at(0.0), battery.voltage_at(1.0)))  # it is linear
+# What follows is written in that part of numpy that may be compiled, see `eadp.core.compiled`.
+
+
+def _quality(
+    free: FloatArray,
+    shares: FloatArray,
+    times_s: FloatArray,
+    past_s: FloatArray,
+    past_areas_s: FloatArray,
+    weights: FloatArray,
+    path: int,
+) -> tuple[FloatArray, float]:
+    """What a share of each parameter adds to U per second, and what the past and the path, `path` parameters, add."""
+    # by parameter: time in which it has a choice, and the area of its share, the past's and the path's to come
+    free_s = past_s + free @ times_s
+    areas_s = past_areas_s.copy()
+    areas_s[:path] += shares[:path] @ times_s
+    live = (free_s > 0.0) & (weights > 0.0)
+    weight = np.where(live, weights, 0.0).sum()
+    worth: FloatArray = np.where(live, weights / (max(weight, 1e-12) * np.maximum(free_s, 1e-9)), 0.0)
+    return worth, (worth * areas_s).sum()
+
+
+def _on_the_way(
+    times_s: FloatArray,
+    motion_w: FloatArray,
+    peak_w: FloatArray,
+    lowest_w: FloatArray,
+    highest_w: FloatArray,
+    soc: float,
+    floor: float,
+    cell: _Cell,
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Voltage of each segment, room for its computations [W], and what `Terms` calls `beyond_w` and `least_soc`.
+
+    The state of charge falls as the highest computations take it, but not below `floor`.
+    """
+    empty_v, rise_v, resistance_ohm, per_as, most_w = cell
+    volts = np.full(len(times_s), empty_v + rise_v * max(floor, 0.0))
+    charge_end = volts
+    for _ in range(3 if rise_v != 0.0 else 1):
+        taken = times_s * drains_per_s(motion_w + highest_w, volts, resistance_ohm, per_as)
+        taken = taken * min(1.0, (soc - floor) / max(taken.sum(), 1e-12))
+        charge_end = soc - np.cumsum(taken)
+        volts = empty_v + rise_v * np.maximum(charge_end + taken / 2, 0.0)
+    room = np.maximum(charge_end, 0.0) * most_w - peak_w
+    beyond = 0.0
+    if resistance_ohm > 0:
+        deliverable = volts**2 / (4 * resistance_ohm)
+        room = np.minimum(room, DELIVERABLE * deliverable - peak_w)
+        beyond = max((peak_w + lowest_w - deliverable).max(), 0.0)
+    # y ≤ b Q_c V crate at the end of each segment, at its cheapest, told as a charge at the end of all
+    cheapest = times_s * drains_per_s(motion_w + lowest_w, volts, resistance_ohm, per_as)
+    least_soc = ((peak_w + lowest_w) / most_w - (cheapest.sum() - np.cumsum(cheapest))).max()
+    return volts, room, beyond, least_soc
+
+
+def _steps(
+    index: IntArray,
+    times_s: FloatArray,
+    motion_w: FloatArray,
+    volts: FloatArray,
+    powers_w: FloatArray,
+    values: FloatArray,
+    cell: _Cell,
+) -> _StepsOfMenu:
+    """Of segments that share a menu: their time [s], what the cheapest takes, and each step as `Steps` has them."""
+    _, _, resistance_ohm, per_as, _ = cell
+    count = len(powers_w) - 1
+    seconds = times_s[index]
+    column = seconds.reshape(-1, 1)
+    use = column * drains_per_s(
+        motion_w[index].reshape(-1, 1) + powers_w, volts[index].reshape(-1, 1), resistance_ohm, per_as
+    )
+    level = np.arange(len(index) * count) % max(count, 1)
+    gain = column * (values[1:] - values[:-1])
+    return (
+        seconds.sum(),
+        use[:, 0].sum(),
+        np.repeat(index, count),
+        level,
+        (use[:, 1:] - use[:, :-1]).ravel(),
+        gain.ravel(),
+    )

@@ -20,7 +20,7 @@ from eadp.models.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
-from eadp.planning.planners import Observation, Planner, Record
+from eadp.planning.planners import Observation, Planner, Readings, Record
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.metrics import ParameterLog, Totals
 from eadp.simulation.sensing import SensorSuite
@@ -216,19 +216,24 @@ class _Watcher:
 
     def listen(self, k: int) -> None:
         """Give the planner the readings up to step `k` that it has not been shown; a later one it sees itself."""
-        steps, true_w, charges = self._stretches.readings()
+        steps, moments = self._stretches.readings()
         if steps and steps[-1] > k:
             steps.pop()
+            for numbers in moments:
+                numbers.pop()
         if not steps:
             return
-        count = len(steps)
-        powers_w: list[float | None] = [*true_w[:count]]
-        soc = charges[count - 1]
+        x, y, true_w, charges, vx, vy, headings = moments
+        powers_w: list[float | None] = [*true_w]
         if not self._ideal:
-            powers_w = [self._suite.power_w(n, power_w) for n, power_w in zip(steps, true_w, strict=False)]
-            soc = self._suite.soc(steps[-1], soc)
+            suite = self._suite
+            for i, n in enumerate(steps):
+                x[i], y[i] = suite.place_m(n, x[i], y[i])
+                powers_w[i] = suite.power_w(n, true_w[i])
+                charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
-        self.forecast_w = self._planner.listen([n * step_s for n in steps], powers_w, soc).power_forecast_w
+        readings = Readings([n * step_s for n in steps], x, y, powers_w, charges, vx, vy, headings)
+        self.forecast_w = self._planner.listen(readings).power_forecast_w
 
 
 def step_at(time_s: float, step_s: float, most: int) -> int:

@@ -54,13 +54,18 @@ class SensorSuite:
         noise = self._sensors.soc_noise
         return min(1.0, max(0.0, soc + noise * self._row(step)[3])) if noise else soc
 
+    def place_m(self, step: int, x_m: float, y_m: float) -> tuple[float, float]:
+        """What is told of a position [m]."""
+        spread_m = self._sensors.position_noise_m
+        if not spread_m:
+            return x_m, y_m
+        _, of_x, of_y, _ = self._row(step)
+        return x_m + spread_m * of_x, y_m + spread_m * of_y
+
     def observe(self, step: int, truth: Observation) -> Observation:
         """What is told of an observation that is true but for being late."""
         assert truth.power_w is not None
-        x, y, spread_m = truth.x_m, truth.y_m, self._sensors.position_noise_m
-        if spread_m:
-            _, of_x, of_y, _ = self._row(step)
-            x, y = x + spread_m * of_x, y + spread_m * of_y
+        x, y = self.place_m(step, truth.x_m, truth.y_m)
         return truth._replace(x_m=x, y_m=y, power_w=self.power_w(step, truth.power_w), soc=self.soc(step, truth.soc))
 
     def _row(self, step: int) -> list[float]:

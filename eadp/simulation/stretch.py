@@ -59,8 +59,8 @@ deliver."""
 MOMENT = 7
 """Numbers of a moment that a sensor may tell late: x, y, power, charge, ground velocity, heading."""
 
-READING, MOST_READINGS = 3, 500
-"""Numbers of a reading: its step, the power, the charge; and the most of them in one stretch."""
+READING, MOST_READINGS = 1 + MOMENT, 500
+"""Numbers of a reading: its step and the moment that it tells of; and the most of them in one stretch."""
 
 NOISE = 2000
 """Random numbers of gusts drawn at once."""
@@ -92,7 +92,7 @@ def fly_stretch(
     late
         The last moments, `LATE` + 1 of them, filled in turn.
     readings
-        Readings of the power sensor, filled from the first on.
+        Readings of the sensors, filled from the first on.
     path, curve
         Of a stage that is a general curve.
     replay : function of time [s]
@@ -163,7 +163,9 @@ def _sense(s: State, c: Constants, late: MutableSequence[float], readings: Mutab
     if k == s[READ_AT]:
         at = max(k - 1 - int(c[LATE]), 0) % rows * MOMENT
         n = int(s[READINGS]) * READING
-        readings[n], readings[n + 1], readings[n + 2] = k, late[at + 2], late[at + 3]
+        readings[n] = k
+        for i in range(MOMENT):
+            readings[n + 1 + i] = late[at + i]
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
 
@@ -269,13 +271,13 @@ class Stretches:
         at = max(k - rows, 0) % rows * MOMENT
         return tuple(map(float, self._late[at : at + MOMENT]))
 
-    def readings(self) -> tuple[list[int], list[float], list[float]]:
-        """Steps, powers [W] and charges of the readings since this was asked last."""
+    def readings(self) -> tuple[list[int], list[list[float]]]:
+        """Steps of the readings since this was asked last, and each number of their moments in turn."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
         values: list[float] = flat.tolist() if self._compiled else flat
-        return [int(k) for k in values[::READING]], values[1::READING], values[2::READING]
+        return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
 
     def number(self, place: int) -> float:
         """One of the flight's numbers."""

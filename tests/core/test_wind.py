@@ -145,7 +145,7 @@ def filtered(readings, *, headings=True, step_s=1.0):
 
 def test_with_headings_it_is_a_batch_least_squares_of_a_random_walk(monkeypatch):
     # the spread of the gusts kept as at first, so that all is linear
-    monkeypatch.setattr(WindFilter, "_spread", lambda *_: None)
+    monkeypatch.setattr(wind, "_spread", lambda gusts, seen_s, *_: (gusts, seen_s))
     readings = list(flown(40, (3.0, -4.0), 0.5, 1))
     found = filtered(readings)
     n, noise = len(readings), wind.FIRST_GUST_MPS**2 * 2 * wind.GUST_TIME_S
@@ -243,7 +243,7 @@ def test_a_wind_that_turns_is_followed():
 
 
 def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(WindFilter, "_spread", lambda *_: None)
+    monkeypatch.setattr(wind, "_spread", lambda gusts, seen_s, *_: (gusts, seen_s))
     found, twice = WindFilter(AIRSPEED_MPS), WindFilter(AIRSPEED_MPS)
     for _ in range(10):
         found.observe((20.0, 0.0), 0.0, 1.0)

@@ -51,8 +51,8 @@ class Recorder:
     def next_look_s(self):
         return self._planner.next_look_s
 
-    def listen(self, times_s, powers_w, soc):
-        return self._planner.listen(times_s, powers_w, soc)
+    def listen(self, readings):
+        return self._planner.listen(readings)
 
     def update(self, observation):
         decision = self._planner.update(observation)
