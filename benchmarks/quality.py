@@ -362,15 +362,19 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
     lost = [r["index"] for r in results if not r["joint"]["completed"] and r.get("could")]
     yield f"not completed though it could have been: {len(lost)} {lost or ''}"
     done = [r for r in results if r["hindsight"]["completed"]]
-    ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in done]
-    total = sum(u(r, "joint") for r in done) / sum(u(r, "hindsight") for r in done)
-    yield f"U of joint over hindsight: mean of ratios {statistics.mean(ratio):.3f}, ratio of means {total:.3f}"
+    could_be = [r for r in done if r["joint"]["completed"] or r.get("could")]
+    for rows, which in ((done, "all"), (could_be, "that could be completed at every loss of charge")):
+        ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in rows]
+        total = sum(u(r, "joint") for r in rows) / sum(u(r, "hindsight") for r in rows)
+        yield f"U of joint over hindsight, {which}: mean of ratios {statistics.mean(ratio):.3f}, of means {total:.3f}"
     short = [
         r["index"]
         for r in done
         if u(r, "joint") < 0.93 * u(r, "hindsight") and u(r, "joint") < u(r, "hindsight") - 0.03
     ]
+    lost = [index for index in short if index not in {r["index"] for r in could_be}]
     yield f"below 0.93 of hindsight and by more than 0.03: {len(short)} {short or ''}"
+    yield f"of these, not to be completed once a loss was known: {lost or '-'}"
     for name in ("lap budget", "paper"):
         worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
         mean = statistics.mean(u(r, name) for r in results)

@@ -123,7 +123,7 @@ class MissionProgram:
         warm : tuple of float, shape (dimensions,)
             Where to begin: the last plan's.
         least : float
-            What an answer has to be worth to be of use: where none can be, the search ends early.
+            What an answer has to be worth to be of use: steps that promise less are not looked for.
 
         Raises
         ------
@@ -151,8 +151,7 @@ class MissionProgram:
             return best
         if self.dimensions:
             best = Answer(best.prospect, best.allocation, 0, SCANNED)
-        useful = best.value > least or self.dimensions in GRIDS  # a scan looks as far as a climb could come
-        return self.climbed(outlook, best) if self.climb and self.dimensions and useful else best
+        return self.climbed(outlook, best) if self.climb and self.dimensions else best
 
     def climbed(self, outlook: Outlook, start: Answer) -> Answer:
         """From an answer upwards by QPs; the answer itself where they find nothing better."""

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from eadp.core import wind
+from eadp.core import compiled, wind
 from eadp.core.aerodynamics import GRAVITY_MPS2
 from eadp.core.wind import WindFilter, ground_speeds_mps, squared_bank_slopes
 
 unhurried = settings(deadline=None)  # no test depends on the clock
+fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 AIRSPEED_MPS = 15.0
 NANO = 1e-9
 MICRO = 1e-6
@@ -259,3 +260,22 @@ def test_standing_in_the_air_tells_nothing_without_a_heading():
     found.observe((0.0, 0.0), None, 1.0)
     assert found.wind_mps == (0.0, 0.0)
     assert found.covariance[0] == pytest.approx(before[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("on", [False, pytest.param(True, marks=fast)])
+@pytest.mark.parametrize("headings", [True, False])
+def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
+    readings = list(flown(120, (3.0, -4.0), 0.5, 1, step_s=0.5))
+    found, together = filtered(readings, headings=headings, step_s=0.5), WindFilter(AIRSPEED_MPS)
+    compiled.switch_on(on)
+    try:
+        for begin in range(0, len(readings), 7):
+            some = readings[begin : begin + 7]
+            (vx, vy), count = zip(*(velocity for velocity, _ in some), strict=True), len(some)
+            directions = [heading if headings else math.nan for _, heading in some]
+            together.observe_all(vx, vy, directions, [0.5] * count)
+    finally:
+        compiled.switch_on(False)
+    assert together.wind_mps == pytest.approx(found.wind_mps, rel=NANO)
+    assert together.covariance == pytest.approx(found.covariance, rel=NANO, abs=NANO)
+    assert together.gust_std_mps == pytest.approx(found.gust_std_mps, rel=NANO)

@@ -33,6 +33,8 @@ SLOPE = 1e-2
 INSTANCES = {1: 100, 2: 16}
 """By the number of path parameters."""
 SCAN_GAP = 5e-2
+PAYS = 0.05
+"""What a change has to gain."""
 
 
 class Mission:
@@ -337,3 +339,29 @@ def test_status_tells_how_it_was_found():
     assert answer.passes > 0
     assert answer.status == SOLVED
     assert MissionProgram(1, climb=False).solve(mission, (0.5,)).status == SCANNED
+
+
+def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
+    looked = {True: 0, False: 0}
+    decided = 0
+    for each in compared:
+        mission, here = each.mission, best_at(each.mission((0.5,) * each.mission.dimensions))
+        if mission.dimensions != 1 or not here.allocation.feasible:
+            continue
+        found = {}
+        for bounded in (False, True):
+
+            def outlook(shares, mission=mission, bounded=bounded):
+                looked[bounded] += 1
+                return mission(shares)
+
+            least = here.value + PAYS if bounded else -math.inf
+            found[bounded] = MissionProgram(1).solve(outlook, (0.5,), least)
+        best, useful = found[False].value, found[True].value
+        if abs(best - here.value - PAYS) > WORST_GAP / 10:
+            decided += best > here.value + PAYS
+            assert (useful > here.value + PAYS) == (best > here.value + PAYS)
+        if useful > here.value + PAYS:
+            assert useful == pytest.approx(best, abs=MEDIAN_GAP)
+    assert decided > 10
+    assert looked[True] < looked[False]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, linprog
 
+from eadp.core import compiled
 from eadp.core.battery import soc_rate_per_s
 from eadp.io.plan_text import read_plan
 from eadp.io.streams import Text
@@ -227,6 +228,27 @@ def test_the_least_is_every_leg_at_its_cheapest(name):
     assert terms.steps.least_use == pytest.approx(least, rel=it.algebra)
     assert terms.beyond_w == 0
     assert len(terms.menus) == len(it.course.legs)
+
+
+@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+@pytest.mark.parametrize("name", CASES)
+def test_compiled_terms_are_the_plain_ones(name):
+    it = CASES[name]()
+    plain, wind = it.terms(), (3.0, -4.0)
+    times = it.course.times_s(15.0, wind)
+    compiled.switch_on()
+    try:
+        fast, fast_times = it.terms(), it.course.times_s(15.0, wind)
+    finally:
+        compiled.switch_on(False)
+    assert np.array(fast_times) == pytest.approx(np.array(times), rel=ALGEBRA)
+    for name in ("use", "gain", "least_use", "least_value"):
+        assert getattr(fast.steps, name) == pytest.approx(getattr(plain.steps, name), rel=ALGEBRA, abs=1e-15)
+    for name in ("segment", "level"):
+        assert (getattr(fast.steps, name) == getattr(plain.steps, name)).all()
+    for name in ("soc_per_j", "mean_w", "beyond_w", "least_soc", "worth"):
+        assert getattr(fast, name) == pytest.approx(getattr(plain, name), rel=ALGEBRA)
+    assert (fast.kind_of == plain.kind_of).all()
 
 
 @pytest.mark.parametrize("name", CASES)
