@@ -151,6 +151,9 @@ class JointPlanner(TrackingPlanner):
             return self._solved(kept), False
         feasible = kept is not None and kept.allocation.feasible
         least = kept.value + self._settings.keep_gain if kept is not None and feasible else -math.inf
+        if kept is not None and least >= 1.0 and self._settings.objective == QUALITY:  # U is 1 at most
+            self._looked_at = _left_over(kept)
+            return self._solved(kept), True
         found = self._program.solve(ahead.prospect, ahead.shares, least)
         self._looked_at = _left_over(found)
         if kept is not None and feasible:

@@ -16,6 +16,7 @@ Source: letter, Sec. VI, which names this optimisation as future work.
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import itertools
 import math
@@ -248,17 +249,21 @@ class MissionProgram:
         low = np.concatenate(([-UNBOUNDED], lower))
         high = np.concatenate(([max(spare, 0.0) / most_use], upper))
         start = np.clip(now, lower, upper)
-        for proximal in PROXIMALS:
-            if (n, proximal) not in self._programs:
-                filled_rows = np.vstack([np.ones((1, n), dtype=bool), np.eye(n, dtype=bool)])
-                self._programs[n, proximal] = QuadraticProgram(filled_rows, proximal)
+
+        def solved(proximal: float) -> FloatArray:
             linear = -gain / most_gain - proximal * now
-            try:
-                return self._programs[n, proximal].solve(linear, matrix, low, high, start)
-            except SolverFailed:
-                if proximal == PROXIMALS[-1]:
-                    raise
-        raise SolverFailed("no proximal weight")
+            return self._program(n, proximal).solve(linear, matrix, low, high, start)
+
+        for proximal in PROXIMALS[:-1]:
+            with contextlib.suppress(SolverFailed):
+                return solved(proximal)
+        return solved(PROXIMALS[-1])
+
+    def _program(self, variables: int, proximal: float) -> QuadraticProgram:
+        if (variables, proximal) not in self._programs:
+            filled_rows = np.vstack([np.ones((1, variables), dtype=bool), np.eye(variables, dtype=bool)])
+            self._programs[variables, proximal] = QuadraticProgram(filled_rows, proximal)
+        return self._programs[variables, proximal]
 
     def _slope(self, outlook: Outlook, at: Answer, axis: int) -> tuple[float, float]:
         """How value, and use less what is available, change with a path parameter at fixed shares: one-sided."""

@@ -105,7 +105,7 @@ class Record:
     completes_probability, reserve_probability : float
         That the battery is not empty before the end; that the reserve is kept.
     quality_ahead : float or None
-        U forecast for what is left.
+        U forecast for the whole flight, what has been flown included.
     wind_mps : (float, float) or None
         As estimated [m/s].
     passes : int
