@@ -13,26 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from eadp.cli.main import main
-
 Run = Callable[..., tuple[int, str, str]]
 Measured = Callable[[str], str]
 
 ROOT = Path(__file__).parents[2]
 PEDNET = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
 PEDNET_MODEL = str(ROOT / "profiles" / "pednet-jetson-nano.yaml")
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run one command line: its exit code, stdout, stderr."""
-
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(list(arguments))
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture

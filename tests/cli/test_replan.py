@@ -1,13 +1,12 @@
 """`eadp replan` as a companion computer meets it: lines in, lines out, kills, and lines that are none.
 
-`python tests/cli/test_replan.py` flies the survey in simulation and writes scenarios/example-telemetry.jsonl anew.
+The lines are those of scenarios/example-telemetry.jsonl, which tests/example_telemetry.py writes.
 """
 
 from __future__ import annotations
 
 import io
 import json
-import math
 import re
 import shlex
 import signal
@@ -20,8 +19,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from eadp.cli.main import main
-from eadp.io.flight_inputs import load_flight
-from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
@@ -327,54 +324,3 @@ def test_no_line_crashes_it(replan, lines):
     assert "bug" not in err
     assert "failed" not in err
     assert len(advice) <= len(lines)
-
-
-# --- the example
-
-
-class _Recorder:
-    def __init__(self, planner):
-        self._planner = planner
-        self.report = planner.report
-        self.seen = []
-
-    @property
-    def period_s(self):
-        return self._planner.period_s
-
-    @property
-    def reading_every_s(self):
-        return self._planner.reading_every_s
-
-    @property
-    def next_look_s(self):
-        return 0.0
-
-    def update(self, observation):
-        self.seen.append(observation)
-        return self._planner.update(observation)
-
-
-def example():
-    """The survey flown in simulation with the joint planner: telemetry once a second, and at its end."""
-    inputs = load_flight(str(ROOT / PLAN), scenario_path=str(ROOT / SCENARIO), overrides={"planner.name": "joint"})
-    recorder, outcome = _Recorder(inputs.planner()), Outcome()
-    for _ in fly(inputs.world, recorder, outcome):
-        pass
-    for k, o in enumerate(recorder.seen, 1):
-        if k % 100 and k != len(recorder.seen):
-            continue
-        yield {
-            "time_s": round(o.time_s, 3),
-            "x_m": round(o.x_m, 2),
-            "y_m": round(o.y_m, 2),
-            "power_w": round(o.power_w, 2),
-            "soc": round(o.soc, 5),
-            "velocity_mps": [round(value, 2) for value in o.velocity_mps],
-            "heading_deg": round(math.degrees(math.remainder(o.heading_rad, 2 * math.pi)), 1),
-            "parameters": {name: round(value, 3) for name, value in zip(("c1", "c2"), o.parameters, strict=True)},
-        }
-
-
-if __name__ == "__main__":
-    (ROOT / EXAMPLE).write_text("".join(json.dumps(line) + "\n" for line in example()), encoding="utf-8")

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from common.answers import refused
 
 from eadp.models.vehicle import FixedWing
 
@@ -23,16 +24,6 @@ def line_plan(tmp_path):
     path = tmp_path / "line.plan"
     path.write_text(LINE)
     return path
-
-
-def refused(answer, *words):
-    """One clear error, exit 2, nothing on stdout."""
-    assert answer.code == 2
-    assert answer.out == ""
-    assert "Traceback" not in answer.err
-    for word in words:
-        assert word in answer.err
-    return True
 
 
 def test_a_plan_without_parameters_flies_as_it_stands(eadp, line_plan):

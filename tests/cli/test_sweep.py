@@ -14,6 +14,7 @@ import sys
 from contextlib import closing
 
 import pytest
+from common.answers import refused
 
 from eadp.io.sweep_file import read_sweep
 
@@ -48,16 +49,6 @@ def folder(tmp_path):
     (tmp_path / "sweep.yaml").write_text(SWEEP)
     (tmp_path / "quick.yaml").write_text(QUICK)
     return tmp_path
-
-
-def refused(answer, *words):
-    """One clear error, exit 2, nothing on stdout."""
-    assert answer.code == 2
-    assert answer.out == ""
-    assert "Traceback" not in answer.err
-    for word in words:
-        assert word in answer.err
-    return True
 
 
 def table_of(text):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common.plans import WAVES
 
 from eadp.cli.main import main
 from eadp.core.aerodynamics import GRAVITY_MPS2
@@ -44,18 +45,6 @@ FLOWN = Rules()
 MARGIN_M = ahead.MARGIN_M
 """As it is set."""
 
-WAVES = """\
-init:
-a = 0, 90
-h = 0, 50
-path:
-0.1; 270; 2*(y - h - 30*sin((x - a)/40))
-a + 200, h + 30*sin(5)
-0.1; 270; x - a - 90
-a + 90, h + 50
-trig:
-2000, 2000
-"""
 A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
 ROUND_TWICE = """\
 0.001; 90; x^2 + y^2 - 2500

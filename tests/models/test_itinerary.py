@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common.plans import WAVES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -244,18 +245,6 @@ def test_published_triggers_are_a_box_and_can_be_missed():
 
 # --- the same in later laps -------------------------------------------------------------------------------------------
 
-WAVES = """\
-init:
-a = 0, 90
-h = 0, 50
-path:
-0.1; 270; 2*(y - h - 30*sin((x - a)/40))
-a + 200, h + 30*sin(5)
-0.1; 270; x - a - 90
-a + 90, h + 50
-trig:
-2000, 2000
-"""
 
 TOWER = """\
 init:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from common.plans import PARTS
 
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan_text import plan_text, read_plan
@@ -13,45 +14,6 @@ from eadp.models.itinerary import Itinerary, Rules
 from eadp.models.nominal import nominal_legs
 from eadp.models.walk import Walk
 from eadp.planning.check import check_plan
-
-PARTS = """\
-%: trigger-radius 1
-path:
-0.1; 90; x - 10
-10, 100
-[-900, 0]
-[2, 10]
-init:
-n = 4
-s = 0, next - s
-next = min(s + 24 + 2*(45 - sqrt(2025 + c1)), 90)
-top = 500 + 0.2*s
-r2 = (2*57 - (next - s))/2
-path:
-0.1; 90; x - (10 + s)
-10 + s, top
-[-900, 0]
-[2, 10]
-0.002; 270; (x - (10 + s + 57))^2 + (y - top)^2 - 57^2
-10 + s + 114, top
-[-900, 0]
-[0, 0]
-0.1; 270; x - (10 + s + 114)
-10 + s + 114, 0
-[-900, 0]
-[2, 10]
-0.002; 270; (x - (10 + s + 114 - r2))^2 + y^2 - r2^2
-10 + next, 0
-[-900, 0]
-[0, 0]
-trig:
-s >= 90
-path:
-0.1; 90; x - 100
-100, 518
-[-900, 0]
-[2, 10]
-"""
 
 
 def plan(text=PARTS):

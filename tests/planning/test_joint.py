@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from common.recorder import Recorder
 
 from eadp.core.battery import soc_rate_per_s
 from eadp.io.flight_folder import record_row
@@ -29,36 +30,6 @@ RESERVE = 0.05
 CALM = {"wind.speed_mps": 0.0, "faults": []}
 STEP_S = 0.05
 TIGHT = {"battery.capacity_ah": 0.305}
-
-
-class Recorder:
-    """A planner that keeps what it is shown and what it decides."""
-
-    def __init__(self, planner):
-        self._planner = planner
-        self.report = planner.report
-        self.seen, self.decided = [], []
-
-    @property
-    def period_s(self):
-        return self._planner.period_s
-
-    @property
-    def reading_every_s(self):
-        return self._planner.reading_every_s
-
-    @property
-    def next_look_s(self):
-        return self._planner.next_look_s
-
-    def listen(self, readings):
-        return self._planner.listen(readings)
-
-    def update(self, observation):
-        decision = self._planner.update(observation)
-        self.seen.append(observation)
-        self.decided.append(decision)
-        return decision
 
 
 class Flight(NamedTuple):

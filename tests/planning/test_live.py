@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from common.recorder import Recorder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,33 +23,6 @@ NEAR_C1 = 40.0
 """Moves the lines by 0.6 m."""
 
 
-class Recorder:
-    """A planner that keeps what it is shown and what it decides."""
-
-    def __init__(self, planner):
-        self._planner = planner
-        self.report = planner.report
-        self.seen, self.decided = [], []
-
-    @property
-    def period_s(self):
-        return self._planner.period_s
-
-    @property
-    def reading_every_s(self):
-        return self._planner.reading_every_s
-
-    @property
-    def next_look_s(self):
-        return 0.0
-
-    def update(self, observation):
-        decision = self._planner.update(observation)
-        self.seen.append(observation)
-        self.decided.append(decision.parameters)
-        return decision
-
-
 def inputs_of(planner="joint", **overrides):
     return load_flight(
         str(ROOT / "plans/survey.plan"),
@@ -61,7 +35,7 @@ def inputs_of(planner="joint", **overrides):
 def recorded():
     """The survey flown with the joint planner: the inputs, and all that it saw."""
     inputs = inputs_of()
-    recorder, outcome = Recorder(inputs.planner()), Outcome()
+    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
     for _ in fly(inputs.world, recorder, outcome):
         pass
     assert outcome.completed
@@ -134,7 +108,7 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
     assert all(-0.02 < late < max(step_s, 1.0) + 0.01 for late in late_s)  # advice comes once a second at least
     # first choices lie between plateaus of the staircase and differ with what is known; the last path parameter and
     # the computations on the whole do not
-    true = changes((o.time_s, c) for o, c in zip(recorder.seen, recorder.decided, strict=True))
+    true = changes((o.time_s, d.parameters) for o, d in zip(recorder.seen, recorder.decided, strict=True))
     assert decided[-1][1][0] == pytest.approx(true[-1][1][0], abs=NEAR_C1)
     assert mean_of(decided, 1) == pytest.approx(
         mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
@@ -166,7 +140,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
 def test_planners_that_tell_no_forecast_have_a_plain_one(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
     inputs = inputs_of(planner, **calm, faults=[])
-    recorder, outcome = Recorder(inputs.planner()), Outcome()
+    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
     for _ in fly(inputs.world, recorder, outcome):
         pass
     flight = live(inputs)

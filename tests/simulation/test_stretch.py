@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common.plans import PARTS
 
 from eadp.core import compiled
 from eadp.io.flight_inputs import load_flight
@@ -18,44 +19,6 @@ SAME = 1e-9
 """How far compiled flights may be from plain ones, relative to each number or 1. Where numba calls the C library that
 Python calls they are the same to the last bit, but for what the estimator forecasts."""
 
-PARTS = """\
-%: trigger-radius 1
-path:
-0.1; 90; x - 10
-10, 100
-[-900, 0]
-[2, 10]
-init:
-n = 4
-s = 0, next - s
-next = min(s + 24 + 2*(45 - sqrt(2025 + c1)), 90)
-top = 500 + 0.2*s
-r2 = (2*57 - (next - s))/2
-path:
-0.1; 90; x - (10 + s)
-10 + s, top
-[-900, 0]
-[2, 10]
-0.002; 270; (x - (10 + s + 57))^2 + (y - top)^2 - 57^2
-10 + s + 114, top
-[-900, 0]
-[0, 0]
-0.1; 270; x - (10 + s + 114)
-10 + s + 114, 0
-[-900, 0]
-[2, 10]
-0.002; 270; (x - (10 + s + 114 - r2))^2 + y^2 - r2^2
-10 + next, 0
-[-900, 0]
-[0, 0]
-trig:
-s >= 90
-path:
-0.1; 90; x - 100
-100, 518
-[-900, 0]
-[2, 10]
-"""
 CURVED = """\
 0.05; 90; y - 20*sin(x/40)
 -300, 20*sin(-300/40)

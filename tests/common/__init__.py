@@ -1,0 +1,1 @@
+"""What several tests need: plans, a planner that is watched."""

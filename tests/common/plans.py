@@ -1,0 +1,55 @@
+"""Plan texts."""
+
+PARTS = """\
+%: trigger-radius 1
+path:
+0.1; 90; x - 10
+10, 100
+[-900, 0]
+[2, 10]
+init:
+n = 4
+s = 0, next - s
+next = min(s + 24 + 2*(45 - sqrt(2025 + c1)), 90)
+top = 500 + 0.2*s
+r2 = (2*57 - (next - s))/2
+path:
+0.1; 90; x - (10 + s)
+10 + s, top
+[-900, 0]
+[2, 10]
+0.002; 270; (x - (10 + s + 57))^2 + (y - top)^2 - 57^2
+10 + s + 114, top
+[-900, 0]
+[0, 0]
+0.1; 270; x - (10 + s + 114)
+10 + s + 114, 0
+[-900, 0]
+[2, 10]
+0.002; 270; (x - (10 + s + 114 - r2))^2 + y^2 - r2^2
+10 + next, 0
+[-900, 0]
+[0, 0]
+trig:
+s >= 90
+path:
+0.1; 90; x - 100
+100, 518
+[-900, 0]
+[2, 10]
+"""
+"""A way in, laps whose quantities change from lap to lap, a way out."""
+
+WAVES = """\
+init:
+a = 0, 90
+h = 0, 50
+path:
+0.1; 270; 2*(y - h - 30*sin((x - a)/40))
+a + 200, h + 30*sin(5)
+0.1; 270; x - a - 90
+a + 90, h + 50
+trig:
+2000, 2000
+"""
+"""Laps of a wave and a line, moved along and up."""

@@ -1,0 +1,36 @@
+"""A planner that is watched."""
+
+from __future__ import annotations
+
+
+class Recorder:
+    """Passes everything on to a planner, and keeps what it is shown and what it decides.
+
+    `every_step`: it is shown every step, not only those that the planner wants to see.
+    """
+
+    def __init__(self, planner, *, every_step=False):
+        self._planner, self._every_step = planner, every_step
+        self.report = planner.report
+        self.seen, self.decided = [], []
+
+    @property
+    def period_s(self):
+        return self._planner.period_s
+
+    @property
+    def reading_every_s(self):
+        return self._planner.reading_every_s
+
+    @property
+    def next_look_s(self):
+        return 0.0 if self._every_step else self._planner.next_look_s
+
+    def listen(self, readings):
+        return self._planner.listen(readings)
+
+    def update(self, observation):
+        decision = self._planner.update(observation)
+        self.seen.append(observation)
+        self.decided.append(decision)
+        return decision

@@ -1,0 +1,46 @@
+"""Fly the survey in simulation and write scenarios/example-telemetry.jsonl anew: python tests/example_telemetry.py.
+
+Run from anywhere: telemetry once a second, and at the flight's end.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from common.recorder import Recorder
+
+from eadp.io.flight_inputs import load_flight
+from eadp.simulation.loop import Outcome, fly
+
+ROOT = Path(__file__).resolve().parent.parent
+LINES_APART = 100
+"""Steps of 0.01 s."""
+
+
+def example():
+    """The lines of telemetry of a flight by the joint planner."""
+    scenario = str(ROOT / "scenarios/survey.yaml")
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=scenario, overrides={"planner.name": "joint"})
+    recorder = Recorder(inputs.planner(), every_step=True)
+    for _ in fly(inputs.world, recorder, Outcome()):
+        pass
+    for k, o in enumerate(recorder.seen, 1):
+        if k % LINES_APART and k != len(recorder.seen):
+            continue
+        yield {
+            "time_s": round(o.time_s, 3),
+            "x_m": round(o.x_m, 2),
+            "y_m": round(o.y_m, 2),
+            "power_w": round(o.power_w, 2),
+            "soc": round(o.soc, 5),
+            "velocity_mps": [round(value, 2) for value in o.velocity_mps],
+            "heading_deg": round(math.degrees(math.remainder(o.heading_rad, 2 * math.pi)), 1),
+            "parameters": {name: round(value, 3) for name, value in zip(("c1", "c2"), o.parameters, strict=True)},
+        }
+
+
+if __name__ == "__main__":
+    lines = "".join(json.dumps(line) + "\n" for line in example())
+    (ROOT / "scenarios/example-telemetry.jsonl").write_text(lines, encoding="utf-8")
