@@ -171,7 +171,7 @@ class Follower:
         self._index = 0
         self._base: Point = (0.0, 0.0)
         self._pending = self._live and plan.repeats and len(plan.stages) == 1
-        self._decided = self._waiting = tuple(parameters)
+        self._decided_before = self._decided = self._waiting = tuple(parameters)
         self._begin = start_m
         self._geometry: dict[object, _Geometry] = {}
         self._bound: dict[object, tuple[PathFunction, Point]] = {}
@@ -199,7 +199,7 @@ class Follower:
 
     def decide(self, parameters: Vector) -> None:
         """Take parameters that have been decided."""
-        self._decided = tuple(parameters)
+        self._decided_before, self._decided = self._decided, tuple(parameters)
         if self._walk is not None:
             self._walk.decide(parameters)
         else:
@@ -236,14 +236,12 @@ class Follower:
         self._waiting = self._latched(self._index, self._waiting, self._decided)
         expected = self._clipped(self.stage, self._waiting)
         if expected[:rho] != parameters[:rho]:  # a decision has come a moment earlier or later than was thought
-            decided = self._clipped(self.stage, self._decided)
-            known = [
-                waiting if own == told else new if clipped == told else told
-                for waiting, own, new, clipped, told in zip(
-                    self._waiting, expected, self._decided, decided, parameters, strict=True
-                )
-            ]
-            self._waiting = (*known[:rho], *self._waiting[rho:])
+            known = list(self._waiting)
+            for i, told in enumerate(parameters[:rho]):
+                box = self.stage.sets[i] if self.stage.sets else None
+                candidates = (self._waiting[i], self._decided[i], self._decided_before[i])
+                known[i] = next((c for c in candidates if (c if box is None else box.clip(c)) == told), told)
+            self._waiting = tuple(known)
 
     def _next_of_parts(self, parameters: Vector) -> None:
         assert self._walk is not None
