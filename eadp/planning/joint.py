@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +143,8 @@ class JointPlanner(TrackingPlanner):
         """The best from here, with the path parameters kept or looked at anew; and which of both."""
         ahead = self._ahead
         here = ahead.prospect(ahead.shares)
+        if here is not None and 0 < here.steps.least_use - here.available < here.alike:
+            here = replace(here, available=here.steps.least_use)  # what is flown is not doubted for so little
         kept = best_at(here) if here is not None else None
         if not ahead.open:
             if kept is None:
@@ -161,7 +164,7 @@ class JointPlanner(TrackingPlanner):
             if not better:
                 self._looked_at = _left_over(kept)
             return (found, True) if better else (self._solved(kept), True)
-        if kept is not None and not found.allocation.feasible and found.short > kept.short - 1e-6:
+        if kept is not None and not found.allocation.feasible and found.short > kept.short - kept.prospect.alike:
             return kept, True
         return found, True
 

@@ -53,12 +53,14 @@ class Prospect:
     """The rest of the mission at some path parameters: what its computations may take and give, and what there is.
 
     `shape` tells on which step of the staircase it lies; `least_value` of the steps holds what the path is worth.
+    Charge that lacks by `alike` more or less makes no difference.
     """
 
     shares: Shares
     shape: tuple[int, ...]
     steps: Steps
     available: float
+    alike: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,9 @@ class MissionProgram:
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
-            return best
+            enough = best.short + best.prospect.alike
+            alike = [answer for answer in known.values() if answer is not None and answer.short <= enough]
+            return max(alike, key=lambda answer: answer.value) if math.isfinite(enough) else best
         if self.dimensions:
             best = Answer(best.prospect, best.allocation, 0, SCANNED)
         return self.climbed(outlook, best) if self.climb and self.dimensions else best

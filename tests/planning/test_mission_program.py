@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -310,6 +310,22 @@ def test_too_little_charge_everywhere_says_what_lacks_least():
     assert not answer.allocation.feasible
     shorts = [best_at(mission((place,))).short for place in np.linspace(0, 1, 1000).tolist()]
     assert answer.short == pytest.approx(min(shorts), abs=1e-3)
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.004, 0.02])
+def test_of_plans_that_lack_alike_the_best_is_taken(alike):
+    mission = Mission(6, 1, tight=-0.5)
+
+    def outlook(shares):
+        return replace(mission(shares), alike=alike)
+
+    answer = MissionProgram(1).solve(outlook, (0.7,))
+    least = MissionProgram(1).solve(mission, (0.7,))
+    assert answer.short <= least.short + alike
+    places = [best_at(mission((place,))) for place in np.linspace(0, 1, 13).tolist()]
+    for other in places:
+        assert other.short > least.short + alike or other.value <= answer.value
+    assert (answer.value > least.value) == (alike > 0)
 
 
 def test_without_path_parameters_the_closed_form_is_the_answer():
