@@ -336,6 +336,17 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
     return result
 
 
+def again(task: tuple[dict[str, str], dict[str, Any]]) -> dict[str, Any]:
+    """A mission that all have flown, by `joint` once more."""
+    found, before = task
+    plan, case = found[before["place"]], Case(before["index"], before["place"], before["vehicle"], before["keys"])
+    result = {key: value for key, value in before.items() if key != "could"}
+    result["joint"] = flown(load(plan, case.keys, **{"planner.name": "joint"}))
+    if not result["joint"]["completed"]:
+        result["could"] = could(plan, case, "joint")
+    return result
+
+
 NAMES = ("highest", "lowest", "paper", "lap budget", "joint", "hindsight")
 
 
@@ -531,6 +542,7 @@ def main() -> None:
     options.add_argument("--jobs", type=int, default=1)
     options.add_argument("--only", type=int, nargs="*", help="indices of missions")
     options.add_argument("--out", help="JSON lines, one mission each")
+    options.add_argument("--again", help="such a file: its missions by joint once more, the others as they flew")
     options.add_argument("--table", help="print the tables of such a file")
     options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
     options.add_argument("--programs", type=int, default=0, help="instances to compare with a brute force")
@@ -551,12 +563,15 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
-        missions = cases(given.missions, given.seed, found)
+        if given.again:
+            work, missions = again, [json.loads(line) for line in Path(given.again).read_text().splitlines()]
+        else:
+            work, missions = run, cases(given.missions, given.seed, found)
         if given.only:
             missions = [missions[i] for i in given.only]
         with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
             results = []
-            for result in pool.imap_unordered(run, [(found, case) for case in missions]):
+            for result in pool.imap_unordered(work, [(found, mission) for mission in missions]):
                 results.append(result)
                 if given.out:
                     with open(given.out, "a") as file:

@@ -87,9 +87,18 @@ def _registered(register: Callable[..., Any], helper: Callable[..., Any]) -> Non
     register(forceinline=True)(helper)
 
 
+@cache
+def _sources() -> bytes:
+    """A hash of all our sources: compiled code holds constants of modules other than its own."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).resolve().parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.digest()
+
+
 def _folder(functions: tuple[Callable[..., Any], ...]) -> Path:
     """Where machine code of functions is kept: beside numba's own if that has a place, else in the user's cache."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(_sources())
     for name in sorted({inspect.getfile(function) for function in functions}):
         digest.update(Path(name).read_bytes())
     own = os.environ.get("NUMBA_CACHE_DIR")

@@ -128,7 +128,7 @@ class WindFilter:
     def observe_all(
         self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
     ) -> None:
-        """Take readings one after the other, each so long [s] after the one before."""
+        """Take readings one after the other, each so long [s] after the one before; no number is no reading."""
         columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
         if is_on():
             columns = [np.array(values) for values in columns]
@@ -156,7 +156,9 @@ def _all_taken(
 
 
 def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float) -> _Known:
-    """What is known after a reading; the heading may be no number."""
+    """What is known after a reading: of no velocity nothing more; the heading may be no number."""
+    if math.isnan(vx + vy):
+        return known
     wx, wy, pxx, pyy, pxy, gusts, seen_s = known
     step_s = max(step_s, 1e-3)
     pxx += DRIFT_M2PS3 * step_s

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -114,24 +114,14 @@ class Course:
             shares.append(told)
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
-    @cached_property
-    def alike(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
-        """Legs whose stages have the same sets: the first of them, and all of them."""
-        return self._grouped([tuple((box.lo, box.hi) for box in self.legs[i].stage.sets) for i in self._kinds[0]])
-
-    @cached_property
-    def alike_in_path(self) -> tuple[tuple[int, NDArray[np.intp]], ...]:
-        """Legs whose stages have the same sets, with the same parameters in force."""
-        return self._grouped(
-            [(tuple((box.lo, box.hi) for box in self.legs[i].stage.sets), self.parameters[i]) for i in self._kinds[0]]
-        )
-
-    def _grouped(self, keys: Sequence[object]) -> tuple[tuple[int, NDArray[np.intp]], ...]:
-        """Legs whose kinds have the same key."""
+    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, NDArray[np.intp]]]:
+        """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
+        firsts, order = self._kinds
         places: dict[object, int] = {}
-        of_kind = np.array([places.setdefault(key, len(places)) for key in keys])[self._kinds[1]]
-        members = [np.nonzero(of_kind == place)[0] for place in places.values()]
-        return tuple((int(legs[0]), legs) for legs in members)
+        keys = [key(self.legs[i].stage, self.parameters[i]) for i in firsts]
+        of_leg = np.array([places.setdefault(each, len(places)) for each in keys])[order]
+        members = [np.nonzero(of_leg == place)[0] for place in places.values()]
+        return [(int(legs[0]), legs) for legs in members]
 
     def after(self) -> Course:
         """The same without its first leg."""
@@ -199,7 +189,10 @@ class Follower:
 
     def decide(self, parameters: Vector) -> None:
         """Take parameters that have been decided."""
-        self._decided_before, self._decided = self._decided, tuple(parameters)
+        rho = self._plan.path_count
+        if parameters[:rho] != self._decided[:rho]:
+            self._decided_before = self._decided
+        self._decided = tuple(parameters)
         if self._walk is not None:
             self._walk.decide(parameters)
         else:
@@ -236,12 +229,16 @@ class Follower:
         self._waiting = self._latched(self._index, self._waiting, self._decided)
         expected = self._clipped(self.stage, self._waiting)
         if expected[:rho] != parameters[:rho]:  # a decision has come a moment earlier or later than was thought
-            known = list(self._waiting)
-            for i, told in enumerate(parameters[:rho]):
-                box = self.stage.sets[i] if self.stage.sets else None
-                candidates = (self._waiting[i], self._decided[i], self._decided_before[i])
-                known[i] = next((c for c in candidates if (c if box is None else box.clip(c)) == told), told)
-            self._waiting = tuple(known)
+            path = self._behind(parameters, self._waiting, self._decided, self._decided_before)
+            self._waiting = (*path, *self._waiting[rho:])
+
+    def _behind(self, told: Vector, *decided: Vector) -> Vector:
+        """Of path parameters in force as observed, cut to the stage's sets, the decided values that they are."""
+        known = list(told[: self._plan.path_count])
+        for values in reversed(decided):
+            clipped = self._clipped(self.stage, values)
+            known = [values[i] if clipped[i] == told[i] else before for i, before in enumerate(known)]
+        return tuple(known)
 
     def _next_of_parts(self, parameters: Vector) -> None:
         assert self._walk is not None
@@ -251,7 +248,8 @@ class Follower:
         self._begin = self._walk.place.trigger_m()
         self._walk.next()
         if not self._walk.done and self._walk.place.parameters[:rho] != parameters[:rho]:
-            before.decide(parameters)
+            path = self._behind(parameters, self._decided, self._decided_before)
+            before.decide((*path, *parameters[rho:]))
             before.next()
             before.decide(self._decided)
             self._walk = before

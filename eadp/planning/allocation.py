@@ -21,7 +21,8 @@ FULL = 1e-9
 """A charge short by less than this is enough."""
 
 NEAR_ENVELOPE, SAME_POWER_W = 0.01, 1e-9
-"""A configuration whose value is below the best mix of the same power by less than this share is as good."""
+"""A configuration whose value is below the best mix of the same power by less than this share of the whole range is as
+good; powers that differ by less are the same [W]."""
 
 
 @dataclass(frozen=True)

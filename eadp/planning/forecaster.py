@@ -475,9 +475,8 @@ def _left_of(
 
 def _computing_w(terms: Terms, answer: Answer) -> FloatArray:
     """Mean power of the computations on each segment as allocated, shape (segments,) [W]."""
-    power = terms.lowest_w
-    power += np.bincount(terms.steps.segment, answer.allocation.shares * terms.rises_w, len(power))
-    return power
+    more = np.bincount(terms.steps.segment, answer.allocation.shares * terms.rises_w, len(terms.kind_of))
+    return terms.lowest_w + more
 
 
 def ripple_w(state_w: FloatArray) -> float:

@@ -80,9 +80,10 @@ class JointPlanner(TrackingPlanner):
     @property
     def next_look_s(self) -> float:
         """When it re-plans next; soon, and at the next reading where the charge may have jumped."""
-        if self._in_doubt:
-            return self._next_reading_s
-        return min(self._next_s, self._looked_s + LOOK_EVERY_S)
+        if self._ahead.lost:
+            return math.inf
+        seen_s = self._next_reading_s if self._in_doubt else self._looked_s + LOOK_EVERY_S
+        return min(self._next_s, seen_s)
 
     def listen(self, readings: Readings) -> Decision:
         """Take readings all at once; a jump of the charge among them is answered at the next look."""
@@ -98,12 +99,13 @@ class JointPlanner(TrackingPlanner):
         self._jumped |= read and ahead.read(o, self._computing_w)
         self._looked_s, self._in_doubt = o.time_s, ahead.in_doubt(o.soc)
         if self._jumped:
-            why, self._jumped = JUMPED, False
+            why = JUMPED
         elif not why and o.time_s >= self._next_s - 1e-9:
             why = TIME
         begins_s = WARM_UP_S if why == JUMPED else self._begins_s
         if why and o.time_s >= begins_s - 1e-9 and not ahead.lost:
-            self._next_s = next_multiple(o.time_s, self._settings.every_s)
+            self._jumped = False
+            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._begins_s)
             self._replan(o, why)
         return self._decision
 
@@ -143,7 +145,7 @@ class JointPlanner(TrackingPlanner):
         """The best from here, with the path parameters kept or looked at anew; and which of both."""
         ahead = self._ahead
         here = ahead.prospect(ahead.shares)
-        if here is not None and 0 < here.steps.least_use - here.available < here.alike:
+        if here is not None and 0 < here.steps.least_use - here.available < here.tolerance:
             here = replace(here, available=here.steps.least_use)  # what is flown is not doubted for so little
         kept = best_at(here) if here is not None else None
         if not ahead.open:
@@ -160,11 +162,11 @@ class JointPlanner(TrackingPlanner):
         found = self._program.solve(ahead.prospect, ahead.shares, least)
         self._looked_at = _left_over(found)
         if kept is not None and feasible:
-            better = found.value > least
+            better = found.allocation.feasible and found.value > least
             if not better:
                 self._looked_at = _left_over(kept)
             return (found, True) if better else (self._solved(kept), True)
-        if kept is not None and not found.allocation.feasible and found.short > kept.short - kept.prospect.alike:
+        if kept is not None and not found.allocation.feasible and found.short > kept.short - kept.prospect.tolerance:
             return kept, True
         return found, True
 

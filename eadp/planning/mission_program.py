@@ -53,14 +53,14 @@ class Prospect:
     """The rest of the mission at some path parameters: what its computations may take and give, and what there is.
 
     `shape` tells on which step of the staircase it lies; `least_value` of the steps holds what the path is worth.
-    Charge that lacks by `alike` more or less makes no difference.
+    A state of charge that is short by `tolerance` more or less makes no difference.
     """
 
     shares: Shares
     shape: tuple[int, ...]
     steps: Steps
     available: float
-    alike: float = 0.0
+    tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class MissionProgram:
         warm : tuple of float, shape (dimensions,)
             Where to begin: the last plan's.
         least : float
-            What an answer has to be worth to be of use: steps that promise less are not looked for.
+            What an answer has to be worth to be of use: along one parameter no step that promises less is looked for.
 
         Raises
         ------
@@ -151,9 +151,9 @@ class MissionProgram:
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
-            enough = best.short + best.prospect.alike
-            alike = [answer for answer in known.values() if answer is not None and answer.short <= enough]
-            return max(alike, key=lambda answer: answer.value) if math.isfinite(enough) else best
+            enough = best.short + best.prospect.tolerance
+            as_good = [answer for answer in known.values() if answer is not None and answer.short <= enough]
+            return max(as_good, key=lambda answer: answer.value) if math.isfinite(enough) else best
         if self.dimensions:
             best = Answer(best.prospect, best.allocation, 0, SCANNED)
         return self.climbed(outlook, best) if self.climb and self.dimensions else best

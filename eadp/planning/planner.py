@@ -57,7 +57,10 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What sensors have told one after the other: place, power, charge and motion of `Observation`, field by field."""
+    """What sensors have told one after the other, one or more of each: place, power, charge, and motion.
+
+    Velocities and headings are as `Observation` has them, no number where nothing tells them; no wind is told.
+    """
 
     times_s: Sequence[float]
     x_m: Sequence[float]

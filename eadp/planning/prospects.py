@@ -166,7 +166,7 @@ class Terrain:
         worth, worth_past = self._worth(course, times, past)
         b = self._battery
         highest, lowest = np.zeros(len(times)), np.zeros(len(times))
-        alike = course.alike_in_path if self._trade_offs else course.alike
+        alike = course.grouped(lambda stage, own: self._key(stage.sets, own))
         for first, members in alike:
             powers = self.configurations(course.legs[first].stage.sets, course.parameters[first])[1]
             lowest[members], highest[members] = powers[0], powers[-1]
@@ -227,10 +227,10 @@ class Terrain:
     def _of_envelope(
         self, configurations: FloatArray, powers: FloatArray, sets: Sequence[Box], worth: FloatArray, most: float
     ) -> Menu:
-        values = self.values(configurations, sets, worth / most if most > 0 else worth)
+        values = self._worth_of(configurations, sets, worth / most if most > 0 else worth)
         return envelope_menu(powers, values, configurations)
 
-    def values(self, configurations: FloatArray, sets: Sequence[Box], worth: FloatArray) -> FloatArray:
+    def _worth_of(self, configurations: FloatArray, sets: Sequence[Box], worth: FloatArray) -> FloatArray:
         """What configurations are worth per second in a stage, `worth` being that of a computation's share each."""
         values = np.zeros(len(configurations))
         for k, box in enumerate(sets[self._rho :]):

@@ -81,14 +81,15 @@ def _mean_configuration(ahead: Forecaster, answer: Answer) -> list[float]:
     assert told is not None
     terms, segments = told
     course = ahead.course(answer.prospect.shares)
-    count = terms.menus[0].configurations.shape[1]
+    count = terms.kinds[0].configurations.shape[1]
     rho = len(course.parameters[0]) - count
-    configurations = np.array([menu.configurations[0] for menu in terms.menus])
+    menus = terms.menus
+    configurations = np.array([menu.configurations[0] for menu in menus])
     steps = terms.steps
     for segment, level, share in zip(
         steps.segment.tolist(), steps.level.tolist(), answer.allocation.shares.tolist(), strict=True
     ):
-        menu = terms.menus[segment].configurations
+        menu = menus[segment].configurations
         configurations[segment] += share * (menu[level + 1] - menu[level])
     means = []
     for k in range(count):

@@ -155,7 +155,7 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[floa
 
 
 def _sense(s: State, c: Constants, late: MutableSequence[float], readings: MutableSequence[float], k: int) -> None:
-    """Keep the moment of a step, and read the power sensor if that is due."""
+    """Keep the moment of a step, and take a reading if that is due."""
     rows = int(c[LATE]) + 1
     at = (k - 1) % rows * MOMENT
     late[at], late[at + 1], late[at + 2], late[at + 3] = s[X], s[Y], s[POWER], s[SOC]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common.plans import WAVES
+from common.plans import PARTS, WAVES
 
 from eadp.cli.main import main
 from eadp.core.aerodynamics import GRAVITY_MPS2
@@ -382,6 +382,28 @@ def test_a_late_decision_where_sets_differ_between_stages():
         assert course.parameters[0] == itinerary.parameters
 
 
+def test_a_late_decision_is_told_from_what_was_decided_before_it_whatever_is_decided_for_computations():
+    text = BOXES_DIFFER.replace("[5, 10]\n", "[5, 10]\n[2, 10]\n").replace("[0, 20]\n", "[0, 20]\n[2, 10]\n")
+    follower = Follower(plan_of(text), (20.0, 10.0), (0.0, 0.0), FLOWN)
+    follower.next_stage((20.0, 10.0))
+    for decided in ((7.0, 10.0), (7.0, 6.0), (7.0, 8.0)):
+        follower.decide(decided)
+    follower.next_stage((10.0, 8.0))  # 20, cut to the set of the first stage
+    assert [own[0] for own in follower.course((7.0, 8.0)).parameters[:3]] == [10.0, 20.0, 7.0]
+
+
+def test_a_late_decision_in_a_plan_of_parts():
+    sets = PARTS.split("[-900, 0]\n")
+    text = "[-900, 0]\n".join(sets[:4]) + "[-900, -500]\n" + "[-900, 0]\n".join(sets[4:])
+    follower = Follower(plan_of(text), (-100.0, 10.0), (10.0, 10.0), FLOWN)
+    for stage, told in ((2, -100.0), (3, -100.0)):
+        follower.next_stage((told, 10.0))
+        assert follower.stage.index == stage
+    follower.decide((-800.0, 10.0))
+    follower.next_stage((-500.0, 10.0))  # -100, cut to the set of stage 4
+    assert [own[0] for own in follower.course((-800.0, 10.0)).parameters[:2]] == [-500.0, -100.0]
+
+
 def test_live_changes_in_the_second_lap():
     plan, rules = nearly_a_point(survey()), Rules(LIVE)
     start = default_start(plan, (0.0, 10.0))[0]
@@ -477,10 +499,11 @@ def test_free_and_shares_by_leg():
             assert course.free[j, i] == (box.lo < box.hi)
             expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
             assert course.shares[j, i] == pytest.approx(expected)
-    for first, members in course.alike:
+    groups = course.grouped(lambda stage, _: stage.sets)
+    for first, members in groups:
         assert {course.legs[i].stage.sets for i in members} == {course.legs[first].stage.sets}
-    assert sorted(i for _, members in course.alike for i in members) == list(range(len(course.legs)))
-    assert sorted(i for _, members in course.alike_in_path for i in members) == list(range(len(course.legs)))
+    assert len({course.legs[first].stage.sets for first, _ in groups}) == len(groups) > 1
+    assert sorted(i for _, members in groups for i in members) == list(range(len(course.legs)))
 
 
 def test_a_course_of_no_legs_takes_no_time():

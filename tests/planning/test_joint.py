@@ -6,6 +6,7 @@ import itertools
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,10 @@ from eadp.io.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
+from eadp.planning.allocation import Steps
 from eadp.planning.estimator import EstimatorSettings
 from eadp.planning.joint import JUMPED, NEW_STAGE, TIME, WARM_UP_S
+from eadp.planning.mission_program import Prospect
 from eadp.planning.planners import JointPlanner, Mission, Observation, PlannerSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -299,3 +302,35 @@ def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
     assert record.energy_wh <= highest_wh * 1.02
     assert np.mean([decision.parameters[0] for decision in decisions[150:]]) > 5
     assert left >= RESERVE - 0.002
+
+
+@pytest.mark.parametrize("every_s", [0.1, 5.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_it_re_plans_each_second_however_seldom_and_noisy_the_gauge(every_s, noise):
+    flight = flown(**{"estimator.every_s": every_s, "sensors.soc_noise": noise, "time_limit_s": 40.0, "faults": []})
+    times = [record.time_s for record in flight.records]
+    assert [second for second in range(5, 41) if not any(abs(second - time_s) < 1e-6 for time_s in times)] == []
+
+
+def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
+    faults = [{"at_s": 2.0, "soc_drop": 0.06}, {"at_s": 20.0, "soc_drop": 0.06}]
+    flight = flown(**{"planner.start_after_s": 300.0, "time_limit_s": 60.0, "faults": faults})
+    assert [record.why for record in flight.records] == [JUMPED, JUMPED]
+    assert [record.time_s for record in flight.records] == pytest.approx([5.0, 20.0], abs=1.0 + STEP_S)
+    assert len(flight.pilot.seen) < 80
+
+
+def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
+    none = np.zeros(0, dtype=np.intp)
+
+    def outlook(shares):  # a higher share is worth more, and all of them lack a little
+        (p,) = shares
+        steps = Steps(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
+        return Prospect(shares, (1, 2), steps, 0.4995, 0.005)
+
+    pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
+    pilot._ahead = SimpleNamespace(prospect=outlook, shares=(0.0,), open=[0], before_latch=True)
+    answer, looked = pilot._answer(NEW_STAGE)
+    assert looked
+    assert answer.prospect.shares == (0.0,)
+    assert answer.allocation.feasible

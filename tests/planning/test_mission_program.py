@@ -312,20 +312,20 @@ def test_too_little_charge_everywhere_says_what_lacks_least():
     assert answer.short == pytest.approx(min(shorts), abs=1e-3)
 
 
-@pytest.mark.parametrize("alike", [0.0, 0.004, 0.02])
-def test_of_plans_that_lack_alike_the_best_is_taken(alike):
+@pytest.mark.parametrize("tolerance", [0.0, 0.004, 0.02])
+def test_of_plans_that_lack_alike_the_best_is_taken(tolerance):
     mission = Mission(6, 1, tight=-0.5)
 
     def outlook(shares):
-        return replace(mission(shares), alike=alike)
+        return replace(mission(shares), tolerance=tolerance)
 
     answer = MissionProgram(1).solve(outlook, (0.7,))
     least = MissionProgram(1).solve(mission, (0.7,))
-    assert answer.short <= least.short + alike
+    assert answer.short <= least.short + tolerance
     places = [best_at(mission((place,))) for place in np.linspace(0, 1, 13).tolist()]
     for other in places:
-        assert other.short > least.short + alike or other.value <= answer.value
-    assert (answer.value > least.value) == (alike > 0)
+        assert other.short > least.short + tolerance or other.value <= answer.value
+    assert (answer.value > least.value) == (tolerance > 0)
 
 
 def test_without_path_parameters_the_closed_form_is_the_answer():

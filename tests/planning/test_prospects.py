@@ -485,3 +485,10 @@ def test_no_weight_on_what_is_free_is_worth_nothing():
     assert not terms.worth.any()
     assert terms.steps.least_value == 0
     assert not terms.steps.gain.any()
+
+
+def test_stages_whose_path_sets_alone_differ_share_a_menu():
+    same = ONE.replace("[0, 0]\n", "[2, 10]\n").replace("[2, 6]\n", "[2, 10]\n").replace("[4, 4]\n", "[2, 10]\n")
+    assert {stage.sets[0].lo for stage in case(same, fps()).plan.stages} == {0.0, 5.0}
+    assert len(case(same, fps()).terms().kinds) == 1
+    assert len(case(ONE).terms().kinds) == 4
