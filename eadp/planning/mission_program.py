@@ -43,7 +43,7 @@ More parameters are scanned one after the other."""
 
 PASSES, FIRST_REACH, LEAST_REACH = 6, 0.1, 1e-5
 DIFFERENCE = 1e-3
-PROXIMALS, LEAST_COLUMN = (1e-3, 3e-2, 0.3), 1e-2
+PROXIMALS, FIRMEST, LEAST_COLUMN = (1e-3, 3e-2), 0.3, 1e-2
 LEAST_GAIN = 1e-7
 SCANNED, SOLVED, CLOSED_FORM, INFEASIBLE = "scanned", "solved", "closed form", "infeasible"
 
@@ -246,26 +246,30 @@ class MissionProgram:
 
         Gain and use are scaled to 1, and each column by the larger of its own two: a path parameter's are a hundred
         times those of a leg's computations, and unscaled OSQP did not come to an end with one problem in two hundred.
-        Where it does not with a small ε, it is asked again with a larger one, which it does easily.
+        Where it does not with a small ε, it is asked again with a larger one, which it does easily, and unscaled.
         """
-        n = len(gain)
         gain = gain / max(float(np.abs(gain).max()), 1e-300)
         most_use = max(float(np.abs(use).max()), 1e-300)
         use = use / most_use
-        column = np.maximum(np.maximum(np.abs(gain), np.abs(use)), LEAST_COLUMN)
-        matrix = np.vstack([use / column, np.eye(n)])
-        low = np.concatenate(([-UNBOUNDED], lower * column))
-        high = np.concatenate(([max(spare, 0.0) / most_use], upper * column))
-        start = np.clip(now, lower, upper) * column
+        weights = np.maximum(np.maximum(np.abs(gain), np.abs(use)), LEAST_COLUMN)
 
-        def solved(proximal: float) -> FloatArray:
-            linear = -gain / column - proximal * now * column
-            return self._program(n, proximal).solve(linear, matrix, low, high, start) / column
+        def solved(proximal: float, *, scaled: bool) -> FloatArray:
+            column = weights if scaled else np.ones(len(gain))
+            return (
+                self._program(len(gain), proximal).solve(
+                    -gain / column - proximal * now * column,
+                    np.vstack([use / column, np.eye(len(gain))]),
+                    np.concatenate(([-UNBOUNDED], lower * column)),
+                    np.concatenate(([max(spare, 0.0) / most_use], upper * column)),
+                    np.clip(now, lower, upper) * column,
+                )
+                / column
+            )
 
-        for proximal in PROXIMALS[:-1]:
+        for proximal, scaled in itertools.product(PROXIMALS, (True, False)):
             with contextlib.suppress(SolverFailed):
-                return solved(proximal)
-        return solved(PROXIMALS[-1])
+                return solved(proximal, scaled=scaled)
+        return solved(FIRMEST, scaled=False)
 
     def _program(self, variables: int, proximal: float) -> QuadraticProgram:
         if (variables, proximal) not in self._programs:
