@@ -1,6 +1,6 @@
 """What a sweep costs: flights per core-second and where the time goes, workers, memory, and what survives being killed.
 
-usage: python benchmarks/sweep.py [--planner static paper] [--flights 10 100] [--workers 100] [--nothing 20000]
+usage: python benchmarks/sweep.py [--planner static paper joint] [--flights 10 100] [--workers 100] [--nothing 20000]
                                   [--kills 20] [--seconds 120] [--seed 0]
 
 - flights per core-second: `survey.plan`, vehicle `fixed-wing`, wind and capacity drawn, no log; compiled (`eadp[fast]`)
@@ -268,7 +268,7 @@ def trigger_share(world: World, fast: bool) -> float:
     return 1 - spent[False] / spent[True]
 
 
-def compiling() -> None:
+def compiling(planner: str) -> None:
     """What the first flight of a process costs, in processes of its own."""
     if not compiled.available():
         print("\ncompiling: numba is not installed (eadp[fast])")
@@ -278,12 +278,12 @@ def compiling() -> None:
         "from eadp.core import compiled; from eadp.io.flight_inputs import load_flight;"
         "from eadp.simulation.loop import Outcome, fly; compiled.switch_on();"
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
-        "overrides={'planner.name': 'static', 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9});"
+        f"overrides={{'planner.name': {planner!r}, 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome())); a = time.process_time() - t;"
         "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome()));"
         "print(n, a, time.process_time() - t)"
     )
-    print("\ncompiling, CPU s:")
+    print(f"\ncompiling, planner {planner}, CPU s:")
     with tempfile.TemporaryDirectory() as kept:
         for name in ("nothing kept", "kept"):
             environment = {**os.environ, "NUMBA_CACHE_DIR": kept}
@@ -331,9 +331,9 @@ def growth(planner: str) -> None:
         print(f"{1e6 * second:.0f} us for each second, {second / first:.2f} of the first's")
 
 
-def two_workers(folder: Path, count: int, seed: int) -> None:
+def two_workers(folder: Path, planner: str, count: int, seed: int) -> None:
     """One worker beside two, as pools and as a cluster; each twice, in turn. Start of workers included, then not."""
-    sweep = sampled(folder, count, seed)
+    sweep = sampled(folder, count, seed, planner)
     make = FlyRun(sweep.kept)
     walls: dict[tuple[str, int], list[float]] = defaultdict(list)
     cpus: dict[tuple[str, int], list[float]] = defaultdict(list)
@@ -344,7 +344,8 @@ def two_workers(folder: Path, count: int, seed: int) -> None:
             cpus["pool", jobs].append(cpu)
             for name, value in clustered(sweep, make, jobs).items():
                 walls[name, jobs].append(value)
-    print(f"\ntwo workers, {count} flights ({os.getloadavg()[0]:.1f} processes want {os.cpu_count()} cores):")
+    load = f"{os.getloadavg()[0]:.1f} processes want {os.cpu_count()} cores"
+    print(f"\ntwo workers, planner {planner}, {count} flights ({load}):")
     for name in dict.fromkeys(name for name, _ in walls):
         one, two = min(walls[name, 1]), min(walls[name, 2])
         print(f"  {name:26} {one:6.2f} s and {two:6.2f} s: efficiency {100 * one / two / 2:.0f} %", end="")
@@ -395,14 +396,17 @@ def overhead(folder: Path, count: int) -> None:
     print(f"  found made already          {1e6 * (time.process_time() - begun) / count:7.1f} us CPU")
 
 
-def memory(folder: Path, count: int, seed: int) -> None:
+def memory(folder: Path, planner: str, count: int, seed: int) -> None:
     """Largest resident set of a worker."""
-    sweep = sampled(folder, count, seed)
+    sweep = sampled(folder, count, seed, planner)
     bare = swept(sampled(folder, 1, seed), resident_mb, 1, None)[0].summary
     results = swept(sweep, FlyAndWeigh(FlyRun(sweep.kept)), 1, None)
     sizes = [result.summary["duration_s"] for result in results if result.summary]
     first, last = sizes[0], sizes[-1]
-    print(f"\nmemory of a worker: {bare['duration_s'] if bare else 0:.0f} MB without a flight, ", end="")
+    print(
+        f"\nmemory of a worker, planner {planner}: {bare['duration_s'] if bare else 0:.0f} MB without a flight, ",
+        end="",
+    )
     print(f"{first:.0f} MB after the first, {last:.0f} MB after {count}")
 
 
@@ -452,7 +456,7 @@ def rows(path: Path) -> int:
 def main() -> int:
     """Everything in turn."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--planner", nargs="+", default=["static", "paper"], help="static, paper, joint")
+    parser.add_argument("--planner", nargs="+", default=["static", "paper", "joint"])
     parser.add_argument("--flights", type=int, nargs="+", default=[10, 100], help="sizes of sweeps that fly")
     parser.add_argument("--workers", type=int, default=100, help="flights of one and of two workers; 0 for none")
     parser.add_argument("--nothing", type=int, default=20000, help="runs that fly nothing")
@@ -469,11 +473,11 @@ def main() -> int:
             throughput(folder, planner, asked.flights, asked.seed)
             breakdown(folder, planner, 10, asked.seed)
             growth(planner)
-        compiling()
-        if asked.workers:
-            two_workers(folder, asked.workers, asked.seed)
+            compiling(planner)
+            if asked.workers:
+                two_workers(folder, planner, asked.workers, asked.seed)
+            memory(folder, planner, min(300, max(asked.flights)), asked.seed)
         overhead(folder, asked.nothing)
-        memory(folder, 20, asked.seed)
         sound = kills(folder, asked.kills, asked.seconds, asked.seed) if asked.kills else True
     return 0 if sound else 1
 
