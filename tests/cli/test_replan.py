@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from common.processes import hear_interrupts
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -60,7 +61,7 @@ def started(*arguments):
     """`eadp replan` as a process of its own."""
     command = [sys.executable, "-m", "eadp", *ARGUMENTS, *(str(argument) for argument in arguments)]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=ROOT)
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=ROOT, preexec_fn=hear_interrupts)
 
 
 def ask(process, line):

@@ -15,6 +15,7 @@ from contextlib import closing
 
 import pytest
 from common.answers import refused
+from common.processes import hear_interrupts
 
 from eadp.io.sweep_file import read_sweep
 
@@ -60,7 +61,13 @@ def started(*arguments):
     command = [sys.executable, "-m", "eadp", *map(str, arguments)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+        preexec_fn=hear_interrupts,
     )
 
 
