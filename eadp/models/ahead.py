@@ -127,10 +127,15 @@ class Course:
         """The same without its first leg."""
         return Course(self.legs[1:], self.parameters[1:], self.nodes[1:])
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, ...]:
         """Which stages it consists of: courses of one shape are parts of one step of the staircase."""
         return tuple(leg.stage.index for leg in self.legs)
+
+    @cached_property
+    def stages(self) -> NDArray[np.intp]:
+        """The stage of each leg, from 1, shape (legs,)."""
+        return np.array(self.shape, dtype=np.intp)
 
 
 class Follower:

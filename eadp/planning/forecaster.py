@@ -368,11 +368,9 @@ class Forecaster:
         powers = segments.motion_w + _computing_w(terms, answer)
         energies_wh = powers * segments.times_s / 3600
         mean_w = float(powers @ segments.times_s) / max(float(segments.times_s.sum()), 1e-9)
-        stages: dict[int, tuple[float, float]] = {}
-        indices = [leg.stage.index for leg in self.course(answer.prospect.shares).legs]
-        for i, seconds, energy_wh in zip(indices, segments.times_s.tolist(), energies_wh.tolist(), strict=True):
-            before = stages.get(i, (0.0, 0.0))
-            stages[i] = before[0] + seconds, before[1] + energy_wh
+        of_leg = self.course(answer.prospect.shares).stages
+        seconds, of_stage_wh = (np.bincount(of_leg, values) for values in (segments.times_s, energies_wh))
+        stages = {i: (float(seconds[i]), float(of_stage_wh[i])) for i in np.unique(of_leg).tolist()}
         return Forecast(
             remaining_s=float(segments.times_s.sum()),
             remaining_std_s=segments.time_std_s,
