@@ -221,7 +221,7 @@ class Forecaster:
         return step_s
 
     def _off_path(self, position: Point, step_s: float) -> None:
-        """How far the aircraft is off its path: by more than twice that the end of the plan has to be passed."""
+        """Take a position, and how far it is off the path: by twice that the end of the plan has to be passed."""
         self._position = position
         course = self._courses.get(self.shares)
         if course is None or not course.legs or step_s <= 0:

@@ -154,18 +154,15 @@ class JointPlanner(TrackingPlanner):
             return self._solved(kept), False
         if kept is not None and why != JUMPED and not self._look_again(kept, why):
             return self._solved(kept), False
-        feasible = kept is not None and kept.allocation.feasible
-        least = kept.value + self._settings.keep_gain if kept is not None and feasible else -math.inf
-        if kept is not None and least >= 1.0 and self._settings.objective == QUALITY:  # U is 1 at most
-            self._looked_at = _left_over(kept)
-            return self._solved(kept), True
-        found = self._program.solve(ahead.prospect, ahead.shares, least)
+        flown = kept if kept is not None and kept.allocation.feasible else None
+        least = -math.inf if flown is None else flown.value + self._settings.keep_gain
+        at_best = least >= 1.0 and self._settings.objective == QUALITY  # U is 1 at most
+        found = None if at_best else self._program.solve(ahead.prospect, ahead.shares, least)
+        if flown is not None and (found is None or not found.allocation.feasible or found.value <= least):
+            self._looked_at = _left_over(flown)
+            return self._solved(flown), True
+        assert found is not None
         self._looked_at = _left_over(found)
-        if kept is not None and feasible:
-            better = found.allocation.feasible and found.value > least
-            if not better:
-                self._looked_at = _left_over(kept)
-            return (found, True) if better else (self._solved(kept), True)
         if kept is not None and not found.allocation.feasible and found.short > kept.short - kept.prospect.tolerance:
             return kept, True
         return found, True
