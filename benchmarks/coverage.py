@@ -29,19 +29,19 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from eadp.core.polygons import signed_area_m2
+from eadp.core.geometry.polygons import signed_area_m2
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, Request, cover, same_lines
+from eadp.coverage.line_order import best_order, exact_order
+from eadp.coverage.plan_builder import plan_of
+from eadp.coverage.report import covered_lines
+from eadp.coverage.swaths import Motion
 from eadp.errors import Infeasible
-from eadp.io.flight_inputs import load_flight
-from eadp.io.plan_text import plan_text, read_plan
-from eadp.io.streams import Text
+from eadp.io.flight.inputs import load_flight
+from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.text.streams import Text
 from eadp.models.field import Field
-from eadp.planning.check import check_plan
-from eadp.planning.coverage import AUTO, DUBINS, ZAMBONI, Request, cover, same_lines
-from eadp.planning.coverage_plan import plan_of
-from eadp.planning.coverage_report import covered_lines
-from eadp.planning.line_order import best_order, exact_order
-from eadp.planning.sweep import Motion
 from eadp.simulation.loop import Outcome, fly
+from eadp.validation.check import check_plan
 
 SEED = 1
 SIZES = ((20, 20), (30, 30), (40, 20), (30, 50), (20, 75))

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
-from eadp.core.spectrum import Spectrum, analyse
-from eadp.io.power_log import Columns, read_power_log
+from eadp.core.signals.spectrum import Spectrum, analyse
+from eadp.io.log.power_log import Columns, read_power_log
 
 FloatArray = NDArray[np.float64]
 AMPLITUDES_W = np.array([2.1, 1.4, 0.6])

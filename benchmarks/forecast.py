@@ -12,7 +12,8 @@ Simulations: three harmonics, white noise and a Matérn-3/2 disturbance, with li
 and with much (10 dB); `floor` is a forecast that knows the harmonics. Flights: plans/survey.plan in gusts, with the
 lift that makes its power periodic. Both have laps: the last one is the period of every method, and before there is one
 ours starts from a lap that is 3 % too long. Logs have none, nor has the simulation "without laps": there the period is
-what `eadp.core.spectrum` finds in the readings so far, looked for again whenever there is a tenth more, and none
+what `eadp.core.signals.spectrum` finds in the readings so far, looked for again whenever there is a tenth more, and
+none
 where it finds none.
 
 Where a method has no period, or less than two, it tells the mean (seasonal naive: the last reading). Holt-Winters
@@ -35,11 +36,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eadp.core import disturbance
-from eadp.core.spectrum import analyse
+from eadp.core.signals import disturbance
+from eadp.core.signals.spectrum import analyse
 from eadp.errors import Infeasible
-from eadp.io.flight_inputs import load_flight
-from eadp.planning.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
+from eadp.io.flight.inputs import load_flight
+from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.simulation.loop import Outcome, fly
 
 try:

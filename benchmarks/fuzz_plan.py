@@ -17,10 +17,10 @@ import atheris
 
 with atheris.instrument_imports(include=["eadp"]):
     from eadp.errors import EadpError, InputError, PathUndefined
-    from eadp.io.plan_text import plan_text, read_plan
-    from eadp.io.streams import Text
-    from eadp.models.nominal import nominal_legs
-    from eadp.planning.check import check_plan
+    from eadp.io.plan.text import plan_text, read_plan
+    from eadp.io.text.streams import Text
+    from eadp.models.plan.trace import nominal_legs
+    from eadp.validation.check import check_plan
 
 LIMIT_S = 2.0
 ROOT = Path(__file__).resolve().parent.parent

@@ -17,9 +17,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from eadp.io.plan_text import plan_text, read_plan
-from eadp.io.streams import Text
-from eadp.planning.check import check_plan
+from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.text.streams import Text
+from eadp.validation.check import check_plan
 
 
 def survey_text(stages: int) -> str:

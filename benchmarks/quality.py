@@ -37,12 +37,12 @@ import numpy as np
 sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(__file__).resolve().parent]
 
 from eadp.core.compiled import switch_on  # noqa: E402
-from eadp.io.flight_inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.models.ahead import Follower  # noqa: E402
-from eadp.planning.forecaster import Forecaster  # noqa: E402
-from eadp.planning.joint import JointPlanner  # noqa: E402
-from eadp.planning.mission_program import MissionProgram, best_at  # noqa: E402
-from eadp.planning.planner import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
+from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
+from eadp.models.plan.route import Follower  # noqa: E402
+from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
+from eadp.planning.joint.forecaster import Forecaster  # noqa: E402
+from eadp.planning.joint.planner import JointPlanner  # noqa: E402
+from eadp.planning.joint.program import MissionProgram, best_at  # noqa: E402
 from eadp.simulation.loop import Outcome, fly  # noqa: E402
 
 switch_on()

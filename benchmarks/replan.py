@@ -24,15 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from eadp.core.harmonics import forecast_w, output_row, rotation_matrix
-from eadp.io.plan_text import read_plan
-from eadp.io.streams import read_text
+from eadp.core.signals.harmonics import forecast_w, output_row, rotation_matrix
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
-from eadp.planning.estimator import EstimatorSettings, ExactEstimator
-from eadp.planning.horizon import Outlook, Plan
-from eadp.planning.planners import Mission, Observation, PaperPlanner, PlannerSettings
+from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
+from eadp.planning.paper.horizon import Outlook, Plan
+from eadp.planning.registry import Mission, Observation, PaperPlanner, PlannerSettings
 
 try:
     import casadi

@@ -45,17 +45,17 @@ from typing import Any
 import numpy as np
 
 from eadp.core import compiled
-from eadp.io.flight_inputs import FlightInputs, load_flight
-from eadp.io.results import Results
-from eadp.io.sweep_file import Sweep, read_sweep
-from eadp.io.sweep_run import FlyRun, KeptFiles
-from eadp.models.itinerary import ENDS, FIRES_IN, PASSED_BY, TRIGGER, Itinerary
-from eadp.planning.estimator import ExactEstimator
+from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.io.sweep.results import Results
+from eadp.io.sweep.run import FlyRun, KeptFiles
+from eadp.io.sweep.sweep_file import Sweep, read_sweep
+from eadp.models.plan.executor import ENDS, FIRES_IN, PASSED_BY, TRIGGER, Itinerary
+from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.simulation.aircraft import constants_of, state_of
-from eadp.simulation.engines import Cluster, Here, Make, Pool
+from eadp.simulation.inner_loop import Stretches
 from eadp.simulation.loop import Outcome, World, fly
-from eadp.simulation.stretch import Stretches
-from eadp.simulation.sweep import Result, Run, make_runs
+from eadp.simulation.sweep.design import Result, Run, make_runs
+from eadp.simulation.sweep.engines import Cluster, Here, Make, Pool
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
@@ -275,7 +275,7 @@ def compiling(planner: str) -> None:
         return
     first = (
         "import time; t = time.process_time(); import numba; n = time.process_time() - t;"
-        "from eadp.core import compiled; from eadp.io.flight_inputs import load_flight;"
+        "from eadp.core import compiled; from eadp.io.flight.inputs import load_flight;"
         "from eadp.simulation.loop import Outcome, fly; compiled.switch_on();"
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9}});"

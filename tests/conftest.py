@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from common import ROOT
 from hypothesis import settings
 
 from eadp.cli.main import main
 from eadp.core import compiled
-
-ROOT = Path(__file__).resolve().parent.parent
 
 # a build is judged by the same examples each time; at a desk every run looks at new ones
 settings.register_profile("build", derandomize=True)

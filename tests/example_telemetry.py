@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
+from common import ROOT
 from common.recorder import Recorder
 
-from eadp.io.flight_inputs import load_flight
+from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
-ROOT = Path(__file__).resolve().parent.parent
 LINES_APART = 100
 """Steps of 0.01 s."""
 

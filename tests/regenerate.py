@@ -9,11 +9,12 @@ import os
 import sys
 from pathlib import Path
 
-from eadp.errors import InputError
-from eadp.io.plan_text import read_plan
-from eadp.io.streams import read_text
+from common import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
+from eadp.errors import InputError
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import read_text
+
 BAD = Path("tests", "bad")
 
 

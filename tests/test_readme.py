@@ -9,13 +9,12 @@ import io
 import re
 import shlex
 from contextlib import redirect_stderr, redirect_stdout
-from pathlib import Path
 
 import pytest
+from common import ROOT
 
 from eadp.cli.main import main
 
-ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 BLOCK = re.compile(r"```console\n\$ (?P<command>eadp (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
 ELLIPSIS = "…\n"

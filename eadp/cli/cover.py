@@ -15,17 +15,17 @@ FARTHEST_M = 50_000.0
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.core.geometry import Point
+    from eadp.core.geometry.curves import Point
+    from eadp.coverage.cover import Solution
+    from eadp.coverage.plan_builder import Sensors
+    from eadp.coverage.report import Flown, Power
+    from eadp.coverage.swaths import Motion, Way
     from eadp.errors import Fault
-    from eadp.io.scenario_file import Scenario
+    from eadp.io.scenario.scenario_file import Scenario
     from eadp.models.computing import Computing
     from eadp.models.field import Field
-    from eadp.models.plan import Plan
+    from eadp.models.plan.plan import Plan
     from eadp.models.profile_sum import AnyProfile
-    from eadp.planning.coverage import Solution
-    from eadp.planning.coverage_plan import Sensors
-    from eadp.planning.coverage_report import Flown, Power
-    from eadp.planning.sweep import Motion, Way
 
 
 class Pattern(enum.StrEnum):
@@ -104,13 +104,13 @@ def command(
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
+    from eadp.coverage.cover import Request, cover
+    from eadp.coverage.plan_builder import plan_of
+    from eadp.coverage.report import flown
     from eadp.errors import Fault, Infeasible
-    from eadp.io.fields import read_field
-    from eadp.io.plan_text import plan_text
-    from eadp.io.streams import read_text, write_text
-    from eadp.planning.coverage import Request, cover
-    from eadp.planning.coverage_plan import plan_of
-    from eadp.planning.coverage_report import flown
+    from eadp.io.field.reader import read_field
+    from eadp.io.plan.text import plan_text
+    from eadp.io.text.streams import read_text, write_text
 
     setting = _scenario(scenario)
     measured = _profile(profile, setting)
@@ -143,7 +143,7 @@ def command(
     if out not in (None, "-"):
         write_text(out, body)
     if plot is not None:
-        from eadp.io.figures import write_coverage_figure
+        from eadp.io.figures.pictures import write_coverage_figure
 
         write_coverage_figure(plot, field, _titled(solution, ends), swath)
     if wanted is not CoverFormat.json:
@@ -169,7 +169,7 @@ def _check_places(file: str, out: str | None, plot: str | None) -> None:
     """Refuse places that cannot be written to before anything is written, and one place for two files."""
     from pathlib import Path
 
-    from eadp.io.figures import check_picture_name
+    from eadp.io.figures.pictures import check_picture_name
 
     places = {"--out": out, "--plot": plot}
     taken = [Path(file).resolve()] if file != "-" else []
@@ -189,13 +189,13 @@ def _check_places(file: str, out: str | None, plot: str | None) -> None:
 
 
 def _scenario(path: str | None) -> Scenario:
-    from eadp.io.scenario_file import read_scenario
+    from eadp.io.scenario.scenario_file import read_scenario
 
     return read_scenario(path, {})
 
 
 def _profile(path: str | None, setting: Scenario) -> AnyProfile | None:
-    from eadp.io.profile_file import read_profile
+    from eadp.io.profile.model_file import read_profile
 
     used = path or setting.profile_path
     if used is None:
@@ -209,8 +209,8 @@ def _sensors(profile: AnyProfile | None, turns_off: bool) -> Sensors:
     """The computations that a profile measures, over what it measures in whole numbers."""
     import math
 
-    from eadp.models.plan import Box
-    from eadp.planning.coverage_plan import Sensors
+    from eadp.coverage.plan_builder import Sensors
+    from eadp.models.plan.plan import Box
 
     if profile is None:
         return Sensors()
@@ -232,7 +232,7 @@ def _motion(
     wind: str | None,
     airspeed: float | None,
 ) -> Motion:
-    from eadp.planning.sweep import RADIUS_SHARE, SPACING_SHARE, Motion
+    from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, Motion
 
     ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
@@ -277,7 +277,7 @@ def _heading_rad(heading_deg: float | None) -> float | None:
 
 def _point(option: str, raw: str | None, field: Field) -> Point | None:
     """A place in the field's own terms: metres, or latitude and longitude where it was given in degrees."""
-    from eadp.core.geodesy import to_local_m
+    from eadp.core.geometry.geodesy import to_local_m
 
     if raw is None:
         return None
@@ -315,9 +315,9 @@ def _two(option: str, raw: str, expected: str) -> Point:
 
 def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: Sensors) -> Power | None:
     """The power drawn with every computation at its highest; None where no profile says what that is."""
+    from eadp.coverage.report import Power
     from eadp.errors import EadpError, InputError
     from eadp.models.computing import join_profile
-    from eadp.planning.coverage_report import Power
 
     if profile is None:
         return None
@@ -370,7 +370,7 @@ def _document(
 
 def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
     """The way at each end of c1 under its title."""
-    from eadp.core.expressions import number_text
+    from eadp.core.expressions.expression import number_text
 
     return {
         (f"c1 = {number_text(end.c1)}: " if len(ends) > 1 else "")
@@ -382,7 +382,7 @@ def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
 def _comments(name: str, solution: Solution, motion: Motion, ends: Sequence[Flown]) -> list[str]:
     import math
 
-    from eadp.core.expressions import number_text
+    from eadp.core.expressions.expression import number_text
     from eadp.errors import printable
 
     full, least = ends[0], ends[-1]
@@ -402,7 +402,7 @@ def _text(solution: Solution, motion: Motion, ends: Sequence[Flown], field: Fiel
     """A summary for people."""
     import math
 
-    from eadp.core.expressions import number_text
+    from eadp.core.expressions.expression import number_text
 
     what = {
         "zamboni": f"Zamboni-like, {len(solution.blocks)} block{'s' if len(solution.blocks) != 1 else ''}",

@@ -14,7 +14,7 @@ from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eadp.io.fit_inputs import Fit
+    from eadp.io.log.fit_inputs import Fit
     from eadp.models.energy import EnergyModel
 
 AIRSPEED_MPS = 15.0
@@ -110,10 +110,10 @@ def command(
     """
     # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from eadp.io.energy_file import energy_yaml
-    from eadp.io.fit_inputs import FitOptions, read_fit
-    from eadp.io.power_log import Columns
-    from eadp.io.streams import write_text
+    from eadp.io.energy.model_file import energy_yaml
+    from eadp.io.log.fit_inputs import FitOptions, read_fit
+    from eadp.io.log.power_log import Columns
+    from eadp.io.text.streams import write_text
 
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
@@ -137,7 +137,7 @@ def command(
     fit = read_fit(log, wanted, options)
     model = fit.fitted.model
     if plot:
-        from eadp.io.fit_figure import write_fit_figure
+        from eadp.io.figures.fit import write_fit_figure
 
         write_fit_figure(plot, fit.fitted)
     if output:
@@ -154,7 +154,7 @@ def command(
 
 def _document(fit: Fit) -> dict[str, Any]:
     """The model's document; beside it, what was judged and what was left out."""
-    from eadp.io.energy_file import energy_document
+    from eadp.io.energy.model_file import energy_document
 
     spectrum = fit.fitted.spectrum
     candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
@@ -223,7 +223,7 @@ def _with_std(value: float, std: float) -> str:
 
 def _refusal(fit: Fit) -> list[str]:
     """What was found instead of a period."""
-    from eadp.core.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
+    from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 
     spectrum, model = fit.fitted.spectrum, fit.fitted.model
 

@@ -10,8 +10,8 @@ from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
 from eadp.errors import Infeasible, InputError
 
 if TYPE_CHECKING:
-    from eadp.core.battery_fit import BatteryFit
-    from eadp.io.power_log import Columns
+    from eadp.core.flight.battery_fit import BatteryFit
+    from eadp.io.log.power_log import Columns
 
 
 def fit_battery_from(
@@ -24,9 +24,9 @@ def fit_battery_from(
     format_: Format,
 ) -> int:
     """Fit a battery to a log and print it; the exit code is 1 where the log does not tell a resistance."""
-    from eadp.core.battery_fit import fit_battery
-    from eadp.io.power_log import read_power_log
-    from eadp.io.streams import write_text
+    from eadp.core.flight.battery_fit import fit_battery
+    from eadp.io.log.power_log import read_power_log
+    from eadp.io.text.streams import write_text
 
     if capacity_ah is None:
         raise usage_fault("--capacity", "", "no capacity, which a log cannot tell", "--capacity AH beside --battery")

@@ -12,10 +12,10 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.core.expressions import Expression
+    from eadp.core.expressions.expression import Expression
     from eadp.errors import Fault
-    from eadp.models.plan import Finding, Plan, PointExpression, Stage
-    from eadp.planning.check import Report
+    from eadp.models.plan.plan import Finding, Plan, PointExpression, Stage
+    from eadp.validation.check import Report
 
 
 class PlanFormat(enum.StrEnum):
@@ -54,8 +54,8 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.errors import Fault, InputError, PathUndefined
-    from eadp.io.plan_text import plan_text, read_plan
-    from eadp.io.streams import read_text
+    from eadp.io.plan.text import plan_text, read_plan
+    from eadp.io.text.streams import read_text
 
     if trace is not None and not trace > 0:
         raise usage_fault("--trace", f"{trace:g}", "a step that is not above 0", "metres, as in --trace 1")
@@ -63,14 +63,14 @@ def command(
     plan, findings = read_plan(text)
     report = None
     if check:
-        from eadp.planning.check import check_plan
+        from eadp.validation.check import check_plan
 
         report = check_plan(plan, min_radius_m=min_radius)
         findings = [*findings, *report.findings]
     lines = [Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings]
     try:
         if plot is not None:
-            from eadp.io.figures import write_plan_figure
+            from eadp.io.figures.pictures import write_plan_figure
 
             write_plan_figure(plot, plan, _parameters(plan, set_))
         points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None
@@ -96,7 +96,7 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     """Parameters as set, else as at take-off: each at its maximum, or 0 where it has no set."""
     import math
 
-    from eadp.core.expressions import number_text
+    from eadp.core.expressions.expression import number_text
 
     values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     for raw in overrides or []:
@@ -122,8 +122,8 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
 
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     """The nominal path as CSV, with latitude and longitude where the plan has an origin."""
-    from eadp.core.geodesy import to_geodetic_deg
-    from eadp.models.nominal import TracePoint, trace
+    from eadp.core.geometry.geodesy import to_geodetic_deg
+    from eadp.models.plan.trace import TracePoint, trace
 
     origin = plan.origin_deg
     header = ",".join([*TracePoint._fields, *(["latitude_deg", "longitude_deg"] if origin else [])])
@@ -209,7 +209,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
     """A stage's path and trigger with the quantities of its part put in."""
-    from eadp.core.expressions import substituted
+    from eadp.core.expressions.expression import substituted
     from eadp.errors import ExpressionError
 
     if stage.part is None or not stage.part.quantities:
@@ -248,7 +248,7 @@ def _number_or_text(part: Any) -> float | str:
 
 def _table(plan: Plan) -> str:
     """A plan for people."""
-    from eadp.core.expressions import number_text
+    from eadp.core.expressions.expression import number_text
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]

@@ -132,7 +132,7 @@ def command(
         profile = _interpolated(profile, interpolation)
     values = _values(profile, at or [], clamp)
     if plot:
-        from eadp.io.profile_figure import write_profile_figure
+        from eadp.io.figures.profile import write_profile_figure
 
         write_profile_figure(plot, profile)
     if output:
@@ -158,22 +158,22 @@ def _refuse(options: list[str], where: str) -> None:
 def _read(
     files: list[str], added: list[str], names: str, config: list[str], pattern: str
 ) -> tuple[AnyProfile, list[Fault]]:
-    from eadp.io.configurations import stated_configuration
-    from eadp.io.profile_file import Sources, read_profiles
+    from eadp.io.profile.configurations import stated_configuration
+    from eadp.io.profile.model_file import Sources, read_profiles
 
     better = [name.strip() for name in names.split(",")] if names else ()
     return read_profiles(Sources(files, added, better, [stated_configuration(raw) for raw in config], pattern))
 
 
 def _write(output: str, profile: AnyProfile) -> None:
-    from eadp.io.profile_file import profile_yaml
-    from eadp.io.streams import write_text
+    from eadp.io.profile.model_file import profile_yaml
+    from eadp.io.text.streams import write_text
 
     write_text(output, profile_yaml(profile))
 
 
 def _emit_document(profile: AnyProfile) -> None:
-    from eadp.io.profile_file import profile_document
+    from eadp.io.profile.model_file import profile_document
 
     emit_json(profile_document(profile))
 
@@ -189,7 +189,7 @@ def _interpolated(profile: AnyProfile, kind: Interpolation) -> AnyProfile:
 
 def _values(profile: AnyProfile, asked: list[str], clamp: bool) -> list[dict[str, Any]]:
     """The answers to `--at`, all of their faults at once."""
-    from eadp.io.profile_file import plain
+    from eadp.io.profile.model_file import plain
 
     values: list[dict[str, Any]] = []
     faults: list[Fault] = []

@@ -34,10 +34,10 @@ class Options:
 
 def measure_command(command: list[str], options: Options, output: str) -> int:
     """Measure and write the CSV, whole or not at all; what was found is told on stderr."""
-    from eadp.io.configurations import configurations_to_measure
-    from eadp.io.measuring import RealClock, Settings, check_command, launched, measure, measurements_csv, told
-    from eadp.io.power_sensor import choose_sensor
-    from eadp.io.streams import write_text
+    from eadp.io.profile.configurations import configurations_to_measure
+    from eadp.io.profile.measuring import RealClock, Settings, check_command, launched, measure, measurements_csv, told
+    from eadp.io.profile.power_sensor import choose_sensor
+    from eadp.io.text.streams import write_text
 
     configurations = configurations_to_measure(options.config or [], options.sweep or [])
     check_command(command, configurations[0].names)

@@ -46,12 +46,12 @@ def command(
 
     Exit code 0 if the plan is done or forecast to be at the last line, 1 if it is not, 2 on bad input.
     """
-    from eadp.io.decision_line import json_line
-    from eadp.io.flight_inputs import load_flight
-    from eadp.io.replan import replan
-    from eadp.io.replan_log import ReplanLog, hash_of
-    from eadp.io.scenario_file import read_override
-    from eadp.io.telemetry import open_telemetry
+    from eadp.io.flight.inputs import load_flight
+    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.telemetry.decisions import json_line
+    from eadp.io.telemetry.log import ReplanLog, hash_of
+    from eadp.io.telemetry.reader import open_telemetry
+    from eadp.io.telemetry.replan import replan
 
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-":

@@ -11,12 +11,12 @@ from eadp.cli.output import emit_json, usage_fault
 
 # each module has a function `json_schema`, and is imported only for its own schema
 _MODULES = {
-    "profile": "eadp.io.profile_file",
-    "energy": "eadp.io.energy_file",
-    "scenario": "eadp.io.scenario_file",
-    "sweep": "eadp.io.sweep_file",
-    "telemetry": "eadp.io.telemetry",
-    "decision": "eadp.io.decision_line",
+    "profile": "eadp.io.profile.model_file",
+    "energy": "eadp.io.energy.model_file",
+    "scenario": "eadp.io.scenario.scenario_file",
+    "sweep": "eadp.io.sweep.sweep_file",
+    "telemetry": "eadp.io.telemetry.reader",
+    "decision": "eadp.io.telemetry.decisions",
 }
 _NAMES = ", ".join(_MODULES)
 

@@ -47,10 +47,10 @@ def command(
 
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """
-    from eadp.io.flight_folder import summarise, write_flight
-    from eadp.io.flight_inputs import load_flight
-    from eadp.io.scenario_file import read_override
-    from eadp.io.streams import check_new_folder
+    from eadp.io.flight.folder import summarise, write_flight
+    from eadp.io.flight.inputs import load_flight
+    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.text.streams import check_new_folder
     from eadp.simulation.loop import Outcome, fly
 
     overrides = dict(read_override(raw) for raw in set_ or [])

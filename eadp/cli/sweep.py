@@ -19,10 +19,10 @@ from eadp.errors import printable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.io.results import Results
-    from eadp.io.sweep_file import Sweep
-    from eadp.simulation.engines import Cluster, Here, Pool
-    from eadp.simulation.sweep import Result
+    from eadp.io.sweep.results import Results
+    from eadp.io.sweep.sweep_file import Sweep
+    from eadp.simulation.sweep.design import Result
+    from eadp.simulation.sweep.engines import Cluster, Here, Pool
 
 PROGRESS_S = 60.0
 """Between two lines of progress where there is no terminal [s]."""
@@ -88,9 +88,9 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
     """
     from eadp.cli import sweep_text
-    from eadp.io.scenario_file import read_override
-    from eadp.io.sweep_file import read_sweep
-    from eadp.simulation.sweep import shard as part_of
+    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.sweep.sweep_file import read_sweep
+    from eadp.simulation.sweep.design import shard as part_of
 
     _check_options(out, jobs, scheduler, table, plot)
     part, parts = _shard(shard)
@@ -161,7 +161,7 @@ def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
 
 def _already_made(sweep: Sweep, indices: Sequence[int], out: str | None) -> int | None:
     """How many of the runs a results file has; None where there is no such file."""
-    from eadp.io.results import Results
+    from eadp.io.sweep.results import Results
 
     if out is None or not os.path.exists(out):
         return None
@@ -174,7 +174,7 @@ def _already_made(sweep: Sweep, indices: Sequence[int], out: str | None) -> int 
 
 
 def _results(out: str | None) -> contextlib.closing[Results]:
-    from eadp.io.results import Results
+    from eadp.io.sweep.results import Results
 
     return contextlib.closing(Results(out))
 
@@ -183,7 +183,7 @@ def _make(
     sweep: Sweep, missing: Sequence[int], results: Results, out: str | None, jobs: int | None, scheduler: str | None
 ) -> None:
     """Make the runs that are missing."""
-    from eadp.simulation.sweep import make_runs, spread
+    from eadp.simulation.sweep.design import make_runs, spread
 
     if not missing:
         return
@@ -203,8 +203,8 @@ def _make(
 
 
 def _engine(sweep: Sweep, count: int, jobs: int | None, scheduler: str | None) -> Here | Pool | Cluster:
-    from eadp.io.sweep_run import FlyRun
-    from eadp.simulation.engines import Cluster, Here, Pool, cores
+    from eadp.io.sweep.run import FlyRun
+    from eadp.simulation.sweep.engines import Cluster, Here, Pool, cores
 
     make = FlyRun(sweep.kept)
     if scheduler is not None:

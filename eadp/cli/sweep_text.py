@@ -12,9 +12,9 @@ from typing import Any
 
 from eadp.cli.output import emit
 from eadp.errors import printable
-from eadp.io.results import COLUMNS, Results
-from eadp.io.sweep_file import Sweep
-from eadp.simulation.sweep_answers import Flight, Group, Table, label_of, marginal, table, totals
+from eadp.io.sweep.results import COLUMNS, Results
+from eadp.io.sweep.sweep_file import Sweep
+from eadp.simulation.sweep.statistics import Flight, Group, Table, label_of, marginal, table, totals
 
 SHOWN = 10
 """Runs that a dry run shows, and kinds of errors that an answer lists."""
@@ -159,7 +159,7 @@ def print_table(
     """Means by two keys, and their picture."""
     means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
     if plot is not None:
-        from eadp.io.sweep_figure import write_table_figure
+        from eadp.io.figures.sweep import write_table_figure
 
         write_table_figure(plot, means)
     if format_ == "text":

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from eadp.core.battery import current_a, drains_per_s, soc_rate_per_s
+from eadp.core.flight.battery import current_a, drains_per_s, soc_rate_per_s
 
 VOLTAGE_STEP_V = 0.05
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eadp.errors import EadpError, Infeasible
-from eadp.models.plan import Box, Plan
+from eadp.models.plan.plan import Box, Plan
 from eadp.models.profile_sum import AnyProfile
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eadp.core.harmonics import coefficients_of_state, signal_w, state_of_phases
+from eadp.core.signals.harmonics import coefficients_of_state, signal_w, state_of_phases
 
 if TYPE_CHECKING:
-    from eadp.core.spectrum import Spectrum
+    from eadp.core.signals.spectrum import Spectrum
 
 FloatArray = NDArray[np.float64]
 

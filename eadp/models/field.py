@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from eadp.core.polygons import Ring
+    from eadp.core.geometry.polygons import Ring
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,6 @@ class Field:
     @property
     def area_m2(self) -> float:
         """Area within the outline, less the holes [m²]."""
-        from eadp.core.polygons import signed_area_m2
+        from eadp.core.geometry.polygons import signed_area_m2
 
         return abs(signed_area_m2(self.outline)) - sum(abs(signed_area_m2(hole)) for hole in self.holes)

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from eadp.core.piecewise import FloatArray, Interpolant, Kind, interpolant, left_out
+from eadp.core.interpolation import FloatArray, Interpolant, Kind, interpolant, left_out
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -86,7 +86,7 @@ class Profile:
     Raises
     ------
     Infeasible
-        If there is no interpolation over the configurations (see `eadp.core.piecewise.interpolant`).
+        If there is no interpolation over the configurations (see `eadp.core.interpolation.interpolant`).
     ValueError
         If the shapes do not fit, a number is not finite, or a configuration stands twice.
     """
@@ -149,7 +149,7 @@ class Profile:
     def left_out_w(self) -> FloatArray:
         """What the others predict at each configuration, shape (n,) [W]; NaN where they do not enclose it.
 
-        See `eadp.core.piecewise.left_out`.
+        See `eadp.core.interpolation.left_out`.
         """
         return left_out(self.configurations, self.power_w, self.interpolation)
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from eadp.core.aerodynamics import (
+from eadp.core.flight.aerodynamics import (
     GRAVITY_MPS2,
     drag_n,
     induced_drag_factor,

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.geometry import Point
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.models.itinerary import Itinerary, Vector
+from eadp.models.plan.executor import Itinerary, Vector
+from eadp.planning.base import Decision, Mission, Observation, Planner, Record, next_multiple
 from eadp.planning.outlook import End, Outlook
-from eadp.planning.planner import Decision, Mission, Observation, Planner, Record, next_multiple
 
 GAP_S, GAP_STEPS = 5.0, 3.0
 """A gap: this long [s], and so many times as long as the step before."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from eadp.core.geometry import Point
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError
-from eadp.models.ahead import Course, Follower, left_m
-from eadp.models.itinerary import Vector
-from eadp.planning.planner import Mission, Observation
+from eadp.models.plan.executor import Vector
+from eadp.models.plan.route import Course, Follower, left_m
+from eadp.planning.base import Mission, Observation
 
 POWER_TIME_S = 60.0
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import MutableSequence, Sequence
 
-from eadp.core.aerodynamics import GRAVITY_MPS2
-from eadp.core.derivatives import Jet
-from eadp.core.geometry import Point
-from eadp.core.guidance import heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.expressions.derivatives import Jet
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.flight.guidance import heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.geometry.curves import Point
 from eadp.models.vehicle import FixedWing, Guidance, Vehicle
 from eadp.models.weather import Wind
 

@@ -10,21 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.battery import undeliverable
-from eadp.core.geometry import Point
+from eadp.core.flight.battery import undeliverable
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.battery import Battery, Fault
 from eadp.models.computing import Computing
-from eadp.models.itinerary import Itinerary, Rules, Vector
-from eadp.models.plan import Plan
+from eadp.models.plan.executor import Itinerary, Rules, Vector
+from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
-from eadp.planning.planners import Observation, Planner, Readings, Record
+from eadp.planning.registry import Observation, Planner, Readings, Record
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
+from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, Stretches
 from eadp.simulation.metrics import ParameterLog, Totals
-from eadp.simulation.sensing import SensorSuite
-from eadp.simulation.stretch import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, Stretches
+from eadp.simulation.sensors import SensorSuite
 
 COMPLETED = "final point reached"
 BATTERY_EMPTY = "battery empty"
@@ -88,7 +88,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
 
     From one moment at which something has to look to the next the aircraft flies by itself
-    (`eadp.simulation.stretch`): until a planner is due, a row of the log, a loss of charge, or a new stage.
+    (`eadp.simulation.inner_loop`): until a planner is due, a row of the log, a loss of charge, or a new stage.
 
     Raises
     ------

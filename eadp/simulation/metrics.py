@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from eadp.models.itinerary import Vector
-from eadp.models.plan import Box, Plan
+from eadp.models.plan.executor import Vector
+from eadp.models.plan.plan import Box, Plan
 
 
 @dataclass

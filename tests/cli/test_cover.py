@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from eadp.core.geodesy import to_local_m
+from eadp.core.geometry.geodesy import to_local_m
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
 BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common import ROOT
 
-from eadp.io.energy_file import read_energy
+from eadp.io.energy.model_file import read_energy
 
 Run = Callable[..., tuple[int, str, str]]
 
-ROOT = Path(__file__).parents[2]
 EXAMPLE = str(ROOT / "scenarios" / "example-power-log.csv")
 KEYS = [
     "schema",

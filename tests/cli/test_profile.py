@@ -12,11 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from common import ROOT
 
 Run = Callable[..., tuple[int, str, str]]
 Measured = Callable[[str], str]
 
-ROOT = Path(__file__).parents[2]
 PEDNET = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
 PEDNET_MODEL = str(ROOT / "profiles" / "pednet-jetson-nano.yaml")
 

@@ -55,8 +55,8 @@ class Computer:
 @pytest.fixture
 def computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Computer:
     made = Computer(tmp_path / "sys")
-    monkeypatch.setattr("eadp.io.measuring.RealClock", lambda: made)
-    monkeypatch.setattr("eadp.io.measuring.launched", made.launched)
+    monkeypatch.setattr("eadp.io.profile.measuring.RealClock", lambda: made)
+    monkeypatch.setattr("eadp.io.profile.measuring.launched", made.launched)
     return made
 
 

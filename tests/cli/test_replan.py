@@ -12,16 +12,15 @@ import shlex
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from common import ROOT
 from common.processes import hear_interrupts
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from eadp.cli.main import main
 
-ROOT = Path(__file__).resolve().parents[2]
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
 ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
 LINES = (ROOT / EXAMPLE).read_bytes().splitlines(keepends=True)

@@ -17,7 +17,7 @@ import pytest
 from common.answers import refused
 from common.processes import hear_interrupts
 
-from eadp.io.sweep_file import read_sweep
+from eadp.io.sweep.sweep_file import read_sweep
 
 SHIPPED = "scenarios/sweep-wind-battery.yaml"
 PLAN = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
@@ -327,7 +327,7 @@ def test_two_at_once_share_the_work(folder, eadp):
 
 
 def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch):
-    from eadp.io import results as module
+    from eadp.io.sweep import results as module
 
     def small(*arguments):
         connection = connect(*arguments)
@@ -399,7 +399,7 @@ def test_standard_input(eadp, folder, monkeypatch):
 
 def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
     from eadp.cli import sweep as module
-    from eadp.simulation.sweep import Result
+    from eadp.simulation.sweep.design import Result
 
     clock = iter(range(0, 10_000, 15))
     monkeypatch.setattr("eadp.cli.sweep.time.monotonic", lambda: float(next(clock)))

@@ -1,1 +1,6 @@
 """What several tests need: plans, a planner that is watched."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The repository's root."""

@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from eadp.core import compiled, disturbance, riccati
+from eadp.core import compiled
+from eadp.core.signals import disturbance, riccati
 
 SAME = 1e-9
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -49,7 +50,7 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
 @fast
 def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
     code = (
-        "from eadp.core import compiled; import eadp.core.guidance as g; compiled.switch_on();"
+        "from eadp.core import compiled; import eadp.core.flight.guidance as g; compiled.switch_on();"
         "print(compiled.quick(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/nowhere"}

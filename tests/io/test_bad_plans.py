@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from common import ROOT
 
 from eadp.errors import InputError
-from eadp.io.plan_text import read_plan
-from eadp.io.streams import read_text
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import read_text
 
-ROOT = Path(__file__).resolve().parents[2]
 BAD = ROOT / "tests" / "bad"
 PLANS = sorted(path.stem for path in BAD.glob("*.plan"))
 PLACE = re.compile(r"(?P<file>[^:]+):(?P<line>[1-9][0-9]*):(?P<column>[1-9][0-9]*): error: (?P<message>.+)")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from eadp.errors import EadpError
-from eadp.io.plan_text import read_plan
-from eadp.io.streams import Text
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text
 from eadp.models.computing import join_profile
-from eadp.models.plan import Box
+from eadp.models.plan.plan import Box
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import added
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from eadp.core.spectrum import Spectrum
+from eadp.core.signals.spectrum import Spectrum
 from eadp.models.energy import EnergyModel, Harmonic, energy_model
 
 PERIOD_S = 46.05

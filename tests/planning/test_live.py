@@ -5,19 +5,18 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from common import ROOT
 from common.recorder import Recorder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eadp.io.flight_inputs import load_flight
+from eadp.io.flight.inputs import load_flight
 from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, Fix, LiveFlight, Screen
-from eadp.planning.planners import make_planner
+from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
-ROOT = Path(__file__).resolve().parents[2]
 EPOCH_S = 1.7e9
 NEAR_C1 = 40.0
 """Moves the lines by 0.6 m."""

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from eadp.models.battery import Battery
 from eadp.simulation.aircraft import STEP_S as STEP_S_PLACE
-from eadp.simulation.stretch import (
+from eadp.simulation.inner_loop import (
     CONSTANTS,
     DRAIN,
     DROP,

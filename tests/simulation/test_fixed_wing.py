@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from eadp.core.aerodynamics import GRAVITY_MPS2
-from eadp.core.derivatives import bind
-from eadp.core.expressions import read_expression
+from eadp.core.expressions.derivatives import bind
+from eadp.core.expressions.expression import read_expression
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (

@@ -8,16 +8,15 @@ from __future__ import annotations
 import ast
 import csv
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from common import ROOT
 
-from eadp.io.flight_folder import summarise
-from eadp.io.flight_inputs import load_flight
+from eadp.io.flight.folder import summarise
+from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
-ROOT = Path(__file__).resolve().parents[2]
 DURATION_SHARE = 1e-3
 POWER_W = 0.1
 LAP_S = 0.1

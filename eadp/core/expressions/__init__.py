@@ -1,0 +1,1 @@
+"""Expressions of plan files: text → checked tree → sympy, and compiled value, gradient and Hessian."""

@@ -1,0 +1,1 @@
+"""Flight: aerodynamics, battery, wind triangle, guiding vector field."""

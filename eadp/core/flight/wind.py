@@ -1,0 +1,213 @@
+"""Wind: how fast a path is flown in it, and what flight itself tells of it.
+
+Directions are of motion over ground, wind is the motion of the air: a wind along the direction of flight is a tailwind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.compiled import is_on, quick
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.geometry.curves import Point
+
+FloatArray = NDArray[np.float64]
+
+FIRST_STD_MPS = 10.0
+"""Standard deviation of each component of a wind that nothing is known of."""
+
+DRIFT_M2PS3 = 0.5**2 / 300
+"""How fast a mean wind changes: by half a metre per second in five minutes."""
+
+GUST_TIME_S = 5.0
+"""How long a gust stays: readings within this time tell the same."""
+
+FIRST_GUST_MPS, LEAST_GUST_MPS = 1.0, 0.02
+BEND = 10.0
+"""How much more than its variance the bend of a reading without a heading counts as noise: it does not average out."""
+
+FORGET_S = 60.0
+"""Over how long the spread of the gusts is taken."""
+
+
+def ground_speeds_mps(
+    cosine: FloatArray, sine: FloatArray, airspeed_mps: float, wind_mps: Point
+) -> tuple[FloatArray, FloatArray]:
+    """Speed over ground of an aircraft that holds courses in a wind by crabbing.
+
+    Parameters
+    ----------
+    cosine, sine : array, shape (n,)
+        Directions of the courses.
+    airspeed_mps : float
+        Airspeed s [m/s].
+    wind_mps : (float, float)
+        Wind w [m/s].
+
+    Returns
+    -------
+    speeds, along : array, shape (n,)
+        Ground speed w∥ + √(s² − w⊥²) [m/s], 0 or less where the course cannot be held or does not lead forward; and the
+        airspeed's part along the course [m/s].
+
+    Source: wind triangle.
+    """
+    # w∥ = w·t, w⊥ = w × t
+    tail = wind_mps[0] * cosine + wind_mps[1] * sine
+    cross = wind_mps[0] * sine - wind_mps[1] * cosine
+    along = np.sqrt(np.maximum(airspeed_mps**2 - cross**2, 0.0))
+    speeds: FloatArray = np.where(np.abs(cross) < airspeed_mps, tail + along, 0.0)
+    return speeds, along
+
+
+def squared_bank_slopes(
+    curvature_per_m: FloatArray, speeds_mps: FloatArray, along_mps: FloatArray, airspeed_mps: float
+) -> FloatArray:
+    """tan² φ = n² − 1 of the bank that holds a curved course in wind.
+
+    Parameters
+    ----------
+    curvature_per_m : array, shape (n,)
+        Curvature κ of the course [1/m], 0 for a line.
+    speeds_mps, along_mps : array, shape (n,)
+        As `ground_speeds_mps` returns.
+    airspeed_mps : float
+        s [m/s].
+
+    Source: coordinated turn, tan φ = s θ̇/g; the heading turns ‖ṗ‖/(s cos(θ − χ)) times as fast as the course.
+    """
+    # χ̇ = κ v,  θ̇ = χ̇ v / (s cos(θ − χ)),  tan φ = s θ̇ / g
+    turn = curvature_per_m * speeds_mps * speeds_mps / np.maximum(along_mps, 1e-3 * airspeed_mps)
+    slopes: FloatArray = (airspeed_mps * turn / GRAVITY_MPS2) ** 2
+    return slopes
+
+
+class WindFilter:
+    """Mean wind from velocity over ground, and heading where it is known.
+
+    With a heading, v − s(cos θ, sin θ) is a reading of the wind. Without one, that ‖v − w‖ = s is, of its part along
+    the air velocity, linearised: courses in several directions tell both parts. Gusts are noise that stays for
+    `GUST_TIME_S`, so that a reading counts for as little as its share of that time.
+
+    Parameters
+    ----------
+    airspeed_mps : float
+        s [m/s].
+
+    Source: Kalman filter of a random walk; wind triangle.
+    """
+
+    def __init__(self, airspeed_mps: float) -> None:
+        self._s = airspeed_mps
+        self._known: _Known = (0.0, 0.0, FIRST_STD_MPS**2, FIRST_STD_MPS**2, 0.0, FIRST_GUST_MPS**2, 0.0)
+
+    @property
+    def wind_mps(self) -> Point:
+        """Estimate [m/s]."""
+        return self._known[:2]
+
+    @property
+    def gust_std_mps(self) -> float:
+        """Spread of the readings [m/s]."""
+        return math.sqrt(self._known[5])
+
+    @property
+    def covariance(self) -> tuple[float, float, float]:
+        """Variances of both components and their covariance [m²/s²]."""
+        return self._known[2:5]
+
+    def observe(self, velocity_mps: Point, heading_rad: float | None, step_s: float) -> None:
+        """Take a reading, `step_s` [s] after the last one."""
+        heading = math.nan if heading_rad is None else heading_rad
+        self._known = quick(_taken, _corrected, _spread)(self._known, self._s, *velocity_mps, heading, step_s)
+
+    def observe_all(
+        self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
+    ) -> None:
+        """Take readings one after the other, each so long [s] after the one before; no number is no reading."""
+        columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
+        if is_on():
+            columns = [np.array(values) for values in columns]
+        self._known = quick(_all_taken, _taken, _corrected, _spread)(self._known, self._s, *columns)
+
+
+_Known = tuple[float, float, float, float, float, float, float]
+"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time seen [s]."""
+
+
+# What follows may be compiled, see `eadp.core.compiled`.
+
+
+def _all_taken(
+    known: _Known,
+    airspeed_mps: float,
+    vx_mps: Sequence[float] | FloatArray,
+    vy_mps: Sequence[float] | FloatArray,
+    headings_rad: Sequence[float] | FloatArray,
+    steps_s: Sequence[float] | FloatArray,
+) -> _Known:
+    for i in range(len(steps_s)):
+        known = _taken(known, airspeed_mps, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
+    return known
+
+
+def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float) -> _Known:
+    """What is known after a reading: of no velocity nothing more; the heading may be no number."""
+    if math.isnan(vx + vy):
+        return known
+    wx, wy, pxx, pyy, pxy, gusts, seen_s = known
+    step_s = max(step_s, 1e-3)
+    pxx += DRIFT_M2PS3 * step_s
+    pyy += DRIFT_M2PS3 * step_s
+    noise = gusts * max(1.0, 2 * GUST_TIME_S / step_s)
+    if not math.isnan(heading_rad):
+        ex = vx - airspeed_mps * math.cos(heading_rad) - wx
+        ey = vy - airspeed_mps * math.sin(heading_rad) - wy
+        before = wy
+        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 1.0, 0.0, ex, noise)
+        # the second component's error, after the first one's correction
+        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 0.0, 1.0, ey - (wy - before), noise)
+        gusts, seen_s = _spread(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s)
+        return wx, wy, pxx, pyy, pxy, gusts, seen_s
+    ax, ay = vx - wx, vy - wy
+    air = math.sqrt(ax * ax + ay * ay)
+    if air < 0.1 * airspeed_mps:
+        return wx, wy, pxx, pyy, pxy, gusts, seen_s
+    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
+    hx, hy = -ax / air, -ay / air
+    along = hx * hx * pxx + 2 * hx * hy * pxy + hy * hy * pyy
+    across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
+    error = airspeed_mps - air - across / (2 * air)
+    bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
+    bend = BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s)
+    wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, hx, hy, error, noise + bend)
+    told_s = gusts / (gusts + along + bent) * step_s
+    gusts, seen_s = _spread(gusts, seen_s, error * error, along + bent, told_s, step_s)
+    return wx, wy, pxx, pyy, pxy, gusts, seen_s
+
+
+def _corrected(
+    wx: float, wy: float, pxx: float, pyy: float, pxy: float, hx: float, hy: float, error: float, noise: float
+) -> tuple[float, float, float, float, float]:
+    """Wind and its covariance after a reading of its part along h that is off by `error`."""
+    gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
+    innovation = hx * gx + hy * gy + noise
+    kx, ky = gx / innovation, gy / innovation
+    return wx + kx * error, wy + ky * error, max(pxx - kx * gx, 1e-12), max(pyy - ky * gy, 1e-12), pxy - kx * gy
+
+
+def _spread(
+    gusts: float, seen_s: float, squared: float, known: float, counted_s: float, step_s: float
+) -> tuple[float, float]:
+    """The gusts' variance and the time seen after an error, whose square is less what the wind is not known by.
+
+    The first estimate of the variance is forgotten as readings come.
+    """
+    seen_s += step_s
+    share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * GUST_TIME_S))
+    gusts += share * (max(squared - known, 0.0) - gusts)
+    return max(gusts, LEAST_GUST_MPS**2), seen_s

@@ -1,0 +1,339 @@
+"""Plane geometry of paths: which kind a path is, its direction of travel, and how far along it something lies.
+
+The rotation convention, stated once: angles are counter-clockwise from east, and a path with rotation 90 is travelled
+along its gradient turned by +90°, so counter-clockwise round a circle whose φ is positive outside; rotation 270 is the
+opposite. `sense` is +1 for 90 and −1 for 270.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.expressions.expression import (
+    Expression,
+    Negative,
+    Node,
+    Number,
+    Power,
+    Product,
+    Sum,
+    Symbol,
+    is_zero,
+)
+from eadp.errors import PathUndefined
+
+LINE, CIRCLE, CURVE = "line", "circle", "curve"
+
+Point = tuple[float, float]
+
+
+def wrap_angle_rad(angle_rad: float) -> float:
+    """The same direction in (−π, π]."""
+    wrapped = math.remainder(angle_rad, 2 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def rotate(vector: Point, angle_rad: float) -> Point:
+    """A vector turned counter-clockwise: R(90°) = [[0, −1], [1, 0]]."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+
+
+# --- kind of a path, from its expression ------------------------------------------------------------------------------
+
+_Coefficient = Fraction | Node
+_Polynomial = dict[tuple[int, int], _Coefficient]
+"""Coefficients of x^i y^j up to degree 2: exact numbers, or trees in the parameters."""
+
+
+def path_kind(expression: Expression) -> str:
+    """`line`, `circle` or `curve`: what the zero set of a path function is by its form.
+
+    Decided symbolically: the expression is multiplied out as a polynomial in x and y of degree 2 or less, with exact
+    rational and symbolic coefficients. What is no such polynomial is a curve.
+    """
+    try:
+        polynomial = _polynomial(expression.node)
+    except ArithmeticError:  # a divisor that is zero, a coefficient beyond any float
+        return CURVE
+    if polynomial is None:
+        return CURVE
+    xx, xy, yy = (polynomial.get(key, Fraction(0)) for key in ((2, 0), (1, 1), (0, 2)))
+    if not _vanishes(xy):
+        return CURVE
+    if _vanishes(xx) and _vanishes(yy):
+        x, y = (polynomial.get(key, Fraction(0)) for key in ((1, 0), (0, 1)))
+        return CURVE if _vanishes(x) and _vanishes(y) else LINE
+    return CIRCLE if _vanishes(_plus(xx, _minus(yy))) else CURVE
+
+
+def _polynomial(node: Node) -> _Polynomial | None:
+    if isinstance(node, Number):
+        return {(0, 0): Fraction(repr(node.value))}
+    if isinstance(node, Symbol):
+        return {{"x": (1, 0), "y": (0, 1)}.get(node.name, (0, 0)): Fraction(1) if node.name in ("x", "y") else node}
+    if isinstance(node, Sum):
+        total: _Polynomial = {}
+        for minus, term in node.terms:
+            part = _polynomial(term)
+            if part is None:
+                return None
+            for key, value in part.items():
+                signed = _minus(value) if minus else value
+                total[key] = _plus(total[key], signed) if key in total else signed
+        return total
+    if isinstance(node, Negative):
+        part = _polynomial(node.operand)
+        return None if part is None else {key: _minus(value) for key, value in part.items()}
+    if isinstance(node, Product):
+        return _product(node)
+    if isinstance(node, Power):
+        return _raised(node)
+    return {(0, 0): node} if _free(node) else None
+
+
+def _product(node: Product) -> _Polynomial | None:
+    result: _Polynomial = {(0, 0): Fraction(1)}
+    for divides, factor in node.factors:
+        part = _polynomial(factor)
+        if part is None:
+            return None
+        if divides:
+            if set(part) != {(0, 0)}:
+                return None
+            part = {(0, 0): _inverse(part[0, 0])}
+        product = _times(result, part)
+        if product is None:
+            return None
+        result = product
+    return result
+
+
+def _raised(node: Power) -> _Polynomial | None:
+    if _free(node):
+        return {(0, 0): node}
+    base = _polynomial(node.base)
+    if base is None or not isinstance(node.exponent, Number) or node.exponent.value not in (0, 1, 2):
+        return None
+    if node.exponent.value == 0:
+        return {(0, 0): Fraction(1)}
+    return base if node.exponent.value == 1 else _times(base, base)
+
+
+def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial | None:
+    result: _Polynomial = {}
+    for (i, j), u in a.items():
+        for (k, m), v in b.items():
+            value = _multiply(u, v)
+            key = (i + k, j + m)
+            if value == 0:
+                continue
+            if sum(key) > 2:
+                return None
+            result[key] = _plus(result[key], value) if key in result else value
+    return result or {(0, 0): Fraction(0)}
+
+
+def _free(node: Node) -> bool:
+    """Whether a tree holds neither x nor y."""
+    return not Expression(node).names & {"x", "y"}
+
+
+def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return a + b
+    if a == 0 or b == 0:
+        return b if a == 0 else a
+    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)  # flat: a long sum must not become a deep one
+    return Sum((*first, (False, _node(b))))
+
+
+def _minus(a: _Coefficient) -> _Coefficient:
+    return -a if isinstance(a, Fraction) else Negative(a)
+
+
+def _multiply(a: _Coefficient, b: _Coefficient) -> _Coefficient:
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return a * b
+    if a == 0 or b == 0:
+        return Fraction(0)
+    if a == 1 or b == 1:
+        return b if a == 1 else a
+    first = a.factors if isinstance(a, Product) else ((False, _node(a)),)
+    return Product((*first, (False, _node(b))))
+
+
+def _inverse(a: _Coefficient) -> _Coefficient:
+    return 1 / a if isinstance(a, Fraction) else Product(((False, Number(1.0)), (True, a)))
+
+
+def _node(a: _Coefficient) -> Node:
+    if not isinstance(a, Fraction):
+        return a
+    number = Number(abs(float(a)))
+    return Negative(number) if a < 0 else number
+
+
+def _vanishes(a: _Coefficient) -> bool:
+    return a == 0 if isinstance(a, Fraction) else is_zero(a)
+
+
+# --- a path at given parameters ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line as travelled: a point on it [m] and the unit direction."""
+
+    point_m: Point
+    direction: Point
+
+    def progress_m(self, point: Point) -> float:
+        """Signed distance along the line from `point_m` [m]."""
+        dx, dy = point[0] - self.point_m[0], point[1] - self.point_m[1]
+        return dx * self.direction[0] + dy * self.direction[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A circle as travelled: centre [m], radius [m], and turn (+1 counter-clockwise, −1 clockwise)."""
+
+    centre_m: Point
+    radius_m: float
+    turn: int
+
+    def angle_rad(self, point: Point) -> float:
+        """Direction from the centre to a point [rad]."""
+        return math.atan2(point[1] - self.centre_m[1], point[0] - self.centre_m[0])
+
+    def sweep_rad(self, start: Point, end: Point) -> float:
+        """Angle travelled from one point to another [rad], in (0, 2π]: the same point is a whole turn."""
+        sweep = math.fmod(self.turn * (self.angle_rad(end) - self.angle_rad(start)), 2 * math.pi)
+        if sweep < 0:
+            sweep += 2 * math.pi
+        return sweep if sweep > 1e-9 else sweep + 2 * math.pi
+
+    def point_at(self, angle_rad: float) -> Point:
+        """The point on the circle in a direction from the centre [m]."""
+        cx, cy = self.centre_m
+        return cx + self.radius_m * math.cos(angle_rad), cy + self.radius_m * math.sin(angle_rad)
+
+
+def line_of(path: PathFunction, near: Point, sense: int) -> Line:
+    """The line of a path function of kind `line`, with the point of it nearest to `near`.
+
+    Raises
+    ------
+    PathUndefined
+        If its gradient is zero: there is no line.
+    """
+    value, gx, gy, *_ = _jet(path, near)
+    square = gx * gx + gy * gy
+    if square == 0:
+        raise PathUndefined("has no gradient, so it is no line")
+    norm = math.sqrt(square)
+    foot = (near[0] - value * gx / square, near[1] - value * gy / square)
+    return Line(foot, (-sense * gy / norm, sense * gx / norm))
+
+
+def circle_of(path: PathFunction, near: Point, sense: int) -> Circle:
+    """The circle of a path function of kind `circle`; φ is quadratic, so that one evaluation tells all.
+
+    Raises
+    ------
+    PathUndefined
+        If the square of its radius is not above 0.
+    """
+    # φ = a(|p − centre|² − radius²): ∇φ = 2a(p − centre), H = 2a I
+    value, gx, gy, hxx, _, _ = _jet(path, near)
+    if hxx == 0:
+        raise PathUndefined("is no circle at these parameters")
+    dx, dy = gx / hxx, gy / hxx
+    square = dx * dx + dy * dy - 2 * value / hxx
+    if not square > 0:
+        raise PathUndefined(f"is a circle whose radius² is {square:g}")
+    return Circle((near[0] - dx, near[1] - dy), math.sqrt(square), sense if hxx > 0 else -sense)
+
+
+def project(path: PathFunction, point: Point, *, passes: int = 50) -> Point:
+    """The point of a path near a point [m], by Newton's steps down the gradient.
+
+    Raises
+    ------
+    PathUndefined
+        If no point of the path is found.
+    """
+    x, y = point
+    for _ in range(passes):
+        value, gx, gy, *_ = _jet(path, (x, y))
+        square = gx * gx + gy * gy
+        if square == 0:
+            break
+        step = value / square
+        x, y = x - step * gx, y - step * gy
+        if abs(step) * math.sqrt(square) < 1e-10 * (1 + abs(x) + abs(y)):
+            return x, y
+    raise PathUndefined(f"has no point near ({point[0]:g}, {point[1]:g})")
+
+
+def tangent(path: PathFunction, point: Point, sense: int) -> Point:
+    """Unit direction of travel at a point of a path.
+
+    Raises
+    ------
+    PathUndefined
+        If the gradient is zero there.
+    """
+    _, gx, gy, *_ = _jet(path, point)
+    norm = math.hypot(gx, gy)
+    if norm == 0:
+        raise PathUndefined(f"has no direction at ({point[0]:g}, {point[1]:g})")
+    return -sense * gy / norm, sense * gx / norm
+
+
+def walk(path: PathFunction, start: Point, sense: int, step_m: float) -> Iterator[Point]:
+    """Points along a path from the point of it near `start`, `step_m` [m] apart, without end.
+
+    The midpoint rule along the tangent, then back onto the path by Newton's steps.
+    """
+    point = project(path, start)
+    while True:
+        yield point
+        t = tangent(path, point, sense)
+        middle = (point[0] + step_m / 2 * t[0], point[1] + step_m / 2 * t[1])
+        t = tangent(path, middle, sense)
+        point = project(path, (point[0] + step_m * t[0], point[1] + step_m * t[1]))
+
+
+def curve_length_m(path: PathFunction, start: Point, end: Point, sense: int, *, limit_m: float = 20_000.0) -> float:
+    """Distance along a path from one point of it to another [m]; infinite where it is not met within `limit_m`.
+
+    The step is a hundredth of the distance between the two, between 0.1 and 5 m.
+    """
+    step_m = min(5.0, max(0.1, math.dist(start, end) / 100))
+    length = 0.0
+    ahead = False
+    for point in walk(path, start, sense, step_m):
+        t = tangent(path, point, sense)
+        rest = (end[0] - point[0]) * t[0] + (end[1] - point[1]) * t[1]
+        if ahead and rest <= 0 and math.dist(point, end) < max(5 * step_m, 5.0):
+            return max(0.0, length + rest)
+        ahead = rest > 0
+        length += step_m
+        if length > limit_m:
+            break
+    return math.inf
+
+
+def _jet(path: PathFunction, point: Point) -> Sequence[float]:
+    try:
+        jet = path(*point)
+    except (ArithmeticError, ValueError):
+        raise PathUndefined(f"has no value at ({point[0]:g}, {point[1]:g})") from None
+    if not all(math.isfinite(value) for value in jet):
+        raise PathUndefined(f"has no finite value at ({point[0]:g}, {point[1]:g})")
+    return jet

@@ -1,0 +1,1 @@
+"""Sampled power: Fourier state, Kalman update, spectrum, coloured noise."""

@@ -1,0 +1,757 @@
+"""Samples of a power → its period, order, Fourier coefficients and noise; or the finding that it has no period.
+
+How a period is found:
+
+1. Every frequency of a fine grid is scored by cross-validated harmonic least squares: the samples are cut into
+   contiguous blocks, each is forecast by a fit that has seen neither it nor its two neighbours, and the score is
+   the squared error that remains. Noise that is alike from one sample to the next cannot leak over a whole block.
+2. The best peaks, their multiples and their parts are scored again at every order. Of those that forecast no worse
+   than the best the shortest is the period: a signal of period T also repeats every 2T.
+3. The period is refined on all samples, at their own times, by a bounded one-dimensional search, and the order is
+   the smallest that forecasts no worse than the best.
+4. Where the residual is not white, the range is searched again by likelihood, the noise fitted at every frequency:
+   least squares weighs the harmonics as if slow noise were as weak as fast.
+5. Slow noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
+   explain the samples better than they explain such noise: see `analyse`.
+
+Nothing is resampled: gaps, drop-outs and irregular steps are only fewer rows of the least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft, optimize, special
+
+from eadp.core.signals.coloured_noise import Bins, Noise, Scan, binned, tail
+from eadp.core.signals.harmonics import design_matrix, phases_of_state
+from eadp.errors import Infeasible
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.int64]
+
+MIN_SAMPLES = 20
+"""Fewer samples than this are not analysed."""
+MIN_PERIODS = 1.9
+"""A period must fit twice into the log, less a little: the last sample of two laps is one step short of them."""
+MIN_SAMPLES_PER_PERIOD = 4
+MAX_PERIODS = 400
+"""The shortest period looked for is this part of the log, or 4 mean sampling steps if that is longer."""
+MAX_ORDER = 12
+MIN_CV_R2 = 0.05
+"""A period must explain this part of the variance of what it has not seen."""
+MAX_CHANCE = 0.03
+"""And noise without a period may look as periodic as this with at most this probability."""
+MAX_STD_RATIO = 0.1
+"""And it must be known to this part of itself: what happens once may have any period."""
+BEYOND = 1.02
+"""How far a period may come to lie beyond the range it is looked for in."""
+PRIOR_RATIO = 1.3
+"""A period is looked for within this factor of a prior."""
+
+_BLOCKS = 12
+_SCAN_ORDER = 3
+_SCAN_STRIDE = 3
+_OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
+_PEAKS = 6
+_PATIENCE = 4
+_NEAR = 4  # grid steps that the best order may move a peak of the scan
+_TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
+_RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
+_TEST_BINS = 220
+_TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
+_SURE = 1e-4  # chance of one frequency below which a longer period stands against its part
+_EVIDENT = 1e-9  # chance below which no surrogates are drawn
+_SURROGATES, _SEED = 48, 20260101
+_SETTLE_OVERSAMPLING = 12
+_SETTLE_BINS = 9  # to the shortest period
+_MARGIN = 2.0  # of log-likelihood that another period must be better by
+_WORTH = 2.5  # log-likelihood that a harmonic must bring, of two coefficients
+_ZOOMS = 6
+_WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 95 % hold for 88 to 96 %
+_WHITE = 1.3  # an inflation up to which noise counts as white
+_CLEAN = 0.01  # of the variance
+_PICTURE_BINS = 2000
+_MEAN_BINS = 120
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What `analyse` found.
+
+    Attributes
+    ----------
+    periodic : bool
+    period_s, period_std_s : float
+        The best period and its standard deviation [s], also where it does not count as one; NaN where
+        there is not even a candidate (a constant signal).
+    mean_w : float
+        Mean power [W]: the constant of the fit, or the mean of the samples without a period.
+    amplitude_w, phase_rad : array, shape (r,)
+        Harmonics [W], [rad]: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first
+        sample. Empty without a period.
+    mean_std_w : float
+    amplitude_std_w : array, shape (r,)
+        Standard deviations of the mean and the amplitudes in noise that is alike from sample to sample [W].
+    noise_std_w : float
+        Standard deviation of what the fit leaves [W].
+    cv_r2 : float
+        Part of the variance about the mean that the period explains of blocks it has not seen; 0 or less is nothing.
+    chance : float
+        Probability, at most 1, that noise without a period looks as periodic anywhere in the range searched; 1 where
+        `cv_r2` rules the period out already.
+    samples : int
+    span_s : float
+        Time from the first sample to the last [s].
+    """
+
+    periodic: bool
+    period_s: float
+    period_std_s: float
+    mean_w: float
+    mean_std_w: float
+    amplitude_w: FloatArray
+    amplitude_std_w: FloatArray
+    phase_rad: FloatArray
+    noise_std_w: float
+    cv_r2: float
+    chance: float
+    samples: int
+    span_s: float
+
+
+def analyse(
+    times_s: ArrayLike, power_w: ArrayLike, *, order: int | None = None, period_prior_s: float | None = None
+) -> Spectrum:
+    """Find the period of a sampled power and fit its Fourier series.
+
+    Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log. A signal counts
+    as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, (b) its standard deviation is at
+    most `MAX_STD_RATIO` of it, (c) it lies in the range searched, and (d) noise looks as periodic with a chance of
+    `MAX_CHANCE` or less: a likelihood ratio of harmonics in coloured noise against coloured noise alone, the best over
+    frequencies and orders, is compared with that of surrogates of the noise that suits the samples best without
+    harmonics, always the same for the same samples. Where the ratio itself leaves no doubt no surrogates are drawn.
+    The coloured noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a
+    random walk or a drift, plus white noise: each at its best for the samples.
+
+    In noise that is nearly white the period is that of least squares, and its standard deviation that from the
+    curvature in the period, times the factor by which the noise fitted spreads that estimate more than white noise of
+    the same variance would. In coloured noise the period is the likeliest, and its standard deviation the root mean
+    square of the distance from it under the likelihood.
+
+    Parameters
+    ----------
+    times_s : array, shape (n,)
+        Strictly increasing [s]; n is `MIN_SAMPLES` or more.
+    power_w : array, shape (n,)
+        Power [W].
+    order : int, optional
+        Number of harmonics of the result. Default: the smallest that forecasts held-out blocks no worse than the best.
+        The period is found at the best order, whatever is asked for here.
+    period_prior_s : float, optional
+        Look within a factor of `PRIOR_RATIO` of this period only [s].
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    Infeasible
+        If there are too few samples, no period near the prior fits twice into the log, or the order asked for
+        needs more samples.
+    """
+    times = np.asarray(times_s, dtype=float)
+    power = np.asarray(power_w, dtype=float)
+    if len(times) < MIN_SAMPLES:
+        raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
+    samples = _Samples(times - times[0], power - power.mean())
+    shortest_s, longest_s = _range_s(samples, period_prior_s)
+    mean_w, spread_w = float(power.mean()), float(power.std(ddof=1))
+    if spread_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
+        return _aperiodic(samples, mean_w, spread_w, 0.0)
+    frequency_hz = _search(samples, shortest_s, longest_s)
+    frequency_hz, free_order = _refine(samples, frequency_hz)
+    free_r2 = _cv_r2(samples, frequency_hz, free_order)
+    # a search of everything ends here where nothing is forecast; near a prior the likelihood may still know better
+    if free_r2 < MIN_CV_R2 and period_prior_s is None:
+        return _aperiodic(samples, mean_w, spread_w, free_r2, frequency_hz)
+    found = _judge(samples, frequency_hz, free_order, shortest_s, longest_s)
+    inside = shortest_s / BEYOND <= 1 / found.frequency_hz <= longest_s * BEYOND
+    if not (found.periodic and inside):
+        return _aperiodic(samples, mean_w, spread_w, found.cv_r2, found.frequency_hz, found.chance)
+    if order is not None and order > (highest := _max_order(samples, 1 / found.frequency_hz, order)):
+        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / found.frequency_hz:.4g} s"
+        raise Infeasible(f"order {order} is too high: {least} to order {highest} at most")
+    return _periodic(samples, found, order or found.order, mean_w)
+
+
+class _Found(NamedTuple):
+    frequency_hz: float
+    std_s: float  # of the period
+    order: int
+    cv_r2: float
+    chance: float
+    evidence: _Evidence
+
+    @property
+    def periodic(self) -> bool:
+        known = self.std_s * self.frequency_hz <= MAX_STD_RATIO
+        return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
+
+
+def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
+    """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
+    bins = _bins(samples, 1 / frequency_hz, order)
+    evidence = _evidence(bins, 1 / frequency_hz, order)
+    fitted, error = _fit(samples, frequency_hz, order)
+    noise = math.sqrt(error / max(1, len(samples.times_s) - 2 * order - 2))
+    inflation = _inflation(frequency_hz, fitted, noise, evidence)
+    std_s = _white_std_s(samples, frequency_hz, fitted, noise) * math.sqrt(inflation)
+    chance = min(1.0, evidence.chance * max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s)))
+    # what is left of a clean signal is what the bins, not the noise, have rounded
+    clean = error < _CLEAN * float(samples.square.sum())
+    coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
+    if chance > _EVIDENT or coloured:
+        low_hz, high_hz = 1 / longest_s, 1 / shortest_s
+        settled = _settle(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
+        chance = chance if settled.chance is None else settled.chance
+        if coloured:
+            frequency_hz, std_s = settled.frequency_hz, _WIDENED * settled.std_hz / settled.frequency_hz**2
+            order = _choose_order(samples, frequency_hz)
+            evidence = _evidence(bins, 1 / frequency_hz, order)
+    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
+
+
+# ---- samples and least squares -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Times from the first sample, and power less its mean, in blocks of equal numbers of samples."""
+
+    times_s: FloatArray
+    power_w: FloatArray
+
+    @property
+    def span_s(self) -> float:
+        return float(self.times_s[-1])
+
+    @property
+    def step_s(self) -> float:
+        return self.span_s / (len(self.times_s) - 1)
+
+    @cached_property
+    def edges(self) -> list[int]:
+        return [len(self.times_s) * b // _BLOCKS for b in range(_BLOCKS + 1)]
+
+    @cached_property
+    def block(self) -> IntArray:
+        return np.repeat(np.arange(_BLOCKS), np.diff(self.edges))
+
+    @cached_property
+    def square(self) -> FloatArray:
+        return np.add.reduceat(self.power_w**2, self.edges[:-1])
+
+
+class _Sums(NamedTuple):
+    """Normal equations of each block: XᵀX, Xᵀy, yᵀy. Columns 1, cos, sin, cos 2, sin 2, …: lower orders lead."""
+
+    gram: FloatArray  # (..., blocks, m, m)
+    moment: FloatArray  # (..., blocks, m)
+    square: FloatArray  # (blocks,)
+
+
+def _sums(samples: _Samples, frequency_hz: float, order: int) -> _Sums:
+    """Normal equations at one frequency, from the samples themselves."""
+    columns = design_matrix(samples.times_s, frequency_hz, order)
+    cuts = samples.edges[1:-1]
+    parts = zip(np.split(columns, cuts), np.split(samples.power_w, cuts), strict=True)
+    gram, moment = zip(*((x.T @ x, x.T @ y) for x, y in parts), strict=True)
+    return _Sums(np.array(gram), np.array(moment), samples.square)
+
+
+def _held_out(sums: _Sums, order: int) -> FloatArray:
+    """Squared error of each block, forecast without it and its neighbours: shape (..., blocks) [W²]."""
+    m = 2 * order + 1
+    gram, moment = sums.gram[..., :m, :m], sums.moment[..., :m]
+    count = gram[..., 0, 0].sum(axis=-1)[..., np.newaxis, np.newaxis]
+    seen_gram = gram.sum(axis=-3, keepdims=True) - _with_neighbours(gram, -3)
+    seen_moment = moment.sum(axis=-2, keepdims=True) - _with_neighbours(moment, -2)
+    # a ridge of a millionth keeps a phase that no other lap has seen from being anything at all
+    seen_gram[..., np.arange(m), np.arange(m)] += 1e-6 * count
+    fitted = np.linalg.solve(seen_gram, seen_moment[..., np.newaxis])[..., 0]
+    # ‖y − Xβ‖² = yᵀy − 2βᵀXᵀy + βᵀXᵀXβ
+    quadratic = np.einsum("...i,...ij,...j->...", fitted, gram, fitted)
+    error: FloatArray = sums.square - 2 * np.sum(fitted * moment, axis=-1) + quadratic
+    return error
+
+
+def _by_order(sums: _Sums, highest: int) -> FloatArray:
+    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row have brought nothing."""
+    errors = [_held_out(sums, 1)]
+    least, at = float(errors[0].sum(axis=-1).min()), 1
+    for order in range(2, highest + 1):
+        errors.append(_held_out(sums, order))
+        error = float(errors[-1].sum(axis=-1).min())
+        if error < least:
+            least, at = error, order
+        if order >= at + _PATIENCE:
+            break
+    return np.array(errors)
+
+
+def _with_neighbours(blocks: FloatArray, axis: int) -> FloatArray:
+    """Each block plus the one before and the one after it."""
+    moved = np.moveaxis(blocks, axis, 0)
+    total = moved.copy()
+    total[1:] += moved[:-1]
+    total[:-1] += moved[1:]
+    return np.moveaxis(total, 0, axis)
+
+
+def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:
+    sums = _sums(samples, frequency_hz, order)
+    return float(1 - _held_out(sums, order).sum() / _held_out(sums, 0).sum())
+
+
+def _no_worse(error: FloatArray, best: FloatArray, total: float) -> bool:
+    """Whether a simpler model forecasts the blocks no worse than the best one.
+
+    That is: by no more than two standard errors of the difference over the blocks and a tenth of what the best
+    leaves; a millionth of the signal never counts.
+    """
+    excess = error - best
+    standard_error = math.sqrt(len(excess)) * float(np.std(excess, ddof=1))
+    worse = float(excess.sum())
+    return worse <= min(2 * standard_error, 0.1 * float(best.sum())) or worse <= 1e-6 * total
+
+
+def _max_order(samples: _Samples, period_s: float, limit: int = MAX_ORDER) -> int:
+    """Highest order that the sampling resolves at a period, and that leaves four samples to a coefficient."""
+    resolved = math.ceil(period_s / (2 * samples.step_s)) - 1
+    return max(1, min(limit, resolved, (len(samples.times_s) // 4 - 1) // 2))
+
+
+# ---- 1 and 2: the search -----------------------------------------------------------------------------------------
+
+
+def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
+    shortest = max(MIN_SAMPLES_PER_PERIOD * samples.step_s, samples.span_s / MAX_PERIODS)
+    longest = samples.span_s / MIN_PERIODS
+    if prior_s is None:
+        return shortest, longest
+    low, high = max(shortest, prior_s / PRIOR_RATIO), min(longest, prior_s * PRIOR_RATIO)
+    if low >= high:
+        raise Infeasible(
+            f"no period near {prior_s:g} s can be found in {len(samples.times_s)} samples over {samples.span_s:g} s:"
+            f" {shortest:.4g} s to {longest:.4g} s can"
+        )
+    return low, high
+
+
+class _Grid:
+    """Normal equations at every frequency k · `step_hz`, from one FFT of each block of the samples' times.
+
+    Harmonic least squares needs nothing but sums of e^{2πi f t} and y e^{2πi f t} over the samples, at multiples of
+    the frequency: the grid holds them all. Times are rounded to ticks, a 16th of the shortest period.
+    """
+
+    def __init__(self, samples: _Samples, shortest_s: float) -> None:
+        tick_s = shortest_s / _TICKS_PER_PERIOD
+        self._length = int(fft.next_fast_len(math.ceil(_OVERSAMPLING * samples.span_s / tick_s) + 1, real=True))
+        self.step_hz = 1 / (self._length * tick_s)
+        tick = np.rint(samples.times_s / tick_s).astype(int)
+        shape = (_BLOCKS, int(tick[-1]) + 1)
+        place = samples.block * shape[1] + tick
+        self._one = self._transform(np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape))
+        weighted = np.bincount(place, samples.power_w, minlength=shape[0] * shape[1])
+        self._power = self._transform(weighted.reshape(shape))
+        self._square = samples.square
+
+    def _transform(self, blocks: NDArray[np.float64] | IntArray) -> ComplexArray:
+        transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
+        return transform
+
+    def _at(self, transform: ComplexArray, index: IntArray) -> ComplexArray:
+        """Values at indices of shape (k, j), shape (k, blocks, j): the transform of reals is Hermitian."""
+        index = index % self._length
+        mirrored = index > self._length // 2
+        values = transform[:, np.where(mirrored, self._length - index, index)]
+        return np.moveaxis(np.where(mirrored, np.conj(values), values), 0, 1)
+
+    def sums(self, index: IntArray, order: int) -> _Sums:
+        """Normal equations at frequencies `index` · step, shape (k,)."""
+        multiples = np.arange(2 * order + 1)
+        one = self._at(self._one, index[:, np.newaxis] * multiples)
+        power = self._at(self._power, index[:, np.newaxis] * multiples[: order + 1])
+        # column c is Re(w e^{ihx}): h = 0, 1, 1, 2, 2, …, w = 1 for a cosine and −i for a sine; and
+        # Re(w e^{ihx}) Re(v e^{igx}) = ½ Re(w v e^{i(h+g)x} + w v̄ e^{i(h−g)x})
+        harmonic = (multiples + 1) // 2
+        weight = np.where((multiples % 2 == 0) & (multiples > 0), -1j, 1)
+        both, apart = harmonic[:, np.newaxis] + harmonic, harmonic[:, np.newaxis] - harmonic
+        difference = np.where(apart < 0, np.conj(one[..., np.abs(apart)]), one[..., np.abs(apart)])
+        gram = np.outer(weight, weight) * one[..., both] + np.outer(weight, np.conj(weight)) * difference
+        return _Sums(gram.real / 2, (weight * power[..., harmonic]).real, self._square)
+
+
+class _Candidate(NamedTuple):
+    place: int  # on the grid
+    order: int
+    error: FloatArray  # of each block at its best order
+
+    @property
+    def total(self) -> float:
+        return float(self.error.sum())
+
+
+def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
+    """Frequency of the true period, within a grid step [Hz]."""
+    grid = _Grid(samples, shortest_s)
+    first = math.ceil(1 / longest_s / grid.step_hz)
+    last = max(first, math.floor(1 / shortest_s / grid.step_hz))
+    peaks = _peaks(samples, grid, np.arange(first, last + 1, _SCAN_STRIDE))
+    related = sorted({round(peak * factor) for peak in peaks for factor in _RELATED})
+    near = [k for k in related if first - _NEAR <= k <= last + _NEAR]
+    apart = [k for k, before in zip(near, [-_NEAR, *near], strict=False) if k - before > 1]
+    windows = [np.unique(np.clip(np.arange(k - _NEAR, k + _NEAR + 1), first, last)) for k in apart]
+    candidates = list({c.place: c for c in (_best_near(samples, grid, window) for window in windows)}.values())
+    best = min(candidates, key=lambda candidate: candidate.total)
+    by_length = sorted(candidates, key=lambda candidate: -candidate.place)
+    shortest = next((c for c in by_length if _suffices(samples, c, best, grid.step_hz)), best)
+    return shortest.place * grid.step_hz
+
+
+def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
+    """Whether a whole part of the best period is as good as the best.
+
+    It forecasts no worse; or it explains half of what the best does and more, and the rest may well be noise: a long
+    period at a high order follows slow noise a little way even over a held-out block. A rest that gains little must be
+    surer by far: two laps that differ by chance are seen again in no third one.
+    """
+    if not _is_part(part.place, best.place):
+        return False
+    total = float(samples.square.sum())
+    if _no_worse(part.error, best.error, total):
+        return True
+    if part.total > (total + best.total) / 2:
+        return False
+    period_s = 1 / (best.place * step_hz)
+    bins = _bins(samples, period_s, best.order)
+    evidence = _evidence(bins, period_s, best.order, part=round(part.place / best.place))
+    gains_little = part.total < 1.5 * best.total
+    return evidence.chance > (_SURE**2 if gains_little else _SURE)
+
+
+def _is_part(index: int, of: int) -> bool:
+    """Whether a frequency is a multiple of another, within what the grid can tell."""
+    return round(index / of) >= 2 and abs(index - round(index / of) * of) <= _OVERSAMPLING // 4
+
+
+def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
+    """The best local minima of the held-out error over a scan of the whole range."""
+    errors = []
+    # a few MB, and one order, at a time; near a prior there may be few frequencies
+    for chunk in np.array_split(index, min(len(index), 8 + len(index) // 300)):
+        order = _max_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
+        errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
+    error = np.concatenate(errors)
+    padded = np.pad(error, 1, constant_values=np.inf)
+    lowest = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
+    return index[lowest[np.argsort(error[lowest], kind="stable")[:_PEAKS]]]
+
+
+def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
+    """The best of some neighbouring frequencies and all orders."""
+    highest = _max_order(samples, 1 / (grid.step_hz * index[0]))
+    sums = grid.sums(index, highest)
+    errors = _by_order(sums, highest)
+    best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
+    return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
+
+
+# ---- 3: the refinement -------------------------------------------------------------------------------------------
+
+
+def _refine(samples: _Samples, frequency_hz: float) -> tuple[float, int]:
+    """Frequency on all samples [Hz], and the order."""
+    order = _choose_order(samples, frequency_hz)
+    for _ in range(2):  # the order may change with the frequency, and the frequency with the order
+        frequency_hz = _minimise(samples, frequency_hz, order)
+        order = _choose_order(samples, frequency_hz)
+    return frequency_hz, order
+
+
+def _choose_order(samples: _Samples, frequency_hz: float) -> int:
+    """The smallest order that forecasts no worse than the best."""
+    highest = _max_order(samples, 1 / frequency_hz)
+    sums = _sums(samples, frequency_hz, highest)
+    errors = _by_order(sums, highest)
+    best = errors[np.argmin(errors.sum(axis=-1))]
+    total = float(samples.square.sum())
+    return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
+
+
+def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
+    """Frequency of the least squared error of all samples near a start [Hz]."""
+    step_hz = 1 / (_OVERSAMPLING * samples.span_s)
+
+    def error(steps: float) -> float:
+        return _fit(samples, frequency_hz + steps * step_hz, order)[1]
+
+    # the error has a side lobe at each turn of the highest harmonic over the log: bracket its lowest first
+    reach = _OVERSAMPLING // 8
+    coarse = min(range(-reach, reach + 1), key=error) if order > 1 else 0
+    low, high = (coarse - 1.5, coarse + 1.5) if order > 1 else (-2.0 * reach, 2.0 * reach)
+    found = optimize.minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": 1e-7})
+    return frequency_hz + float(found.x) * step_hz
+
+
+def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
+    """Coefficients [W] and the squared error that remains [W²]."""
+    columns = design_matrix(samples.times_s, frequency_hz, order)
+    # least squares of the normal equations: samples in bursts may leave a harmonic undetermined
+    solution, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ samples.power_w, rcond=None)
+    fitted = np.asarray(solution, dtype=np.float64)
+    residual = samples.power_w - columns @ fitted
+    return fitted, float(residual @ residual)
+
+
+# ---- 4: is it a period, and how well is it known? ----------------------------------------------------------------
+
+
+class _Evidence(NamedTuple):
+    chance: float  # of this frequency alone
+    bins: Bins
+    noise: Noise  # with the period
+
+
+def _bins(samples: _Samples, period_s: float, order: int) -> Bins:
+    """At most 220 bins, 20 to a period and 3 to a harmonic: the middle of a log that is longer than that."""
+    per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
+    width_s = max(samples.step_s, period_s / per_period)
+    middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
+    return binned(samples.times_s[middle], samples.power_w[middle], width_s, samples.span_s)
+
+
+def _evidence(bins: Bins, period_s: float, order: int, part: int = 0) -> _Evidence:
+    """Likelihood ratio of harmonics in coloured noise against coloured noise alone.
+
+    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long.
+    """
+    columns = design_matrix(bins.times_s, 1 / period_s, order)
+    n = len(bins.times_s)
+    harmonic = (np.arange(2 * order + 1) + 1) // 2
+    granted = harmonic % part == 0 if part else harmonic == 0
+    if n <= len(granted) + 1:
+        return _Evidence(1.0, bins, Noise(0.0, np.eye(n), float(np.var(bins.power_w))))
+    alone, periodic = bins.best_noise((columns[:, granted], columns))
+    # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
+    # samples it is larger by about n/(n − m)
+    few = max(0.0, 1 - len(granted) / n)
+    half_ratio = few * max(0.0, periodic.log_likelihood - alone.log_likelihood)
+    chance = float(special.gammaincc(int(np.count_nonzero(~granted)) / 2, float(half_ratio)))
+    return _Evidence(chance, bins, periodic)
+
+
+class _Settled(NamedTuple):
+    """The likeliest period in coloured noise, and the chance that noise alone makes one as likely, if asked for."""
+
+    frequency_hz: float
+    std_hz: float
+    chance: float | None
+
+
+def _settle(bins: Bins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
+    """Search the range again for the frequency under which the bins are likeliest, the noise fitted with it.
+
+    Surrogates are judged by the same search: noise of the model that suits the bins best without a period. It sees no
+    shorter period than the bins do, so that the chance is raised by as much as the range asked for is wider.
+    """
+    step_hz = 1 / (_SETTLE_OVERSAMPLING * bins.covered_s)
+    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_SETTLE_BINS * bins.width_s))
+    grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
+    highest = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    designs = np.stack([design_matrix(bins.times_s, f, highest) for f in grid])
+    worth = _WORTH * np.arange(1, highest + 1)[:, np.newaxis]
+    score = bins.scan(designs)[0].gain - worth
+    likeliest = float(grid[int(np.argmax(score.max(axis=0)))])
+    if score[:, -1].max() >= score.max() - _MARGIN:
+        likeliest = frequency_hz
+    chance = None
+    if judge:
+        draws = bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))
+        drawn = np.array([float((one.gain - worth).max()) for one in bins.scan(designs, draws)])
+        wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
+        chance = min(1.0, tail(float(score.max()), drawn) * wider)
+    return _Settled(*_posterior(bins, likeliest, highest, step_hz, low, high), chance)
+
+
+def _posterior(
+    bins: Bins, frequency_hz: float, order: int, step_hz: float, low_hz: float, high_hz: float
+) -> tuple[float, float]:
+    """Frequency of the greatest density near a start, and the root mean square of the distance from it [Hz]."""
+    low, high = max(low_hz, 0.75 * frequency_hz), min(high_hz, 1.25 * frequency_hz)
+    low, high = min(low, frequency_hz), max(high, frequency_hz)
+    grid = np.linspace(low, high, max(9, 2 * math.ceil((high - low) / (2 * step_hz)) + 1))
+    for _ in range(_ZOOMS):
+        designs = np.stack([design_matrix(bins.times_s, f, order) for f in grid])
+        density = _mixture(bins.scan(designs)[0])
+        weight = np.exp(density - density.max())
+        at, step = int(np.argmax(density)), float(grid[1] - grid[0])
+        spread = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
+        if spread > 1.5 * step:
+            break
+        grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
+    return float(grid[at]) + step * _vertex(density, at), max(spread, step / 4)
+
+
+def _mixture(scan: Scan) -> FloatArray:
+    """Logarithm of the density of the frequency, every order counted by how likely it is at its best."""
+    orders = np.arange(1, len(scan.gain) + 1)
+    weight = scan.gain.max(axis=1) - _WORTH * orders - scan.posterior.max(axis=1)
+    density: FloatArray = np.logaddexp.reduce(scan.posterior + weight[:, np.newaxis], axis=0)
+    return density
+
+
+def _vertex(density: FloatArray, at: int) -> float:
+    """Where the parabola through a maximum and its neighbours has its own, in steps from it."""
+    if not 0 < at < len(density) - 1:
+        return 0.0
+    before, here, after = density[at - 1 : at + 2].tolist()
+    bend = before - 2 * here + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence) -> float:
+    """How much more the noise spreads the period of least squares than white noise of its variance, 1 or more."""
+    bins = evidence.bins
+    slope = _slope(bins.times_s, frequency_hz, fitted)
+    correlated = evidence.noise.variance * float(slope @ evidence.noise.correlation @ slope)
+    # the same noise as the bins have it, if the samples in them were independent
+    independent = noise**2 / bins.samples_per_bin * float(slope @ slope)
+    return max(1.0, correlated / independent) if independent > 0 else 1.0
+
+
+def _white_std_s(samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float) -> float:
+    """Standard deviation of the period in white noise [s]."""
+    slope = _slope(samples.times_s, frequency_hz, fitted)
+    # var T = σ² / Σ (∂y/∂T)², what the other coefficients could follow taken off the derivative
+    square = float(slope @ slope)
+    return noise / math.sqrt(square) if square > 0 else 0.0
+
+
+def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> FloatArray:
+    """Derivative of the fit by the period, less what the fit's own columns can follow [W/s]."""
+    order = len(fitted) // 2
+    columns = design_matrix(times_s, frequency_hz, order)
+    harmonic = np.arange(1, order + 1)
+    # ∂/∂T [α cos(2πjt/T) + β sin(2πjt/T)] = (2πjt/T²) (α sin − β cos)
+    turning = columns[:, 2::2] @ (harmonic * fitted[1::2]) - columns[:, 1::2] @ (harmonic * fitted[2::2])
+    slope = 2 * np.pi * frequency_hz**2 * times_s * turning
+    followed, *_ = np.linalg.lstsq(columns, slope, rcond=None)
+    free: FloatArray = slope - columns @ followed
+    return free
+
+
+# ---- results -----------------------------------------------------------------------------------------------------
+
+
+def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Spectrum:
+    fitted, error = _fit(samples, found.frequency_hz, order)
+    offset_w, amplitude, phase = phases_of_state(fitted)
+    mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
+    return Spectrum(
+        periodic=True,
+        period_s=1 / found.frequency_hz,
+        period_std_s=found.std_s,
+        mean_w=mean_w + offset_w,
+        mean_std_w=mean_std_w,
+        amplitude_w=amplitude,
+        amplitude_std_w=amplitude_std_w,
+        phase_rad=phase,
+        noise_std_w=math.sqrt(error / (len(samples.times_s) - 2 * order - 2)),
+        cv_r2=_cv_r2(samples, found.frequency_hz, order),
+        chance=found.chance,
+        samples=len(samples.times_s),
+        span_s=samples.span_s,
+    )
+
+
+def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
+    """Standard deviations of the mean and of the amplitudes in the noise as it was fitted [W]."""
+    bins = found.evidence.bins
+    covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2))
+    covariance *= min(1.0, bins.covered_s / samples.span_s)  # the bins may be the middle of the log alone
+    amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
+    along = np.zeros((len(amplitude), len(fitted)))
+    rows = np.arange(len(amplitude))
+    along[rows, 2 * rows + 1], along[rows, 2 * rows + 2] = fitted[1::2] / amplitude, fitted[2::2] / amplitude
+    variance = np.einsum("ij,jk,ik->i", along, covariance, along)
+    return math.sqrt(max(0.0, float(covariance[0, 0]))), np.sqrt(np.maximum(variance, 0.0))
+
+
+def _aperiodic(
+    samples: _Samples, mean_w: float, spread_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
+) -> Spectrum:
+    return Spectrum(
+        periodic=False,
+        period_s=1 / frequency_hz,
+        period_std_s=math.nan,
+        mean_w=mean_w,
+        mean_std_w=_mean_std_w(samples) if math.isfinite(frequency_hz) else 0.0,
+        amplitude_w=np.empty(0),
+        amplitude_std_w=np.empty(0),
+        phase_rad=np.empty(0),
+        noise_std_w=spread_w,
+        cv_r2=cv_r2,
+        chance=chance,
+        samples=len(samples.times_s),
+        span_s=samples.span_s,
+    )
+
+
+def _mean_std_w(samples: _Samples) -> float:
+    """Standard deviation of the mean of the samples, in noise of any colour [W]."""
+    bins = binned(samples.times_s, samples.power_w, samples.span_s / _MEAN_BINS, samples.span_s)
+    return math.sqrt(float(bins.coefficient_covariance(np.ones((len(bins.times_s), 1)))[0, 0]))
+
+
+# ---- for a picture -----------------------------------------------------------------------------------------------
+
+
+def scores(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
+    """Cross-validated R² over the periods that a log can tell.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        As `analyse`; more than 2000 samples are averaged in as many bins, periods below 8 of which are left out.
+    order : int
+        Number of harmonics, 1 or more; fewer where a period is sampled too coarsely for them.
+    points : int
+        About how many periods, evenly spread in their logarithm.
+
+    Returns
+    -------
+    period_s, cv_r2 : array, shape (points,)
+        Increasing periods [s], and the part of the variance explained of blocks held out at each.
+    """
+    times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    width_s = max((times[-1] - times[0]) / _PICTURE_BINS, 1e-12)
+    if len(times) > _PICTURE_BINS:
+        bins = binned(times, power, width_s, times[-1] - times[0])
+        times, power = bins.times_s, bins.power_w
+    samples = _Samples(times - times[0], power - power.mean())
+    shortest_s, longest_s = _range_s(samples, None)
+    if not np.any(samples.power_w):
+        return np.geomspace(shortest_s, longest_s, points), np.zeros(points)
+    period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
+    orders = [_max_order(samples, one, order) for one in period.tolist()]
+    return period, np.array([_cv_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])

@@ -1,0 +1,1 @@
+"""From a field outline to a plan that covers it."""

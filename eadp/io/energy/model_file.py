@@ -1,0 +1,207 @@
+"""Energy models in files: YAML or JSON in, `schema: eadp.energy/1`; the document and its text out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from itertools import zip_longest
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from eadp.errors import Fault, InputError, capped
+from eadp.io.text.schema_faults import validated
+from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document, read_yaml
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+
+SCHEMA = "eadp.energy/1"
+AGREEMENT = 1e-6
+"""How far the coefficients may be from those of the harmonics, as a part of the largest: rounding and no more."""
+
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+_Watts = Annotated[float, Field(ge=-1e9, le=1e9)]
+_Spread = Annotated[float, Field(ge=0, le=1e9)]
+_Seconds = Annotated[float, Field(gt=0, le=1e9)]
+
+
+class _Harmonic(BaseModel):
+    """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
+
+    model_config = _STRICT
+    amplitude_w: _Spread
+    phase_rad: Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+class _Coefficients(BaseModel):
+    """The papers' coefficients [W s]: a0..ar and b1..br."""
+
+    model_config = _STRICT
+    a: list[float]
+    b: list[float]
+
+
+class _Disturbance(BaseModel):
+    """What stays a while beside the laps' pattern: a Matérn-3/2 process."""
+
+    model_config = _STRICT
+    std_w: Annotated[_Spread, Field(description="standard deviation")]
+    time_s: Annotated[_Seconds, Field(description="time constant")]
+
+
+class EnergyFile(BaseModel):
+    """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
+
+    `periodic`, `order` and `coefficients` say again what the others say: they may be left out, and must agree.
+    """
+
+    model_config = ConfigDict(title=SCHEMA, **_STRICT)
+    schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
+    periodic: bool | None = None
+    period_s: _Seconds | None
+    period_std_s: _Spread | None = None
+    order: Annotated[int, Field(ge=0)] | None = None
+    mean_w: _Watts
+    mean_std_w: _Spread | None = None
+    harmonics: Annotated[list[_Harmonic], Field(max_length=1000)]
+    amplitude_std_w: Annotated[list[_Spread], Field(max_length=1000)] = []
+    coefficients: _Coefficients | None = None
+    noise_std_w: _Spread = 0.0
+    disturbance: _Disturbance | None = None
+    cv_r2: Annotated[float, Field(le=1)] = 0.0
+    samples: Annotated[int, Field(ge=0, le=2**53)] = 0
+    span_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of an energy model's file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **EnergyFile.model_json_schema()}
+
+
+def read_energy(path: str) -> EnergyModel:
+    """Read an energy model, as `eadp fit` writes it.
+
+    Parameters
+    ----------
+    path : str
+        The file, YAML or JSON; `-` for standard input.
+
+    Returns
+    -------
+    EnergyModel
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    return parse_energy(read_text(path))
+
+
+def parse_energy(text: Text) -> EnergyModel:
+    """`read_energy` of a text."""
+    document = read_yaml(text)
+    if not isinstance(document.value, dict) or document.value.get("schema") != SCHEMA:
+        raise InputError(document.fault(("schema",), "not an energy model", f"schema: {SCHEMA}"))
+    content = validated(EnergyFile, document, document.value)
+    if content.period_s is None and content.harmonics:
+        raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
+    stays = content.disturbance
+    model = EnergyModel(
+        period_s=content.period_s,
+        mean_w=content.mean_w,
+        harmonics=tuple(Harmonic(term.amplitude_w, term.phase_rad) for term in content.harmonics),
+        noise_std_w=content.noise_std_w,
+        period_std_s=content.period_std_s,
+        cv_r2=content.cv_r2,
+        samples=content.samples,
+        span_s=content.span_s,
+        disturbance=None if stays is None else Disturbance(stays.std_w, stays.time_s),
+        mean_std_w=content.mean_std_w,
+        amplitude_std_w=tuple(content.amplitude_std_w),
+    )
+    faults = _disagreements(document, content, model)
+    if faults:
+        raise capped(faults)
+    return model
+
+
+def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) -> list[Fault]:
+    """Keys that say something else than the ones they repeat."""
+    faults = []
+    if content.periodic not in (None, model.periodic):
+        said = json.dumps(content.periodic)
+        faults.append(
+            document.fault(("periodic",), f"periodic is {said}", f"{json.dumps(model.periodic)}, by period_s")
+        )
+    if content.order not in (None, model.order):
+        faults.append(
+            document.fault(("order",), f"order is {content.order}", f"{model.order}, the number of harmonics")
+        )
+    if len(content.amplitude_std_w) not in (0, model.order):
+        message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
+        faults.append(document.fault(("amplitude_std_w",), message, f"{model.order}, the number of harmonics, or none"))
+    if content.coefficients is not None:
+        known = asdict(model.coefficients)
+        tolerance = AGREEMENT * max(map(abs, (*known["a"], *known["b"])), default=0.0)
+        for key, expected in known.items():
+            if not _agree(getattr(content.coefficients, key), expected, tolerance):
+                shown = json.dumps([float(f"{value:.6g}") for value in expected])
+                message = f"{key} is not that of the harmonics"
+                faults.append(document.fault(("coefficients", key), message, f"{shown}, or no coefficients"))
+    return faults
+
+
+def _agree(given: list[float], expected: tuple[float, ...], tolerance: float) -> bool:
+    pairs = zip_longest(given, expected, fillvalue=math.inf)
+    return all(abs(one - other) <= tolerance for one, other in pairs)
+
+
+def energy_document(model: EnergyModel) -> dict[str, Any]:
+    """An energy model as the JSON-ready document of its schema, every key written out."""
+    return {
+        "schema": SCHEMA,
+        "periodic": model.periodic,
+        "period_s": model.period_s,
+        "period_std_s": model.period_std_s,
+        "order": model.order,
+        "mean_w": model.mean_w,
+        "mean_std_w": model.mean_std_w,
+        "harmonics": [asdict(harmonic) for harmonic in model.harmonics],
+        "amplitude_std_w": list(model.amplitude_std_w),
+        "coefficients": {key: list(values) for key, values in asdict(model.coefficients).items()},
+        "noise_std_w": model.noise_std_w,
+        "disturbance": model.disturbance and asdict(model.disturbance),
+        "cv_r2": model.cv_r2,
+        "samples": model.samples,
+        "span_s": model.span_s,
+    }
+
+
+def energy_yaml(model: EnergyModel) -> str:
+    """The canonical text of an energy model; reading it gives an equal model.
+
+    Parameters
+    ----------
+    model : EnergyModel
+
+    Returns
+    -------
+    str
+        YAML with the keys of `energy_document`, one line for each harmonic.
+    """
+    return "".join(_lines(key, value) for key, value in energy_document(model).items())
+
+
+def _lines(key: str, value: Any) -> str:
+    if key == "schema":
+        return f"{key}: {value}\n"
+    if not value or not isinstance(value, dict | list):
+        return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
+    if isinstance(value, dict):
+        return f"{key}:\n" + "".join(f"  {name}: {json.dumps(item)}\n" for name, item in value.items())
+    if not isinstance(value[0], dict):
+        return f"{key}: {json.dumps(value)}\n"
+    items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
+    return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)

@@ -1,0 +1,1 @@
+"""Fields in: GeoJSON, KML, CSV of vertices."""

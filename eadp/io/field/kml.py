@@ -1,0 +1,178 @@
+"""KML as a draft of a field: the polygon of one Placemark, in degrees.
+
+Elements are told by their names without a prefix, so that KML of any namespace is read. A document type is refused: it
+may draw on other files, or unfold into more than the text is.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.parsers.expat
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import accumulate
+
+from eadp.errors import InputError, printable
+from eadp.io.field.draft import (
+    VERTICES_LIMIT,
+    Candidate,
+    Draft,
+    Place,
+    Ring,
+    Source,
+    VertexReader,
+    choose_feature,
+    number_fault,
+    only_polygon,
+)
+
+_OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
+_RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
+
+
+@dataclass
+class _RingText:
+    """The text of a ring's coordinates in pieces, each with its place; blanks between them are pieces of their own."""
+
+    role: str
+    place: Place
+    pieces: list[tuple[str, Place]] = field(default_factory=list)
+    blanks: int = 0
+
+    def add(self, text: str, place: Place) -> None:
+        """Add a piece; not behind so many that the ring will be refused for its length."""
+        if self.blanks > VERTICES_LIMIT:
+            return
+        if not text.isspace():
+            self.pieces.append((text, place))
+        elif self.pieces and self.pieces[-1][0] != " ":
+            self.pieces.append((" ", place))
+            self.blanks += 1
+
+
+class _KmlReader:
+    """Gathers the Placemarks with polygons. What could refer to other texts, a DTD, is refused."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.found: list[Candidate] = []
+        self.path: list[str] = []
+        self.placemark: Candidate | None = None
+        self.name: list[str] = []
+        self.parser = xml.parsers.expat.ParserCreate()
+        self.parser.StartDoctypeDeclHandler = self._doctype
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+
+    def document(self) -> list[Candidate]:
+        """The Placemarks with polygons, each a list of the texts of its rings."""
+        try:
+            self.parser.Parse(self.source.body, True)
+        except xml.parsers.expat.ExpatError as error:
+            place = (error.lineno, error.offset + 1)
+            reason = xml.parsers.expat.ErrorString(error.code)
+            raise self.source.error(place, f"is not XML: {reason}", "a KML file") from None
+        return self.found
+
+    def _place(self) -> Place:
+        return self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
+
+    def _doctype(self, *_: object) -> None:
+        message = "a document type, through which a file may draw on others"
+        raise self.source.error(self._place(), message, "a KML file without <!DOCTYPE>")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        local = tag.rpartition(":")[2]
+        self.path.append(local)
+        if local == "Placemark":
+            identity = [attributes["id"]] if attributes.get("id") else []
+            self.placemark, self.name = Candidate(self._place(), identity, []), []
+        elif local == "Polygon":
+            holder = self.placemark
+            if holder is None:
+                holder = Candidate(self._place(), [], [])
+                self.found.append(holder)
+            elif not holder.polygons:
+                self.found.append(holder)
+            holder.polygons.append(([], self._place()))
+        elif self.path[-4:] in _RING_PATHS:
+            self._polygon().append(_RingText(self.path[-3], self._place()))
+
+    def _polygon(self) -> list[_RingText]:
+        rings: list[_RingText] = self.found[-1].polygons[-1][0]
+        return rings
+
+    def _text(self, data: str) -> None:
+        if self.path[-4:] in _RING_PATHS:
+            self._polygon()[-1].add(data, self._place())
+        elif self.path[-2:] == ["Placemark", "name"]:
+            self.name.append(data)
+
+    def _end(self, tag: str) -> None:
+        local = self.path.pop()
+        if local == "name" and self.path[-1:] == ["Placemark"] and self.placemark:
+            self.placemark.names[:0] = filter(None, ["".join(self.name).strip()])
+        elif local == "Placemark":
+            self.placemark = None
+
+
+def read_kml(source: Source, metres: bool, feature: str | None) -> Draft:
+    """Read the polygon of a Placemark.
+
+    Parameters
+    ----------
+    source : Source
+        KML with a Polygon in a Placemark.
+    metres : bool
+        Refused if true: KML is in degrees.
+    feature : str or None
+        Of several Placemarks, the one to read.
+
+    Raises
+    ------
+    InputError
+        If it is no XML, has a document type, or has not the one polygon; of the options, if they do not fit.
+    """
+    if metres:
+        raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
+    candidates = _KmlReader(source).document()
+    if not candidates:
+        raise source.error((1, 1), "no polygon", "KML with a Polygon in a Placemark")
+    chosen = choose_feature(candidates, feature, source)
+    polygon, place = only_polygon(chosen, source)
+    outer = [ring for ring in polygon if ring.role == _OUTER]
+    if len(outer) != 1:
+        place = outer[1].place if outer else place
+        message = "a second outline" if outer else "a Polygon without an outline"
+        raise source.error(place, message, f"one {_OUTER} with a LinearRing of coordinates")
+    reader = VertexReader(source)
+    rings = [_ring(ring, reader) for ring in (*outer, *(ring for ring in polygon if ring.role == _INNER))]
+    reader.finish()
+    return Draft(rings, True, True, "", "".join(chosen.names[:1]))
+
+
+def _ring(ring: _RingText, reader: VertexReader) -> Ring:
+    """The vertices of a ring: tuples apart by blanks, each `longitude,latitude[,altitude]`."""
+    text = "".join(piece for piece, _ in ring.pieces)
+    starts = list(accumulate((len(piece) for piece, _ in ring.pieces), initial=0))
+    result = Ring([], ring.place)
+    for token in re.finditer(r"\S+", text):
+        piece = bisect_right(starts, token.start(), hi=len(ring.pieces)) - 1
+        line, column = ring.pieces[piece][1]
+        place = (line, column + token.start() - starts[piece])
+        parts = token[0].split(",")
+        columns = accumulate((len(part) + 1 for part in parts), initial=place[1])
+        faults = [
+            reader.source.fault((line, at), *wrong)
+            for part, at in zip(parts, columns, strict=False)
+            if (wrong := number_fault(part))
+        ]
+        if not 2 <= len(parts) <= 3:
+            expected = "longitude,latitude or longitude,latitude,altitude without blanks"
+            faults = [reader.source.fault(place, f"{printable(token[0], 40)} is no position", expected)]
+        if faults:
+            reader.refuse(faults)
+        else:
+            reader.add(result, float(parts[0]), float(parts[1]), place)
+    return result

@@ -1,0 +1,272 @@
+"""Fields to cover: GeoJSON, KML or a CSV of vertices as an outline and holes in local metres.
+
+A file is told by its first character: `{` begins GeoJSON, `<` KML, and anything else is a table of vertices. The reader
+of each format hands on a draft, which is settled here. Degrees are those of WGS-84; they become metres east and north
+in the tangent plane at the middle of the outline. What can be mended without a question is, and is said; what cannot is
+refused at the vertex where it shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from itertools import chain, islice
+
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.errors import FAULTS_SHOWN, Fault, capped, printable
+from eadp.io.field.draft import VERTICES_LIMIT, Draft, Source, Vertex, counted
+from eadp.io.field.geojson import read_geojson
+from eadp.io.field.kml import read_kml
+from eadp.io.field.table import read_table
+from eadp.io.text.json import NESTING_LIMIT
+from eadp.io.text.streams import Text
+from eadp.models.field import Field
+
+__all__ = [
+    "EXTENT_LIMIT_M",
+    "HOLES_LIMIT",
+    "LARGEST_M",
+    "LATITUDE_LIMIT_DEG",
+    "NESTING_LIMIT",
+    "SMALLEST_M2",
+    "VERTICES_LIMIT",
+    "read_field",
+]
+
+HOLES_LIMIT = 1_000
+"""Most holes of a field."""
+EXTENT_LIMIT_M = 50_000.0
+"""Largest width and height [m]: beyond it the tangent plane is no map of a field."""
+_SMALLER = f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way"
+_WIDEST_DEG, _HIGHEST_DEG = 10.0, 1.0
+"""Longitudes and latitudes [°] that are always more than `EXTENT_LIMIT_M` apart, up to `LATITUDE_LIMIT_DEG`."""
+LATITUDE_LIMIT_DEG = 85.0
+"""Largest latitude [°], north or south."""
+LARGEST_M = 1e8
+"""Largest coordinate in metres: grids have numbers of seven or eight digits."""
+SMALLEST_M2 = 1.0
+"""Smallest area of a field [m²]."""
+
+_DEGREES = "longitude within ±180 and latitude within ±90 degrees"
+
+
+def read_field(text: Text, *, metres: bool = False, feature: str | None = None) -> tuple[Field, list[str]]:
+    """Read the outline and the holes of a field.
+
+    Parameters
+    ----------
+    text : Text
+        GeoJSON (a Polygon, a MultiPolygon of one, or a Feature, FeatureCollection or GeometryCollection with one), KML
+        (a Placemark with a Polygon), or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the
+        outline, 1.. the holes), or two columns without names.
+    metres : bool, optional
+        The file is in metres, x east and y north; without, it is where it says so, and in WGS-84 degrees elsewhere.
+    feature : str, optional
+        Of several features, the one to read: its id, its name, or its number from 1 among those with polygons.
+
+    Returns
+    -------
+    field : Field
+        Metres; the vertices as they stand in the file, the first of them first, but for those that were dropped and
+        rings that were turned.
+    mended : list of str
+        What was put right on the way, a sentence each.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file, each at its line and column, or of the options.
+    """
+    source = Source(text)
+    first = text.body.lstrip()[:1]
+    if not first:
+        raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
+    read = read_geojson if first in "{[" else read_kml if first == "<" else read_table
+    return _settled(read(source, metres, feature), source)
+
+
+def _settled(draft: Draft, source: Source) -> tuple[Field, list[str]]:
+    """The field of a draft, mended and found sound, and what was mended."""
+    from eadp.core.geometry.polygons import signed_area_m2
+
+    notes = list(draft.notes)
+    _check_counts(draft, source)
+    origin_deg: tuple[float, float] | None = None
+    rings = [ring.vertices for ring in draft.rings]
+    if draft.degrees:
+        rings, origin_deg = _localised(rings, draft, source, notes)
+    else:
+        _check_metres(rings, draft, source)
+    _check_extent(rings, draft, source)
+    rings = _mended(rings, draft, source, notes)
+    _check_shape(rings, origin_deg, source)
+    corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
+    turned = [signed_area_m2(ring) > 0 for ring in corners]
+    result = Field(
+        corners[0] if turned[0] else (corners[0][0], *corners[0][:0:-1]),
+        tuple((ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], turned[1:], strict=True)),
+        printable(draft.name),
+        origin_deg,
+    )
+    if result.area_m2 < SMALLEST_M2:
+        message = f"an area of {result.area_m2:.3g} m²"
+        raise source.error(rings[0][0].place, message, f"{SMALLEST_M2:g} m² or more")
+    if not turned[0]:
+        notes.append("winding of the outline turned")
+    if holes := sum(turned[1:]):
+        notes.append(f"winding of {counted(holes, 'hole', 'holes')} turned")
+    return result, notes
+
+
+def _check_counts(draft: Draft, source: Source) -> None:
+    """Refuse rings without three vertices, and more holes than there may be."""
+    if len(draft.rings) - 1 > HOLES_LIMIT:
+        place = draft.rings[HOLES_LIMIT + 1].place
+        raise source.error(place, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
+    faults = []
+    for i, ring in enumerate(draft.rings):
+        count = len({vertex[:2] for vertex in ring.vertices})
+        if count < 3:
+            place = ring.vertices[0].place if ring.vertices else ring.place
+            message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
+            faults.append(source.fault(place, message, "three or more that differ"))
+    if faults:
+        raise capped(faults)
+
+
+def _title(ring: int) -> str:
+    return f"hole {ring}" if ring else "the outline"
+
+
+def _localised(
+    rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source, notes: list[str]
+) -> tuple[list[list[Vertex]], tuple[float, float]]:
+    """Degrees as metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
+    _check_degrees(rings, draft, source)
+    rings = [list(ring) for ring in rings]
+    west, east = _span([vertex.x for vertex in rings[0]])
+    if east - west > 180:
+        moved = [[v._replace(x=v.x + 360) if v.x < 0 else v for v in ring] for ring in rings]
+        from_west, to_east = _span([vertex.x for vertex in moved[0]])
+        if to_east - from_west < _WIDEST_DEG:
+            rings, west, east = moved, from_west, to_east
+            notes.append("longitudes counted on across the antimeridian")
+    south, north = _span([vertex.y for vertex in rings[0]])
+    middle = (west + east) / 2
+    origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
+    start = rings[0][0]
+    for vertex in chain.from_iterable(rings):
+        # refused before they are projected: the plane folds the far side of the earth onto this one
+        dx, dy = abs(vertex.x - start.x), abs(vertex.y - start.y)
+        if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
+            message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
+            raise source.error(vertex.place, message, _or(_SMALLER, draft.remedy))
+    return [[_at(vertex, to_local_m(vertex.y, vertex.x, origin)) for vertex in ring] for ring in rings], origin
+
+
+def _at(vertex: Vertex, point: tuple[float, float]) -> Vertex:
+    return vertex._replace(x=point[0], y=point[1])
+
+
+def _or(expected: str, remedy: str) -> str:
+    return f"{expected}, or {remedy}" if remedy else expected
+
+
+def _span(values: Sequence[float]) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+    """Refuse what cannot be degrees: metres, or longitude and latitude in each other's place."""
+    vertices = [vertex for ring in rings for vertex in ring]
+    beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
+    if beyond:
+        first = beyond[0]
+        which, value, limit = ("longitude", first.x, 180) if abs(first.x) > 180 else ("latitude", first.y, 90)
+        message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
+        if all(abs(vertex.x) <= 90 and abs(vertex.y) <= 180 for vertex in vertices):
+            message = f"a latitude of {value:.10g} is beyond ±90: longitude and latitude seem to have changed places"
+        raise source.error(first.place, message, _or(_DEGREES, draft.remedy))
+    for vertex in vertices:
+        if abs(vertex.y) > LATITUDE_LIMIT_DEG:
+            message = f"a latitude of {vertex.y:.10g}, near a pole"
+            raise source.error(vertex.place, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
+
+
+def _check_metres(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+    """Refuse what cannot be metres: numbers without end, and degrees."""
+    far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
+    if far:
+        message = f"a vertex at ({far[0].x:.3g}, {far[0].y:.3g}) m"
+        raise source.error(far[0].place, message, f"coordinates of at most {LARGEST_M:g} m")
+    (west, east), (south, north) = (_span([vertex[i] for vertex in rings[0]]) for i in (0, 1))
+    degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
+    if degrees and max(east - west, north - south) < 1:
+        message = f"a field of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
+        raise source.error(rings[0][0].place, message, _or("a larger field", draft.remedy))
+
+
+def _check_extent(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+    """Refuse what is too large, at the vertex furthest from the first."""
+    vertices = [vertex for ring in rings for vertex in ring]
+    (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
+    if max(east - west, north - south) > EXTENT_LIMIT_M:
+        start = vertices[0]
+        furthest = max(vertices, key=lambda vertex: math.dist(vertex[:2], start[:2]))
+        message = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
+        raise source.error(furthest.place, message, _or(_SMALLER, draft.remedy))
+
+
+def _mended(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source, notes: list[str]) -> list[list[Vertex]]:
+    """The rings open and without vertices that say nothing; the faults of those that nothing is left of."""
+    from eadp.core.geometry.polygons import TOLERANCE_M, tidy
+
+    counts: Counter[str] = Counter()
+    faults: list[Fault] = []
+    result = []
+    for i, ring in enumerate(rings):
+        closed = len(ring) > 1 and math.dist(ring[0][:2], ring[-1][:2]) < TOLERANCE_M
+        vertices = list(ring[:-1] if closed else ring)
+        counts["closed" if closed else "open"] += 1
+        tidied = tidy([(vertex.x, vertex.y) for vertex in vertices])
+        if len(tidied.kept) < 3:
+            message = f"{_title(i)} has no area"
+            faults.append(source.fault(ring[0].place, message, "vertices that do not lie on one line"))
+        counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
+        result.append([vertices[j] for j in tidied.kept])
+    if faults:
+        raise capped(faults)
+    if draft.closes and counts["open"]:
+        notes.append(f"{counted(counts['open'], 'open ring', 'open rings')} closed")
+    if not draft.closes and counts["closed"]:
+        notes.append(f"{counted(counts['closed'], 'closing vertex', 'closing vertices')} dropped")
+    for key, one, several in (
+        ("repeated", "repeated vertex", "repeated vertices"),
+        ("in_line", "vertex in line with its neighbours", "vertices in line with their neighbours"),
+        ("spikes", "spike", "spikes"),
+    ):
+        if counts[key]:
+            notes.append(f"{counted(counts[key], one, several)} dropped")
+    return result
+
+
+def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: Source) -> None:
+    """Refuse rings that cross themselves or one another, at the vertex of the ring that is nearest to where."""
+    from eadp.core.geometry.polygons import flaws
+
+    outline, *holes = [[(vertex.x, vertex.y) for vertex in ring] for ring in rings]
+    faults = []
+    for flaw in islice(flaws(outline, holes), FAULTS_SHOWN):
+        x, y = flaw.point_m
+        where = f"({x:.2f}, {y:.2f}) m"
+        if origin_deg is not None:
+            latitude, longitude = to_geodetic_deg(x, y, origin_deg)
+            where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
+        nearest = min(rings[flaw.ring], key=lambda vertex: math.dist(vertex[:2], (x, y)))
+        expected = "holes within the outline and apart from one another"
+        if flaw.message.endswith("itself"):
+            expected = "a ring that neither crosses nor touches itself"
+        faults.append(source.fault(nearest.place, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
+    if faults:
+        raise capped(faults)

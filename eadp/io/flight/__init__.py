@@ -1,0 +1,1 @@
+"""A flight: its inputs together, its result folder out."""

@@ -1,0 +1,174 @@
+"""Results of a flight: `flight.csv`, `summary.json`, `flight.svg` and `.png`, and a copy of the inputs."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from eadp.io.figures.pictures import draw_flight
+from eadp.io.text.streams import Text, new_folder
+from eadp.models.plan.plan import PATH
+from eadp.planning.joint.preflight import TakeOff
+from eadp.planning.registry import Planner, Record
+from eadp.simulation.loop import Outcome, Step, World
+
+SCHEMA = "eadp.flight/1"
+
+
+def summarise(
+    world: World,
+    planner: Planner,
+    outcome: Outcome,
+    *,
+    reserve_soc: float,
+    weights: Mapping[str, float],
+    name: str,
+    expected: TakeOff | None = None,
+) -> dict[str, Any]:
+    """The summary of a flight as `summary.json` holds it; units end the keys' names.
+
+    `expected` is what was to be expected of it before it took off.
+    """
+    log, totals, report = outcome.parameters, outcome.totals, planner.report
+    assert log is not None
+    parameters: dict[str, Any] = {}
+    for i, parameter in enumerate(world.plan.parameters):
+        record = log.records[i]
+        parameters[parameter.name] = {
+            "mean": log.mean(i),
+            "first": record.first,
+            "last": record.last,
+            "changes": record.changes,
+        }
+        if parameter.kind == PATH:
+            parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
+    duration_s = outcome.duration_s
+    return {
+        "schema": SCHEMA,
+        "completed": outcome.completed,
+        "reserve_kept": outcome.completed and outcome.soc_final >= reserve_soc,
+        "reason": outcome.reason,
+        "planner": name,
+        "duration_s": round(duration_s, 9),
+        "distance_m": totals.distance_m,
+        "energy_wh": totals.energy_j / 3600,
+        "power_w": {
+            "mean": totals.energy_j / duration_s if duration_s else None,
+            "min": totals.power_min_w,
+            "max": totals.power_max_w,
+        },
+        "soc_final": outcome.soc_final,
+        "soc_reserve": reserve_soc,
+        "period_s": planner.period_s,
+        "lap_times_s": _lap_times_s(world, outcome),
+        "parameters": parameters,
+        "quality": log.quality(weights),
+        "paper_metric": log.paper_metric(outcome.soc_final),
+        "replans": report.replans,
+        "solver": {
+            "solves": report.solves,
+            "qps": report.qps,
+            "failures": report.failures,
+            "infeasible": report.infeasible,
+            "gap_max": max(report.gaps, default=None),
+            "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
+            "max_ms": max(report.solve_ms, default=None),
+        },
+        "energy_forecast": None if expected is None else _expected(expected),
+        "seed": world.seed,
+    }
+
+
+def _expected(expected: TakeOff) -> dict[str, Any]:
+    told = expected.forecast
+    return {
+        "completes": told.completes_probability >= 0.5,
+        "completes_probability": told.completes_probability,
+        "reserve_probability": told.reserve_probability,
+        "time_s": told.remaining_s,
+        "time_std_s": told.remaining_std_s,
+        "energy_wh": told.energy_wh,
+        "energy_std_wh": told.energy_std_wh,
+        "soc_end": told.soc_end,
+        "soc_end_std": told.soc_end_std,
+        "parameters": expected.parameters,
+        "quality": expected.quality,
+        "stages": [
+            {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
+            for stage, (seconds, energy_wh) in sorted(told.stages.items())
+        ],
+    }
+
+
+def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
+    """Time of each lap after the first [s], from the begin of its first stage to the next lap's; of one plan's part."""
+    n = world.plan.primitive_stages
+    if not n or world.plan.parts:
+        return []
+    begins = outcome.stage_times_s[n - 1 :: n]
+    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(begins)]
+
+
+def write_flight(
+    path: str,
+    world: World,
+    steps: Sequence[Step],
+    summary: Mapping[str, Any],
+    texts: Mapping[str, Text],
+    overrides: Sequence[str],
+    *,
+    force: bool,
+    records: Sequence[Record] = (),
+) -> None:
+    """Write a result folder, whole or not at all; `records` become `decisions.jsonl`, where there are any.
+
+    Raises
+    ------
+    InputError
+        If the name is taken and `force` is not set, or the place cannot be written to.
+    """
+    with new_folder(path, force=force) as folder:
+        _write_csv(folder / "flight.csv", world, steps)
+        (folder / "summary.json").write_text(
+            json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        )
+        if records:
+            lines = [
+                json.dumps(record_row(record, world.plan.names), ensure_ascii=False, allow_nan=False)
+                for record in records
+            ]
+            (folder / "decisions.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        draw_flight(folder / "flight", world, steps, summary, records)
+        _copy_inputs(folder / "inputs", texts, overrides)
+
+
+def _write_csv(path: Path, world: World, steps: Sequence[Step]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        columns = [name for name in Step._fields if name != "parameters"]
+        writer.writerow([*columns, *world.plan.names])
+        for step in steps:
+            writer.writerow([round(step.time_s, 9), *step[1:-1], *step.parameters])
+
+
+def record_row(record: Record, names: Sequence[str]) -> dict[str, Any]:
+    """A re-planning's record as a line of `decisions.jsonl`; see `Record` for its keys."""
+    row = {field.name: getattr(record, field.name) for field in fields(record)}
+    row["time_s"] = round(record.time_s, 9)
+    row["parameters"] = dict(zip(names, record.parameters, strict=True))
+    return row
+
+
+def _copy_inputs(folder: Path, texts: Mapping[str, Text], overrides: Sequence[str]) -> None:
+    folder.mkdir()
+    for kind, text in texts.items():
+        name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
+        (folder / name).write_text(text.body, encoding="utf-8")
+    if overrides:
+        (folder / "overrides.txt").write_text("".join(f"{line}\n" for line in overrides), encoding="utf-8")

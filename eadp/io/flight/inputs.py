@@ -1,0 +1,303 @@
+"""Everything a flight needs, brought together from its files and checked before it takes off."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
+from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
+from eadp.io.energy.model_file import read_energy
+from eadp.io.plan.text import read_plan
+from eadp.io.profile.model_file import read_profile
+from eadp.io.scenario.scenario_file import Scenario, read_scenario
+from eadp.io.text.streams import Text, read_text
+from eadp.models.computing import Computing, join_profile
+from eadp.models.energy import EnergyModel
+from eadp.models.plan.executor import Vector
+from eadp.models.plan.plan import Finding, Plan, Stage
+from eadp.models.plan.trace import default_start
+from eadp.models.profile_sum import AnyProfile
+from eadp.models.vehicle import FixedWing
+from eadp.planning.joint.preflight import TakeOff, take_off
+from eadp.planning.registry import Mission, Planner, make_planner
+from eadp.simulation.loop import World
+
+CORNERS_LIMIT = 6
+
+
+class Files:
+    """Where the files of a flight come from: each is read where it stands."""
+
+    def text(self, path: str) -> Text:
+        """A file's text."""
+        return read_text(path)
+
+    def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
+        """A plan's text, the plan, and what reading it shows."""
+        text = self.text(path)
+        return text, *read_plan(text)
+
+    def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
+        """A scenario with some keys set anew."""
+        return read_scenario(path, overrides)
+
+    def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
+        """A profile and its warnings."""
+        return read_profile(path)
+
+    def energy(self, path: str) -> EnergyModel:
+        """An energy model."""
+        return read_energy(path)
+
+
+@dataclass(frozen=True)
+class FlightInputs:
+    """A flight ready to be flown: the world, what the planner is told, and the texts that it was read from."""
+
+    world: World
+    mission: Mission
+    scenario: Scenario
+    warnings: tuple[Fault, ...]
+    texts: Mapping[str, Text]
+
+    def planner(self) -> Planner:
+        """A new planner for one flight."""
+        return make_planner(self.scenario.planner, self.scenario.estimator, self.mission)
+
+    def take_off(self) -> TakeOff | None:
+        """What is to be expected of the flight before it takes off, its wind as the weather forecast."""
+        wind = self.world.wind
+        return take_off(self.scenario.planner, self.mission, wind.steady_mps, wind.gust_std_mps)
+
+
+def load_flight(
+    plan_path: str,
+    *,
+    scenario_path: str | None = None,
+    profile_path: str | None = None,
+    energy_path: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    files: Files | None = None,
+) -> FlightInputs:
+    """Read and check a flight's files; `files` says where they come from, if not from the paths.
+
+    Raises
+    ------
+    InputError
+        With every fault found in the first file that has any.
+    """
+    files = files or Files()
+    plan_text, plan, findings = files.plan(plan_path)
+    warnings = [
+        Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
+    ]
+    scenario = files.scenario(scenario_path, overrides)
+    texts = {"plan": plan_text}
+    if scenario_path is not None:
+        texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
+    plan = _with_sets(plan, plan_text, scenario).laps()
+    computing = _computing(plan, plan_text, scenario, profile_path, files, warnings, texts)
+    energy = _energy(energy_path, files, texts)
+    parameters = _take_off(plan, scenario)
+    _check_paths(plan, plan_text, parameters)
+    start, heading = _start(plan, plan_text, scenario, parameters)
+    vehicle = scenario.vehicle
+    if isinstance(vehicle, FixedWing) and (faults := vehicle.faults()):
+        raise InputError(*(scenario.place("vehicle", fault, "an aeroplane that can fly so") for fault in faults))
+    battery = scenario.battery
+    try:
+        battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))
+    except Infeasible as error:
+        raise InputError(
+            scenario.place("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
+        ) from None
+    keys = scenario.keys
+    altitude = keys.start.altitude_m
+    world = World(
+        plan=plan,
+        computing=computing,
+        vehicle=vehicle,
+        guidance=scenario.guidance,
+        wind=scenario.wind,
+        battery=battery,
+        faults=scenario.faults,
+        start_m=start,
+        heading_rad=heading,
+        altitude_m=vehicle.cruise_altitude_m if altitude is None else altitude,
+        parameters=parameters,
+        rules=scenario.rules,
+        step_s=keys.step_s,
+        log_every_s=keys.log_every_s,
+        time_limit_s=keys.time_limit_s,
+        seed=keys.seed,
+        sensors=scenario.sensors,
+    )
+    _check_names(plan, scenario)
+    mission = Mission(
+        plan,
+        computing,
+        battery,
+        vehicle.airspeed_mps,
+        parameters,
+        start,
+        energy,
+        vehicle.cruise_power_w,
+        scenario.home_m,
+        scenario.rules,
+    )
+    return FlightInputs(world, mission, scenario, tuple(warnings), texts)
+
+
+def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
+    """The plan's own sets, else the scenario's bounds."""
+    if plan.has_sets:
+        if scenario.bounds:
+            raise InputError(scenario.place("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
+        return plan
+    if scenario.bounds:
+        try:
+            return plan.with_bounds(scenario.bounds)
+        except EadpError as error:
+            raise InputError(scenario.place("bounds", str(error), "bounds for every parameter")) from None
+    if plan.path_count or plan.computations:
+        what = "the stages carry no sets and the scenario no bounds"
+        raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
+    return plan
+
+
+def _computing(
+    plan: Plan,
+    text: Text,
+    scenario: Scenario,
+    profile_path: str | None,
+    files: Files,
+    warnings: list[Fault],
+    texts: dict[str, Text],
+) -> Computing:
+    path = profile_path or scenario.profile_path
+    profile = None
+    if path is not None:
+        profile, found = files.profile(path)
+        warnings += found
+        if path != "-":
+            texts["profile"] = files.text(path)
+    try:
+        return join_profile(plan, profile)
+    except EadpError as error:
+        if path is None:
+            raise InputError.at(
+                text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
+            ) from None
+        raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
+
+
+def _energy(path: str | None, files: Files, texts: dict[str, Text]) -> EnergyModel | None:
+    if path is None:
+        return None
+    model = files.energy(path)
+    if path != "-":
+        texts["energy"] = files.text(path)
+    return model
+
+
+def _take_off(plan: Plan, scenario: Scenario) -> Vector:
+    """Parameters at take-off: as stated, else each at its maximum."""
+    faults = []
+    values = []
+    given = dict(scenario.keys.parameters)
+    for i, name in enumerate(plan.names):
+        box = plan.hull(i)
+        value = given.pop(name, box.hi)
+        if box.clip(value) != value:
+            message = f"{name} = {value:g} is outside its set"
+            faults.append(scenario.place(f"parameters.{name}", message, f"a value in [{box.lo:g}, {box.hi:g}]"))
+        values.append(value)
+    for name in given:
+        expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
+        faults.append(scenario.place(f"parameters.{name}", f"the plan has no parameter {name}", expected))
+    if faults:
+        raise InputError(*faults)
+    return tuple(values)
+
+
+def _check_names(plan: Plan, scenario: Scenario) -> None:
+    """Parameters that the planner's settings name are the plan's."""
+    planner = scenario.keys.planner
+    named = {
+        **{f"planner.{key}.{name}": name for key in ("weights", "delta", "levels") for name in getattr(planner, key)},
+        **{
+            f"planner.trade_offs.{i}.coefficients.{name}": name
+            for i, row in enumerate(planner.trade_offs)
+            for name in row.coefficients
+        },
+    }
+    faults = [
+        scenario.place(key, f"the plan has no parameter {name}", f"one of {', '.join(plan.names) or 'none'}")
+        for key, name in named.items()
+        if name not in plan.names
+    ]
+    if faults and plan.names:  # a plan without parameters may share a scenario with others
+        raise InputError(*faults)
+
+
+def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
+    """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
+    rho = plan.path_count
+    corners: list[Sequence[float]] = [parameters]
+    if plan.has_sets and rho <= CORNERS_LIMIT:
+        ends = [(box.lo, box.hi) for box in (plan.hull(i) for i in range(rho))]
+        corners += [(*corner, *parameters[rho:]) for corner in itertools.product(*ends)]
+    faults = []
+    for stage in plan.stages:
+        for corner in corners:
+            try:
+                _check_stage(stage, corner)
+            except PathUndefined as error:
+                at = ", ".join(f"{name} = {value:g}" for name, value in zip(plan.names, corner[:rho], strict=False))
+                message = f"{error}" + (f", at {at}" if at else "")
+                faults.append(Fault(text.name, stage.line, 1, message, "a path that can be flown"))
+                break
+    if faults:
+        raise InputError(*faults)
+
+
+def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
+    path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+    try:
+        if stage.kind == LINE:
+            line_of(path, trigger, stage.sense)
+        elif stage.kind == CIRCLE:
+            circle_of(path, trigger, stage.sense)
+        else:
+            project(path, trigger)
+    except PathUndefined as error:
+        raise PathUndefined(f"the path of stage {stage.index} {error}") from None
+
+
+def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
+    """Where the flight begins, and heading where."""
+    stage = plan.stages[0]
+    start, heading = scenario.start_m, scenario.heading_rad
+    try:
+        usual, usual_heading = default_start(plan, parameters)
+    except PathUndefined as error:
+        raise InputError.at(text.name, stage.line, 1, f"stage 1: {error}", "a path that can be joined") from None
+    if start is None:
+        return usual, usual_heading if heading is None else heading
+    try:
+        jet = stage.path_at(parameters)(*start)
+        if not all(math.isfinite(value) for value in jet):
+            raise ValueError
+    except (ArithmeticError, ValueError):
+        message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
+        raise InputError(scenario.place("start.position_m", message, "a start from which it can be joined")) from None
+    if heading is None:
+        phi, gx, gy = jet[:3]
+        dx = -stage.sense * gy - stage.gain * phi * gx
+        dy = stage.sense * gx - stage.gain * phi * gy
+        heading = math.atan2(dy, dx) if dx or dy else usual_heading
+    return start, heading

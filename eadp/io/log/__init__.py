@@ -1,0 +1,1 @@
+"""Power logs in: CSV, PX4 ULog, ArduPilot DataFlash."""

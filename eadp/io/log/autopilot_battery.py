@@ -1,0 +1,163 @@
+"""What an autopilot's log says of its battery: voltage, current, and where the aircraft was meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.errors import InputError, printable
+from eadp.io.log.autopilot import FloatArray, Tables
+
+ULOG_KINDS = ("battery_status", "vehicle_local_position")
+DATAFLASH_KINDS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+
+# names changed from version to version: the first that has readings is taken
+_VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
+_CURRENT = ("current_a", "current_filtered_a", "current_average_a", "Curr")
+_TIME_US = ("timestamp", "TimeUS")
+_TIME_MS = ("TimeMS",)
+_INSTANCE = ("Instance", "Inst", "I")
+
+
+@dataclass(frozen=True, eq=False)
+class BatteryTable:
+    """Readings of one battery.
+
+    Attributes
+    ----------
+    time_us, voltage_v, current_a : array, shape (n,)
+        As logged [µs, V, A], unknown readings included.
+    position_m : array, shape (n, 2), or None
+        x and y [m], interpolated; NaN before the first and after the last.
+    notes : list of str
+        What should be known of how it was read.
+    """
+
+    time_us: FloatArray
+    voltage_v: FloatArray
+    current_a: FloatArray
+    position_m: FloatArray | None
+    notes: list[str] = field(default_factory=list)
+
+
+def battery_table(
+    name: str, tables: Tables, instance: int | None = None, voltage: str = "", current: str = ""
+) -> BatteryTable:
+    """The readings of one battery.
+
+    Parameters
+    ----------
+    name : str
+        The file, for messages.
+    tables : Tables
+        The log's messages of `ULOG_KINDS` or `DATAFLASH_KINDS`.
+    instance : int, optional
+        Which battery. Default: the one with the most readings of a voltage and a current, the first of equals.
+    voltage, current : str
+        Fields to read; default: those of the names known.
+
+    Raises
+    ------
+    InputError
+        If there is no battery, none of that instance, or no such field.
+    """
+    batteries = dict(_batteries(tables))
+    if not batteries:
+        raise InputError.at(name, 1, 1, "no message tells of a battery", "battery_status, BAT or CURR")
+    if instance is not None and instance not in batteries:
+        known = ", ".join(map(str, sorted(batteries)))
+        raise InputError.at("--instance", 1, 1, f"no battery {instance} in {printable(name)}", known, str(instance))
+    pairs = {
+        number: (
+            _column(name, "--voltage", table, voltage, _VOLTAGE),
+            _column(name, "--current", table, current, _CURRENT),
+        )
+        for number, table in sorted(batteries.items())
+        if instance in (None, number)
+    }
+    number = max(pairs, key=lambda key: (_known(*pairs[key]), -key))
+    volts, amps = pairs[number]
+    time_us = _time_us(name, batteries[number])
+    notes = []
+    if instance is None and len(batteries) > 1:
+        others = ", ".join(str(other) for other in sorted(batteries) if other != number)
+        notes.append(f"battery {number} of several is read; --instance takes another: {others}")
+    if tables.cut:
+        notes.append("the log ends in the middle of a message")
+    if tables.skipped_bytes:
+        notes.append(f"{tables.skipped_bytes} bytes that are no message skipped")
+    return BatteryTable(time_us, volts, amps, _position_m(name, tables, time_us), notes)
+
+
+def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
+    """Each battery's number and columns."""
+    modern = any(kind == "BAT" for kind in tables.columns)
+    for kind, table in tables.columns.items():
+        if kind.startswith("battery_status "):
+            yield int(kind.split(" ")[1]), table
+        elif kind in ("BAT", "BAT2") or (kind in ("CURR", "CUR2") and not modern):
+            column = next((table[label] for label in _INSTANCE if label in table), None)
+            numbers = np.zeros(len(next(iter(table.values()), ())))
+            numbers = numbers + (kind[-1] == "2") if column is None else column
+            for number in np.unique(numbers[np.isfinite(numbers)]).tolist():
+                yield int(number), {label: values[numbers == number] for label, values in table.items()}
+
+
+def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, names: tuple[str, ...]) -> FloatArray:
+    """The field asked for, or the first known one with a reading."""
+    if asked:
+        if asked not in table:
+            known = ", ".join(printable(label, 40) for label in list(table)[:20])
+            raise InputError.at(option, 1, 1, f"no field {printable(asked, 80)}", f"one of {known}", asked)
+        return table[asked]
+    there = [table[label] for label in names if label in table]
+    if not there:
+        raise InputError.at(name, 1, 1, f"the battery has no {option.strip('-')}", " or ".join(names))
+    return next((values for values in there if np.any(_is_known(values))), there[0])
+
+
+def _is_known(values: FloatArray) -> NDArray[np.bool_]:
+    known: NDArray[np.bool_] = np.isfinite(values) & (values != 0) & (values != -1)
+    return known
+
+
+def _known(volts: FloatArray, amps: FloatArray) -> int:
+    return int(np.count_nonzero(_is_known(volts) & _is_known(amps)))
+
+
+def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
+    for labels, factor in ((_TIME_US, 1.0), (_TIME_MS, 1e3)):
+        for label in labels:
+            if label in table:
+                return table[label] * factor
+    raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
+
+
+def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
+    """x, east, and y, north, at the battery's times."""
+    for kind, table in tables.columns.items():
+        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
+            return _at(_time_us(name, table), np.stack([table["y"], table["x"]], axis=1), time_us)
+    for kind in ("POS", "GPS"):
+        table = tables.columns.get(kind, {})
+        longitude = next((table[label] for label in ("Lng", "Lon") if label in table), None)
+        if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
+            continue
+        degrees = np.stack([table["Lat"], longitude], axis=1)
+        fixed = np.isfinite(degrees).all(axis=1) & (degrees != 0).any(axis=1)
+        if not np.any(fixed):
+            continue
+        origin = (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))
+        metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
+        return _at(_time_us(name, table)[fixed], metres, time_us)
+    return None
+
+
+def _at(known_us: FloatArray, position_m: FloatArray, time_us: FloatArray) -> FloatArray:
+    order = np.argsort(known_us, kind="stable")
+    columns = (np.interp(time_us, known_us[order], p[order], left=np.nan, right=np.nan) for p in position_m.T)
+    return np.stack(list(columns), axis=1)

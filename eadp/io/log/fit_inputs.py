@@ -1,0 +1,163 @@
+"""What `eadp fit` reads, put together: a log, a part of it, the computations' power, a prior; and the fit of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.signals.lap_time import lap_time_s
+from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.io.log.power_log import Columns, PowerLog, read_power_log
+from eadp.io.plan.text import read_plan
+from eadp.io.profile.model_file import read_profile
+from eadp.io.text.streams import read_text
+from eadp.models.energy_fit import Fitted, fit_energy
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.trace import nominal_legs
+from eadp.models.profile_sum import AnyProfile
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit. Paths are '' where there is none; `begin_s` and `end_s` are seconds from the first reading."""
+
+    order: int | None = None
+    period_prior_s: float | None = None
+    plan: str = ""
+    airspeed_mps: float = 15.0
+    begin_s: float | None = None
+    end_s: float | None = None
+    keep_spikes: bool = False
+    profile: str = ""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit with where its prior is from, what was left out of the log, and warnings."""
+
+    fitted: Fitted
+    prior_s: float | None
+    prior_source: str
+    counts: dict[str, int | float]
+    warnings: list[Fault] = field(default_factory=list)
+
+
+def read_fit(path: str, columns: Columns, options: FitOptions) -> Fit:
+    """Read a log and fit an energy model to it.
+
+    Parameters
+    ----------
+    path : str
+        As `read_power_log`.
+    columns : Columns
+    options : FitOptions
+
+    Raises
+    ------
+    InputError
+        With the faults of a file, or where the log is too short for what is asked for.
+    """
+    profile, warnings = read_profile(options.profile) if options.profile else (None, [])
+    log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
+    warnings = [*log.warnings, *warnings]
+    counts = dict(log.counts)
+    log = _part(log, options.begin_s, options.end_s, counts)
+    power_w = log.power_w
+    if profile is not None:
+        configurations = np.stack([log.also[name] for name in profile.names], axis=1)
+        known = np.isfinite(configurations).all(axis=1)
+        if not known.all():
+            counts["no_configuration"] = int(np.count_nonzero(~known))
+        log = _kept(log, np.flatnonzero(known))
+        power_w = log.power_w - _known_power_w(options.profile, profile, configurations[known])
+    prior_s, source = _prior(log, options)
+    try:
+        fitted = _fit(log, power_w, options, prior_s, source)
+    except Infeasible as error:
+        raise InputError.at(log.name, 1, 1, str(error)) from None
+    if len(fitted.spikes):
+        counts["spikes"] = len(fitted.spikes)
+        first_s = float(log.times_s[fitted.spikes[0]])
+        many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
+        message = f"{many} left out, the first at {first_s:.6g} s (--keep-spikes fits them, too)"
+        warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
+    return Fit(fitted, prior_s, source, counts, warnings)
+
+
+def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> Fitted:
+    try:
+        return fit_energy(
+            log.times_s, power_w, order=options.order, period_prior_s=prior_s, keep_spikes=options.keep_spikes
+        )
+    except Infeasible:
+        if source != "position":  # a prior that nobody asked for forbids nothing
+            raise
+        return fit_energy(log.times_s, power_w, order=options.order, keep_spikes=options.keep_spikes)
+
+
+def _part(log: PowerLog, begin_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
+    """The log from one time to another."""
+    inside = (log.times_s >= (begin_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
+    if inside.all():
+        return log
+    counts["outside"] = int(np.count_nonzero(~inside))
+    if not inside.any():
+        option = "--from" if begin_s is not None and begin_s > log.times_s[-1] else "--to"
+        raise InputError.at(option, 1, 1, "leaves nothing of the log", f"a time within its {log.times_s[-1]:g} s")
+    return _kept(log, np.flatnonzero(inside))
+
+
+def _kept(log: PowerLog, inside: NDArray[np.int64]) -> PowerLog:
+    return replace(
+        log,
+        times_s=log.times_s[inside],
+        power_w=log.power_w[inside],
+        position_m=None if log.position_m is None else log.position_m[inside],
+        also={name: values[inside] for name, values in log.also.items()},
+    )
+
+
+def _known_power_w(path: str, profile: AnyProfile, configurations: FloatArray) -> FloatArray:
+    """What the computations drew at each reading [W]."""
+    different, which = np.unique(configurations, axis=0, return_inverse=True)
+    try:
+        power = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
+    except Infeasible as error:
+        raise InputError.at(path, 1, 1, f"the log has a configuration that it does not: {error}") from None
+    result: FloatArray = power[which.ravel()] if len(power) else np.zeros(len(configurations))
+    return result
+
+
+def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
+    """Where to look for the period [s], and what says so."""
+    if options.period_prior_s is not None:
+        return options.period_prior_s, "option"
+    if options.plan:
+        return plan_lap_s(read_plan(read_text(options.plan))[0], options.plan, options.airspeed_mps), "plan"
+    lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
+    return lap_s, "" if lap_s is None else "position"
+
+
+def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
+    """The time of a lap of a plan, flown exactly, parameters at their highest [s].
+
+    Raises
+    ------
+    InputError
+        If the plan has no laps, or no path at these parameters.
+    """
+    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
+    try:
+        legs = nominal_legs(plan, parameters)
+    except PathUndefined as error:
+        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first begins anywhere
+    length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
+    if legs[-1].lap == 0 or not 0 < length_m < math.inf:
+        raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")
+    return length_m / airspeed_mps

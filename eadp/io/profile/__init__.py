@@ -1,0 +1,1 @@
+"""Computation profiles: measurements in, the model in and out."""

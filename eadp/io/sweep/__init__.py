@@ -1,0 +1,1 @@
+"""Sweeps: the sweep file in, the results file in and out."""

@@ -1,0 +1,308 @@
+"""Results of a sweep: one SQLite file that any number of processes of one machine may write to at once.
+
+What is guaranteed. A result is in the file whole or not at all, once: a run's key, a hash of all that it depends on, is
+the table's primary key. A process that is killed, at whatever moment, leaves a file that can be read; the runs it was
+making are made by whoever works on the file next, those that it stored are not made again. Two sweeps at once do not
+make the same run: each claims runs before it makes them, and a claim holds as long as its process lives, which the
+operating system tells (a lock on a byte of `FILE.lock`), not a clock.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+from urllib.parse import quote
+
+from eadp import __version__
+from eadp.errors import InputError
+from eadp.simulation.sweep.design import Result, Run
+
+APPLICATION_ID = 0x65616470
+"""`eadp` in ASCII: SQLite's own place for telling whose file it is."""
+
+SCHEMA_VERSION = 1
+BUSY_S = 60.0
+"""How long another process may hold the file before that is an error [s]."""
+
+WAIT_S = 0.2
+"""Between two looks at what another process has made [s]."""
+
+AT_ONCE = 500
+"""Keys in one statement: SQLite's own limit may be 999."""
+
+_TABLES = """
+CREATE TABLE runs (
+    key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
+    completed INTEGER, reason TEXT, duration_s REAL, soc_final REAL, quality REAL,
+    error TEXT, summary TEXT, took_s REAL NOT NULL, session INTEGER NOT NULL
+);
+CREATE TABLE claims (key TEXT PRIMARY KEY, session INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE sessions (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, version TEXT NOT NULL, stored INTEGER NOT NULL DEFAULT 0,
+    repeated INTEGER NOT NULL DEFAULT 0
+);
+"""
+COLUMNS = ("completed", "reason", "duration_s", "soc_final", "quality")
+
+
+class Results:
+    """A results file, opened; without a path a private one that is gone when it is closed.
+
+    `read_only` looks at a file and claims nothing.
+    """
+
+    def __init__(self, path: str | None, *, read_only: bool = False) -> None:
+        self._path = path or "the temporary results"
+        self._connection = _connect(path, self._path, read_only)
+        self._lock: int | None = None
+        self._session = 0
+        try:
+            with self._told():
+                self._open(path, read_only)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, path: str | None, read_only: bool) -> None:
+        self._connection.execute("PRAGMA temp_store = MEMORY")
+        self._connection.execute("CREATE TEMP TABLE wanted (place INTEGER PRIMARY KEY, key TEXT NOT NULL)")
+        if read_only:
+            _check_ours(self._connection, self._path)
+        else:
+            self._prepare(shared=path is not None)
+            self._begin(path)
+
+    # --- opening and closing
+
+    def _prepare(self, *, shared: bool) -> None:
+        """The file's tables; another file's are refused."""
+        query = self._connection.execute
+        _check_ours(self._connection, self._path)
+        if shared:
+            query("PRAGMA journal_mode = WAL")
+            query("PRAGMA synchronous = NORMAL")
+        with self._transaction():
+            if _check_ours(self._connection, self._path):
+                return
+            for statement in _TABLES.split(";")[:-1]:
+                query(statement)
+            query(f"PRAGMA application_id = {APPLICATION_ID}")
+            query(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+    def _begin(self, path: str | None) -> None:
+        """A session, alive as long as it holds the lock on its byte."""
+        with self._transaction():
+            row = self._connection.execute("INSERT INTO sessions (version) VALUES (?)", (__version__,))
+            self._session = int(row.lastrowid or 0)
+            if path is not None:
+                try:
+                    self._lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+                    fcntl.lockf(self._lock, fcntl.LOCK_EX, 1, self._session)
+                except OSError as error:
+                    what = f"cannot be written: {error.strerror}"
+                    raise InputError.at(f"{path}.lock", 1, 1, what, "a writable place") from None
+
+    def close(self) -> None:
+        """Let go of what was claimed and not made; the last one out removes the lock's file."""
+        with suppress(sqlite3.Error, OSError):
+            self._roll_back()  # Ctrl-C may have come just behind its begin
+            if self._session:
+                self._release()
+        with suppress(sqlite3.Error):
+            self._connection.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _release(self) -> None:
+        with self._transaction():
+            self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
+            if self._lock is not None:
+                (last,) = self._connection.execute("SELECT max(id) FROM sessions").fetchone()
+                # sessions begin within a transaction, so none begins between this look and the removal
+                if not any(self._alive(other) for other in range(1, last + 1)):
+                    os.unlink(f"{self._path}.lock")
+
+    def _alive(self, session: int) -> bool:
+        """Whether another session's process lives: its byte is locked."""
+        if self._lock is None or session == self._session:
+            return False
+        try:
+            fcntl.lockf(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, session)
+        except OSError:
+            return True
+        fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, session)
+        return False
+
+    # --- what is wanted, and what is there
+
+    def expect(self, keys: Iterable[str]) -> None:
+        """State the runs that are asked about, by their keys in order."""
+        with self._told():
+            self._connection.execute("DELETE FROM wanted")
+            self._connection.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(keys))
+
+    def missing(self) -> list[int]:
+        """Places of the expected runs that are not made; of several with one key, the first."""
+        query = "SELECT min(place) FROM wanted WHERE key NOT IN (SELECT key FROM runs) GROUP BY key ORDER BY 1"
+        with self._told():
+            return [place for (place,) in self._connection.execute(query)]
+
+    def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
+        """The expected runs in order: figures and error of each; with `summaries`, the summary in their place."""
+        columns = "summary, error" if summaries else ", ".join((*COLUMNS, "error"))
+        query = f"SELECT {columns} FROM wanted JOIN runs USING (key) ORDER BY place"
+        with self._told():
+            cursor = self._connection.execute(query)
+            names = [column[0] for column in cursor.description]
+            for values in cursor:
+                row = dict(zip(names, values, strict=True))
+                if row.get("completed") is not None:
+                    row["completed"] = bool(row["completed"])
+                yield row
+
+    def sessions(self) -> list[tuple[int, int]]:
+        """Of every session so far: results it stored, and results it made that were there already."""
+        with self._told():
+            return self._connection.execute("SELECT stored, repeated FROM sessions ORDER BY id").fetchall()
+
+    # --- the ledger of `simulation.sweep`
+
+    def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
+        """The runs that are now ours to make, and those that another is making; made ones are in neither."""
+        mine: list[Run] = []
+        theirs: list[Run] = []
+        with self._told(), self._transaction():
+            keys = [run.key for run in runs]
+            made = {key for (key,) in self._select("SELECT key FROM runs", keys)}
+            holders: Mapping[str, int] = dict(self._select("SELECT key, session FROM claims", keys))
+            living = {session for session in set(holders.values()) if self._alive(session)}
+            for run in runs:
+                if run.key not in made:
+                    (theirs if holders.get(run.key) in living else mine).append(run)
+            claims = [(run.key, self._session) for run in mine]
+            self._connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?)", claims)
+        return mine, theirs
+
+    def _select(self, query: str, keys: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        for i in range(0, len(keys), AT_ONCE):
+            some = keys[i : i + AT_ONCE]
+            yield from self._connection.execute(f"{query} WHERE key IN ({', '.join('?' * len(some))})", some)
+
+    def store(self, results: Sequence[tuple[Run, Result]]) -> None:
+        """Keep results for good, and let go of their claims."""
+        with self._told(), self._transaction():
+            rows = [self._row(run, result) for run, result in results]
+            marks = ", ".join("?" * len(rows[0]))
+            cursor = self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
+            kept = cursor.rowcount
+            self._connection.executemany("DELETE FROM claims WHERE key = ?", [(run.key,) for run, _ in results])
+            self._connection.execute(
+                "UPDATE sessions SET stored = stored + ?, repeated = repeated + ? WHERE id = ?",
+                (kept, len(rows) - kept, self._session),
+            )
+
+    def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
+        summary = result.summary
+        figures = [summary[name] for name in COLUMNS] if summary is not None else [None] * len(COLUMNS)
+        text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
+        files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
+        seed = run.overrides["seed"]
+        return (run.key, files, overrides, seed, *figures, result.error, text, result.took_s, self._session)
+
+    def wait(self) -> None:
+        """Wait a moment for others."""
+        time.sleep(WAIT_S)
+
+    # --- other files, and failures
+
+    def merge(self, path: str) -> None:
+        """Take over the results of another file, as a shard on another machine has made them.
+
+        Raises
+        ------
+        InputError
+            If it is no results file.
+        """
+        other = Results(path, read_only=True)
+        try:
+            with other._told():
+                rows = other._connection.execute("SELECT * FROM runs")
+                marks = ", ".join("?" * len(rows.description))
+                elsewhere = ((*row[:-1], 0) for row in rows)  # sessions are numbered within a file
+                with self._told(), self._transaction():
+                    self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", elsewhere)
+        finally:
+            other.close()
+
+    def forget_failures(self) -> None:
+        """Forget the expected runs that could not be made, so that they are tried again."""
+        with self._told(), self._transaction():
+            query = "DELETE FROM runs WHERE error IS NOT NULL AND key IN (SELECT key FROM wanted)"
+            self._connection.execute(query)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All or nothing; the right to write is taken at the begin, so that what is read stays true."""
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            yield
+            self._connection.execute("COMMIT")
+        except BaseException:
+            self._roll_back()
+            raise
+
+    def _roll_back(self) -> None:
+        """End a transaction, if there is one: a full disk has ended it already."""
+        if self._connection.in_transaction:
+            with suppress(sqlite3.Error):
+                self._connection.execute("ROLLBACK")
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """SQLite's errors in our words."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise _fault(self._path, error) from None
+
+
+def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection:
+    try:
+        if read_only:
+            return sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+        if path is not None:
+            os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
+        return sqlite3.connect(path or "", timeout=BUSY_S, isolation_level=None)
+    except OSError as error:
+        raise InputError.at(name, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+    except sqlite3.Error as error:
+        raise _fault(name, error) from None
+
+
+def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
+    """Whether a database has our tables; one that is empty may get them, another's is refused."""
+    keys = ("application_id", "user_version")
+    mine = tuple(connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and mine != (APPLICATION_ID, SCHEMA_VERSION):
+        raise InputError.at(name, 1, 1, "is a database of something else", "results of eadp sweep, or a new file")
+    return bool(tables)
+
+
+def _fault(path: str, error: sqlite3.Error) -> InputError:
+    name = getattr(error, "sqlite_errorname", "") or ""
+    if name.startswith("SQLITE_FULL") or name == "SQLITE_IOERR_WRITE":
+        what = "the disk is full, or a limit reached"
+        return InputError.at(path, 1, 1, what, "room for the rest; results stored so far are kept, the sweep can go on")
+    if name.startswith("SQLITE_NOTADB"):
+        return InputError.at(path, 1, 1, "is no SQLite database", "results of eadp sweep, or a new file")
+    if name.startswith("SQLITE_BUSY"):
+        return InputError.at(path, 1, 1, f"another process has held it for {BUSY_S:g} s", "a file that is let go")
+    return InputError.at(path, 1, 1, f"cannot be used: {error}", "a results file in a writable place")

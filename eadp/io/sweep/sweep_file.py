@@ -1,0 +1,370 @@
+"""The sweep file: which flights to make of a plan, a profile and a scenario, checked before any of them flies."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from eadp import __version__
+from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
+from eadp.io.scenario.scenario_file import Scenario, override_key
+from eadp.io.sweep.run import KeptFiles
+from eadp.io.text.schema_faults import validated
+from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.text.yaml import Path as Place
+from eadp.simulation.sweep.design import Choice, Design, Normal, Point, Run, Sample, Uniform
+
+SCHEMA = "eadp.sweep/1"
+RUNS_LIMIT = 1_000_000
+FILES = ("plan", "scenario", "profile", "energy")
+SHORT = {"planner": "planner.name"}
+"""Keys that stand for others; `c1` for `parameters.c1` is one of all scenarios' overrides."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Two = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+Values = Annotated[list[Any], Field(min_length=1)]
+Count = Annotated[int, Field(ge=1, le=RUNS_LIMIT)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class DrawKeys(_Strict):
+    """How a key is drawn: one of the three."""
+
+    uniform: Two | None = Field(default=None, description="[low, high]")
+    normal: Two | None = Field(default=None, description="[mean, standard deviation]")
+    choice: Values | None = None
+
+
+class SampleKeys(_Strict):
+    """Keys drawn at random together."""
+
+    runs: Count
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    method: Literal["random", "latin"] = Field(default="random", description="latin: a Latin hypercube")
+    keys: Annotated[dict[str, DrawKeys], Field(min_length=1)]
+
+
+class SweepKeys(_Strict):
+    """A sweep file. Paths are relative to it; varied keys are a scenario's, dotted, or name a file or the planner."""
+
+    schema_: Literal["eadp.sweep/1"] = Field(alias="schema")
+    plan: str | None = None
+    scenario: str | None = None
+    profile: str | None = Field(default=None, description="instead of the scenario's")
+    energy: str | None = None
+    grid: dict[str, Values] = Field(default={}, description="every combination of these values")
+    zip: dict[str, Values] = Field(default={}, description="the first values together, the second ones, …")
+    sample: SampleKeys | None = None
+    seeds: Count | None = Field(default=None, description="each run with seeds 0 to n - 1; else the scenario's own")
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a sweep file."""
+    return SweepKeys.model_json_schema(by_alias=True)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep that can be made: its design, the texts of all its files, and what reading them warned about."""
+
+    name: str
+    design: Design
+    kept: KeptFiles
+    files: Mapping[str, str]
+    overrides: Mapping[str, Any]
+    scenarios: Mapping[str, Scenario] = field(repr=False)
+    warnings: tuple[Fault, ...] = ()
+
+    def seed(self, point: Point) -> int:
+        """The seed of a run: the design's, else a varied one, else the scenario's own."""
+        if point.seed is not None:
+            return point.seed
+        own = self._own_seed(self._files(point).get("scenario", ""))
+        return int(point.values.get("seed", own))
+
+    def _own_seed(self, scenario: str) -> int:
+        keys = self.scenarios[scenario].keys if scenario else None
+        return int(self.overrides.get("seed", keys.seed if keys else 0))
+
+    def _files(self, point: Point) -> dict[str, str]:
+        """The paths of a run's files by kind."""
+        files = dict(self.files)
+        for kind in FILES:
+            if kind in point.values:
+                files[kind] = self.beside(point.values[kind])
+        return files
+
+    def beside(self, path: str) -> str:
+        """A path relative to the sweep file."""
+        return beside(self.name, path)
+
+    def run(self, index: int) -> Run:
+        """The run of an index."""
+        point = self.design.point(index)
+        overrides = dict(self.overrides)
+        for name, value in point.values.items():
+            if name not in FILES:
+                overrides[full_key(name)] = value
+        overrides["seed"] = self.seed(point)
+        files = self._files(point)
+        return Run(index, self._key(files, overrides), files, overrides)
+
+    def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
+        """A hash of all that a run depends on: files by content, overrides with the seed, and what makes it."""
+        contents = {kind: self._digests[path] for kind, path in files.items()}
+        if "profile" not in contents:
+            own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
+            contents["profile"] = self._digests[own] if own else ""
+        whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
+        return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
+
+    @cached_property
+    def _digests(self) -> dict[str, str]:
+        return {path: digest(text) for path, text in self.kept.texts.items()}
+
+
+def digest(text: Text) -> str:
+    """A hash of a file's content, and of its name's ending, which may say how it is read."""
+    return hashlib.sha256(f"{Path(text.name).suffix}\0{text.body}".encode()).hexdigest()
+
+
+def beside(name: str, path: str) -> str:
+    """A path relative to the file of a name."""
+    return path if name == "<stdin>" else str(Path(name).parent / path)
+
+
+def full_key(name: str) -> str:
+    """The scenario's key that a varied one stands for."""
+    return SHORT.get(name) or override_key(name) or name
+
+
+def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
+    """Read a sweep file and every file it names, and try every value it lists in the scenario's schema.
+
+    Parameters
+    ----------
+    path : str
+        The file, `-` for standard input.
+    overrides : mapping of dotted key to value, optional
+        Set in every run, as `read_override` gives them.
+
+    Raises
+    ------
+    InputError
+        With every fault of the first file that has any; a value that no flight could take stands among the sweep's.
+    """
+    document = read_yaml(read_text(path))
+    if not isinstance(document.value, dict):
+        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {SCHEMA}"))
+    keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
+    design = _design(keys)
+    if len(design) > RUNS_LIMIT:
+        message = f"{len(design)} runs are more than {RUNS_LIMIT}"
+        raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
+    overrides = dict(overrides or {})
+    _check_fixed(overrides, design)
+    files = {kind: beside(document.name, value) for kind in FILES if (value := getattr(keys, kind)) is not None}
+    kept = KeptFiles(_texts(document, keys, files))
+    scenarios = _scenarios(document, keys, files, kept, overrides)
+    sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
+    _try_values(document, keys, sweep)
+    return replace(sweep, warnings=_read_all(document, keys, sweep))
+
+
+# --- the design, and what the schema alone cannot say
+
+
+def _design(keys: SweepKeys) -> Design:
+    sample = None
+    if keys.sample:
+        laws = {name: _law(drawn) for name, drawn in keys.sample.keys.items()}
+        sample = Sample(keys.sample.runs, laws, keys.sample.seed, keys.sample.method)
+    return Design(keys.grid, keys.zip, sample, keys.seeds)
+
+
+def _law(keys: DrawKeys) -> Uniform | Normal | Choice:
+    if keys.uniform:
+        return Uniform(*keys.uniform)
+    if keys.normal:
+        return Normal(*keys.normal)
+    return Choice(tuple(keys.choice or ()))
+
+
+def _places(keys: SweepKeys) -> Iterator[tuple[str, Place]]:
+    """Every varied key with its place in the file."""
+    for part in ("grid", "zip"):
+        yield from ((name, (part, name)) for name in getattr(keys, part))
+    if keys.sample:
+        yield from ((name, ("sample", "keys", name)) for name in keys.sample.keys)
+
+
+def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    faults = [*_name_faults(keys, document), *_zip_faults(keys, document), *_sample_faults(keys, document)]
+    names = {name for name, _ in _places(keys)}
+    if keys.plan is None and "plan" not in names:
+        faults.append(document.fault((), "no plan to fly", "plan: FILE"))
+    if keys.seeds is not None and "seed" in names:
+        faults.append(document.fault(("seeds",), "seeds, and the key seed too", "one or the other"))
+    return faults
+
+
+def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    """Keys that are none, and keys that stand twice or within one another."""
+    faults = []
+    seen: dict[str, str] = {}
+    for name, place in _places(keys):
+        if name not in FILES and override_key(name) is None:
+            faults.append(document.fault(place, f"{printable(name)} is no key", "a scenario's, as wind.speed_mps"))
+            continue
+        full = name if name in FILES else full_key(name)
+        clash = next((other for other in seen if _overlap(full, other)), None)
+        if clash is not None:
+            message = f"{printable(name)} and {printable(seen[clash])} set the same key"
+            faults.append(document.fault(place, message, "one of them"))
+        seen[full] = name
+    return faults
+
+
+def _overlap(one: str, other: str) -> bool:
+    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
+
+
+def _zip_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    lengths = {name: len(values) for name, values in keys.zip.items()}
+    first = next(iter(lengths.values()), 0)
+    return [
+        document.fault(("zip", name), f"{name} has {count} values, the first key {first}", f"{first} values")
+        for name, count in lengths.items()
+        if count != first
+    ]
+
+
+def _sample_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    faults = []
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        place = ("sample", "keys", name)
+        given = [law for law in ("uniform", "normal", "choice") if getattr(drawn, law) is not None]
+        if len(given) != 1:
+            faults.append(document.fault(place, f"{name} is drawn in {len(given)} ways", "uniform, normal or choice"))
+        elif drawn.uniform and drawn.uniform[0] > drawn.uniform[1]:
+            faults.append(document.fault((*place, "uniform"), "the lower end is above the upper one", "[low, high]"))
+        elif drawn.normal and drawn.normal[1] < 0:
+            message = "a standard deviation below 0"
+            faults.append(document.fault((*place, "normal"), message, "[mean, standard deviation]"))
+        elif name in FILES and not drawn.choice:
+            faults.append(document.fault(place, f"{name} is a file", "choice: [FILE, …]"))
+    return faults
+
+
+def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
+    """What is set in every run is no file, and not varied."""
+    for key in overrides:
+        if key in FILES:
+            raise InputError.at("--set", 1, 1, f"{key} is a file", "it in the sweep file", key)
+        if any(name not in FILES and _overlap(key, full_key(name)) for name in design.names):
+            raise InputError.at("--set", 1, 1, f"{key} is varied by the sweep", "a key that is not", key)
+        if key == "seed" and design.seeds is not None:
+            raise InputError.at("--set", 1, 1, "the sweep has seeds", "a key that it does not vary", key)
+
+
+# --- files, and values tried in them
+
+
+def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, Place]]:
+    """Every value that the file gives for a key, with its place; of a range, what stands for it."""
+    for part in ("grid", "zip"):
+        for name, values in getattr(keys, part).items():
+            yield from ((name, value, (part, name, i)) for i, value in enumerate(values))
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        place = ("sample", "keys", name)
+        if drawn.choice:
+            yield from ((name, value, (*place, "choice", i)) for i, value in enumerate(drawn.choice))
+        elif drawn.uniform:
+            yield from ((name, float(value), (*place, "uniform", i)) for i, value in enumerate(drawn.uniform))
+        elif drawn.normal:
+            yield name, float(drawn.normal[0]), (*place, "normal", 0)
+
+
+def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
+    """The texts of all files that the sweep file names, by path."""
+    named: list[tuple[Any, Place]] = [(getattr(keys, kind), (kind,)) for kind in files]
+    named += [(value, place) for name, value, place in _listed(keys) if name in FILES]
+    texts: dict[str, Text] = {}
+    faults = []
+    for value, place in named:
+        if not isinstance(value, str):
+            faults.append(document.fault(place, "no file's name", "a path relative to this file"))
+            continue
+        path = beside(document.name, value)
+        try:
+            texts.setdefault(path, texts.get(path) or read_text(path))
+        except InputError as error:
+            fault = error.faults[0]
+            faults.append(document.fault(place, f"{printable(path)} {fault.message}", fault.expected))
+    if faults:
+        raise capped(faults)
+    return texts
+
+
+def _scenarios(
+    document: Document, keys: SweepKeys, files: Mapping[str, str], kept: KeptFiles, overrides: Mapping[str, Any]
+) -> dict[str, Scenario]:
+    """Every scenario that may be flown, by path; the profiles that they name are added to the texts."""
+    paths = [beside(document.name, value) for name, value, _ in _listed(keys) if name == "scenario"]
+    if not paths and "scenario" in files:
+        paths = [files["scenario"]]
+    scenarios = {path: kept.scenario(path, overrides) for path in dict.fromkeys(paths)}
+    for scenario in scenarios.values():
+        own = scenario.profile_path
+        replaced = "profile" in files or any(name == "profile" for name, _ in _places(keys))
+        if own is not None and own not in kept.texts and not replaced:
+            kept.texts[own] = read_text(own)
+    return scenarios
+
+
+def _try_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
+    """Read the scenario with each listed value set: what its schema refuses is a fault of the sweep file."""
+    scenario = next(iter(sweep.scenarios), None)
+    faults: list[Fault] = []
+    tried: set[str] = set()
+    for name, value, place in _listed(keys):
+        token = f"{name}={json.dumps(value, sort_keys=True)}"
+        if name in FILES or token in tried:
+            continue
+        tried.add(token)
+        try:
+            sweep.kept.scenario(scenario, {**sweep.overrides, full_key(name): value})
+        except InputError as error:
+            faults += [document.fault(place, fault.message, fault.expected) for fault in error.faults]
+    if faults:
+        raise capped(list(dict.fromkeys(faults)))
+
+
+def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
+    """Read every plan, profile and energy model once; what the first run is warned about."""
+    read: dict[str, Callable[[str], Any]] = {
+        "plan": sweep.kept.plan,
+        "profile": sweep.kept.profile,
+        "energy": sweep.kept.energy,
+    }
+    named = [*sweep.files.items()]
+    named += [(name, beside(document.name, value)) for name, value, _ in _listed(keys) if name in FILES]
+    for kind, path in named:
+        if kind in read:
+            read[kind](path)
+    try:
+        return sweep.kept.load(sweep.run(0)).warnings
+    except InputError:
+        return ()  # a run that cannot be made is a row of the results

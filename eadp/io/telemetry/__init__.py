@@ -1,0 +1,1 @@
+"""Telemetry in, decisions out, and the log of both."""

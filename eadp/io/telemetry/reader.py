@@ -1,0 +1,229 @@
+"""Telemetry: one JSON object a line, read strictly; what is wrong with a line is told, and the line passed over."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Annotated, Any, BinaryIO
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from eadp.errors import Fault, InputError, printable
+from eadp.io.field.draft import Source
+from eadp.io.text.json import JsonObject, JsonReader
+from eadp.io.text.streams import Text
+from eadp.planning.live import Fix
+
+LINE_LIMIT_BYTES = 65_536
+UNKNOWN_KEYS_TOLD = 100
+"""So many unknown keys are told of; a stream that has more is told enough."""
+
+BOM = b"\xef\xbb\xbf"
+
+Time = Annotated[float, Field(ge=-1e11, le=1e11, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
+Watts = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Speed = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class TelemetryLine(BaseModel):
+    """A line of telemetry. Other keys are passed over."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    time_s: Time = Field(description="a time in seconds, of any clock that rises")
+    x_m: Metres = Field(description="a position in metres, east")
+    y_m: Metres = Field(description="a position in metres, north")
+    power_w: Watts | None = Field(description="a power in watts, or null where the sensor has no reading")
+    soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(description="a state of charge, 0 to 1")
+    stage: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="the plan's stage that is flown, a whole number from 1"
+    )
+    wind_mps: tuple[Speed, Speed] | None = Field(
+        default=None, description="[x, y]: where the wind blows towards, in metres per second"
+    )
+    velocity_mps: tuple[Speed, Speed] | None = Field(
+        default=None, description="[x, y]: velocity over ground in metres per second"
+    )
+    heading_deg: Finite | None = Field(default=None, description="where the nose points in degrees, 0 east, 90 north")
+    parameters: dict[str, Finite] | None = Field(
+        default=None, description='parameters in force by name, as in {"c1": -500}'
+    )
+
+
+KEYS = tuple(TelemetryLine.model_fields)
+REQUIRED = tuple(name for name, field in TelemetryLine.model_fields.items() if field.is_required())
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a line of telemetry."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TelemetryLine.model_json_schema()}
+
+
+class TelemetryReader:
+    """Reads lines of one stream, and remembers which unknown keys it has told of.
+
+    Parameters
+    ----------
+    name : str
+        What to call the stream in messages.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._unknown: set[str] = set()
+
+    def read(self, number: int, raw: bytes) -> tuple[Fix | None, JsonObject, list[Fault]]:
+        """Read one line; return the fix or None, the object for its places, and warnings.
+
+        Parameters
+        ----------
+        number : int
+            Of the line, from 1.
+        raw : bytes
+            The line, with or without its end.
+        """
+        document = JsonObject()
+        warnings: list[Fault] = []
+        try:
+            document = self._document(number, raw)
+            warnings = self._unknown_keys(number, document)
+            return self._fix(number, document), document, warnings
+        except InputError as error:
+            told = replace(error.faults[0], line=number, source="", severity="warning")
+            return None, document, [*warnings, told]
+
+    def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
+        """A warning about a key of a line that has been read."""
+        column = document.offsets.get(key, 0) + 1
+        return Fault(self._name, number, column, message, expected, severity="warning")
+
+    def _document(self, number: int, raw: bytes) -> JsonObject:
+        if len(raw) > LINE_LIMIT_BYTES:
+            raise self._error("the line is too long", f"at most {LINE_LIMIT_BYTES} bytes")
+        if number == 1:
+            raw = raw.removeprefix(BOM)
+        raw = raw.rstrip(b"\r\n")
+        try:
+            text = raw.decode("utf-8")
+        except UnicodeDecodeError as error:
+            column = len(raw[: error.start].decode("utf-8")) + 1
+            raise self._error(f"is not UTF-8 text: byte 0x{raw[error.start]:02x}", "UTF-8 text", column) from None
+        if not text.strip():
+            raise self._error("the line is blank", "a JSON object")
+        try:
+            value = JsonReader(Source(Text(self._name, text))).document()
+        except InputError as error:
+            fault = error.faults[0]
+            # the reader knows files, and this is a line of one
+            message, expected = (
+                part.replace("the end of the file", "the end of the line") for part in (fault.message, fault.expected)
+            )
+            raise InputError(replace(fault, message=message, expected=expected)) from None
+        if not isinstance(value, JsonObject):
+            raise self._error("is no JSON object", 'an object such as {"time_s": 0, …}')
+        return value
+
+    def _unknown_keys(self, number: int, document: JsonObject) -> list[Fault]:
+        warnings = []
+        for key in document:
+            if key in KEYS or key in self._unknown or len(self._unknown) >= UNKNOWN_KEYS_TOLD:
+                continue
+            self._unknown.add(key)
+            message = f"unknown key {printable(key, 60)}; ignored here and from now on"
+            warnings.append(self.fault(number, document, key, message, f"one of {', '.join(KEYS)}"))
+        return warnings
+
+    def _fix(self, number: int, document: JsonObject) -> Fix:
+        known = {key: value for key, value in document.items() if key in KEYS}
+        try:
+            line = TelemetryLine.model_validate(known)
+        except ValidationError as error:
+            raise InputError(self._fault_of(number, document, error)) from None
+        heading = line.heading_deg
+        return Fix(
+            time_s=line.time_s,
+            x_m=line.x_m,
+            y_m=line.y_m,
+            power_w=line.power_w,
+            soc=line.soc,
+            stage=line.stage,
+            wind_mps=line.wind_mps,
+            velocity_mps=line.velocity_mps,
+            heading_rad=None if heading is None else math.radians(math.fmod(heading, 360.0)),
+            parameters=line.parameters or {},
+        )
+
+    def _fault_of(self, number: int, document: JsonObject, error: ValidationError) -> Fault:
+        """The first value that is wrong, else the keys that are missing: one warning a line."""
+        wrong = [problem for problem in error.errors() if problem["type"] != "missing"]
+        if not wrong:
+            missing = [key for key in REQUIRED if key not in document]
+            what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
+            return self.fault(number, document, "", what, f"the keys {', '.join(REQUIRED)}")
+        first = min(wrong, key=lambda problem: document.offsets.get(str(problem["loc"][0]), 0))
+        key = str(first["loc"][0])
+        value = document[key]
+        shown = printable(repr(value), 60)
+        if value is None or isinstance(value, bool):
+            shown = {None: "null", True: "true", False: "false"}[value]
+        elif isinstance(value, dict | list):
+            shown = "an object" if isinstance(value, dict) else f"a list of {len(value)}"
+            if isinstance(value, dict) and key == "parameters":
+                shown = "an object whose values are not all numbers"
+        elif isinstance(value, tuple):
+            shown = str(list(value))
+        expected = TelemetryLine.model_fields[key].description or ""
+        return self.fault(number, document, key, f"{key} cannot be {shown}", expected)
+
+    def _error(self, message: str, expected: str, column: int = 1) -> InputError:
+        return InputError.at(self._name, 1, column, message, expected)
+
+
+def numbered_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
+    """Lines of a stream with their numbers, as soon as they are there; of one that is too long only the begin.
+
+    Raises
+    ------
+    InputError
+        Where the stream cannot be read on.
+    """
+    number = 1
+    while raw := _line(stream, name, number):
+        rest = raw
+        while len(rest) > LINE_LIMIT_BYTES and not rest.endswith(b"\n"):
+            rest = _line(stream, name, number)
+        yield number, raw
+        number += 1
+
+
+def _line(stream: BinaryIO, name: str, number: int) -> bytes:
+    try:
+        return stream.readline(LINE_LIMIT_BYTES + 1)
+    except OSError as error:
+        raise InputError.at(name, number, 1, f"cannot be read: {error.strerror}", "a readable stream") from None
+
+
+@contextmanager
+def open_telemetry(path: str) -> Iterator[BinaryIO]:
+    """A file of telemetry, a pipe, or standard input for `-`, to be read as it comes.
+
+    Raises
+    ------
+    InputError
+        At 1:1, if it cannot be read.
+    """
+    if path == "-":
+        yield sys.stdin.buffer
+        return
+    try:
+        stream = open(path, "rb")  # noqa: SIM115 - the caller reads within the block below
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        what = getattr(error, "strerror", None) or str(error)
+        raise InputError.at(path, 1, 1, f"cannot be read: {what}", "a readable file") from None
+    with stream:
+        yield stream

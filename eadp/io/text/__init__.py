@@ -1,0 +1,1 @@
+"""Text: streams, places (line and column), YAML, JSON, CSV."""

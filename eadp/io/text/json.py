@@ -1,0 +1,146 @@
+"""JSON with places: a reader that keeps where in the text every value stands.
+
+The standard library's reader does not, and a fault in a file of thousands of positions is of use only with its line.
+A key that stands twice in an object is refused, and so are lists and objects too deep within one another. As in the
+standard library, a number too large for a float is infinite.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any
+
+from eadp.errors import InputError, printable
+from eadp.io.field.draft import Source
+
+NESTING_LIMIT = 50
+"""Deepest lists and objects within one another, the document the first."""
+
+_SPACE = re.compile(r"[ \t\n\r]*")
+_NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?")
+_POSITION = re.compile(r"\[N,N(?:,N)?\]".replace("N", rf"[ \t\n\r]*+({_NUMBER.pattern})[ \t\n\r]*+"))
+_WORD = re.compile(r"-?[A-Za-z]+")
+_WORDS = {"true": True, "false": False, "null": None}
+
+
+class JsonList(list[Any]):
+    """A JSON list; `offsets` are those of its elements.
+
+    A list of two or three finite numbers, a position, is a tuple of floats instead and has none.
+    """
+
+    __slots__ = ("offsets",)
+
+    def __init__(self) -> None:
+        self.offsets: list[int] = []
+
+
+class JsonObject(dict[str, Any]):
+    """A JSON object; `offsets` are those of its values."""
+
+    __slots__ = ("offsets",)
+
+    def __init__(self) -> None:
+        self.offsets: dict[str, int] = {}
+
+
+class JsonReader:
+    """A reader of JSON that keeps the offset of every value but those within a position."""
+
+    def __init__(self, source: Source) -> None:
+        self.source, self.body, self.decoder = source, source.body, json.JSONDecoder()
+
+    def document(self) -> Any:
+        """The value that the text is."""
+        value, i = self._value(self._skip(0), 1)
+        if i < len(self.body):
+            raise self._fail(i, "the end of the file")
+        return value
+
+    def _skip(self, i: int) -> int:
+        match = _SPACE.match(self.body, i)
+        assert match is not None
+        return match.end()
+
+    def _fail(self, i: int, expected: str) -> InputError:
+        found = printable(self.body[i : i + 1]) if i < len(self.body) else "the end of the file"
+        return self.source.error(self.source.place(i), f"is not JSON: {found} cannot stand here", expected)
+
+    def _value(self, i: int, depth: int) -> tuple[Any, int]:
+        """The value at an offset, and the offset of what follows it and the blanks after it."""
+        if depth > NESTING_LIMIT:
+            raise self.source.error(self.source.place(i), f"nested deeper than {NESTING_LIMIT} levels")
+        c = self.body[i : i + 1]
+        value: Any
+        if c == "[":
+            position = _POSITION.match(self.body, i)
+            value = tuple(float(number) for number in position.groups() if number) if position else ()
+            if position and all(map(math.isfinite, value)):  # by far the most lists of a file
+                return value, self._skip(position.end())
+            value, end = self._list(i + 1, depth)
+        elif c == "{":
+            value, end = self._object(i + 1, depth)
+        elif c == '"':
+            value, end = self._string(i)
+        elif number := _NUMBER.match(self.body, i):
+            end = number.end()
+            value = int(number[0]) if re.fullmatch("-?[0-9]{1,17}", number[0]) else float(number[0])
+        elif (word := _WORD.match(self.body, i)) and word[0] in _WORDS:
+            value, end = _WORDS[word[0]], word.end()
+        elif word and word[0].lstrip("-") in ("NaN", "Infinity"):
+            raise self.source.error(self.source.place(i), f"{word[0]} is no number of JSON", "a finite number")
+        else:
+            raise self._fail(i, "a value")
+        return value, self._skip(end)
+
+    def _string(self, i: int) -> tuple[str, int]:
+        try:
+            value, end = self.decoder.raw_decode(self.body, i)
+        except json.JSONDecodeError as error:
+            message = f"is not JSON: {printable(error.msg[:1].lower() + error.msg[1:])}"
+            raise self.source.error(self.source.place(error.pos), message, "a string in quotes") from None
+        return str(value), end
+
+    def _list(self, i: int, depth: int) -> tuple[JsonList, int]:
+        result = JsonList()
+        i = self._skip(i)
+        if self.body[i : i + 1] == "]":
+            return result, i + 1
+        while True:
+            result.offsets.append(i)
+            value, i = self._value(i, depth + 1)
+            result.append(value)
+            c = self.body[i : i + 1]
+            if c == "]":
+                return result, i + 1
+            if c != ",":
+                raise self._fail(i, "a comma or ]")
+            i = self._skip(i + 1)
+
+    def _object(self, i: int, depth: int) -> tuple[JsonObject, int]:
+        result = JsonObject()
+        i = self._skip(i)
+        if self.body[i : i + 1] == "}":
+            return result, i + 1
+        while True:
+            if self.body[i : i + 1] != '"':
+                raise self._fail(i, "a key in quotes")
+            at = i
+            key, i = self._string(i)
+            if key in result:
+                message = f"the key {printable(key, 80)} stands twice"
+                raise self.source.error(self.source.place(at), message, "each key once")
+            i = self._skip(i)
+            if self.body[i : i + 1] != ":":
+                raise self._fail(i, "a colon")
+            i = self._skip(i + 1)
+            result.offsets[key] = i
+            result[key], i = self._value(i, depth + 1)
+            c = self.body[i : i + 1]
+            if c == "}":
+                return result, i + 1
+            if c != ",":
+                raise self._fail(i, "a comma or }")
+            i = self._skip(i + 1)

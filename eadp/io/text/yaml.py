@@ -1,0 +1,165 @@
+"""YAML read strictly: YAML 1.2's core scalars, no aliases, no duplicate keys, and a place for every value."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from eadp.errors import Fault, InputError, printable
+from eadp.io.text.streams import Text
+
+Path = tuple[str | int, ...]
+NESTING_LIMIT = 50
+DIGITS_LIMIT = 50
+
+_INT = re.compile(r"[-+]?[0-9]+\Z|0o[0-7]+\Z|0x[0-9a-fA-F]+\Z")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
+_SPECIAL = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)\Z|\.(nan|NaN|NAN)\Z")
+
+
+@dataclass
+class Document:
+    """A YAML document: its value, and the line and column (from 1) of every value by its path of keys."""
+
+    name: str
+    value: Any
+    places: dict[Path, tuple[int, int]] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    overrides: dict[Path, str] = field(default_factory=dict)
+    """Values that came from elsewhere: what to call that place in messages."""
+
+    def fault(self, path: Path, message: str, expected: str = "") -> Fault:
+        """A fault at the value of `path`, or at its nearest parent that the document has."""
+        while path and path not in self.places:
+            if path in self.overrides:
+                return Fault(self.overrides[path], 1, 1, message, expected)
+            path = path[:-1]
+        line, column = self.places.get(path, (1, 1))
+        source = self.lines[line - 1] if 0 < line <= len(self.lines) else ""
+        return Fault(self.name, line, column, message, expected, source)
+
+
+def read_yaml(text: Text) -> Document:
+    """Parse one YAML document.
+
+    Raises
+    ------
+    InputError
+        On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
+        not strings, NaN and infinities, more than 50 levels, and numbers of more than 50 digits.
+    """
+    document = Document(text.name, None, lines=text.body.split("\n"))
+
+    def fail(line: int, column: int, message: str, expected: str = "") -> InputError:
+        source = document.lines[line - 1] if line <= len(document.lines) else ""
+        return InputError.at(text.name, line, column, message, expected, source)
+
+    try:
+        _refuse_references(text.body, fail)
+        node = yaml.compose(text.body, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise fail(line, column, f"is not YAML: {printable(error.problem or 'cannot be read')}") from None
+    except yaml.YAMLError as error:
+        raise fail(1, 1, f"is not YAML: {printable(str(error).splitlines()[0])}") from None
+    faults: list[Fault] = []
+    if node is not None:
+        document.value = _build(node, (), document, faults)
+    if faults:
+        raise InputError(*faults)
+    return document
+
+
+class _Loader(yaml.SafeLoader):
+    """Leaves every plain scalar a string: the core schema is applied in `_scalar`."""
+
+
+_Loader.yaml_implicit_resolvers = {}
+
+
+def _refuse_references(body: str, fail: Any) -> None:
+    depth = 0
+    for event in yaml.parse(body, Loader=_Loader):
+        mark = event.start_mark
+        at = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            raise fail(*at, "a YAML alias or anchor", "the value written out")
+        tag = getattr(event, "tag", None)
+        if tag:
+            raise fail(*at, f"a YAML tag {printable(str(tag))}", "a plain value")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > NESTING_LIMIT:
+            raise fail(*at, f"nested deeper than {NESTING_LIMIT} levels")
+
+
+def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> Any:
+    document.places.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
+    if isinstance(node, MappingNode):
+        return _mapping(node, path, document, faults)
+    if isinstance(node, SequenceNode):
+        return [_build(item, (*path, i), document, faults) for i, item in enumerate(node.value)]
+    assert isinstance(node, ScalarNode)
+    return _scalar(node, path, document, faults)
+
+
+def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fault]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        mark = key_node.start_mark
+        if not isinstance(key_node, ScalarNode):
+            document.places[(*path, "?")] = (mark.line + 1, mark.column + 1)
+            faults.append(document.fault((*path, "?"), "a key that is not a name", "a name"))
+            continue
+        key = key_node.value
+        if key in result:
+            document.places[(*path, "?")] = (mark.line + 1, mark.column + 1)
+            faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
+            continue
+        result[key] = _build(value_node, (*path, key), document, faults)
+        # an empty value has no place of its own worth pointing at, nor has a block that starts a line later
+        document.places[(*path, key)] = (mark.line + 1, mark.column + 1)
+    return result
+
+
+def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
+    """A string whose escapes may have spelt a character as a pair of surrogates, as JSON does."""
+    try:
+        return raw.encode("utf-16", "surrogatepass").decode("utf-16")
+    except UnicodeDecodeError:
+        faults.append(document.fault(path, "half of a pair of surrogates", "a whole character"))
+        return ""
+
+
+def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault]) -> Any:
+    raw = node.value
+    if node.style is not None:  # quoted or block: a string
+        return _without_surrogates(raw, path, document, faults)
+    if raw in _SPECIAL:
+        return _SPECIAL[raw]
+    if _NOT_FINITE.match(raw):
+        faults.append(document.fault(path, f"{raw} is not a finite number", "a finite number"))
+        return 0.0
+    number = _FLOAT.match(raw) or _INT.match(raw)
+    if not number:
+        return raw
+    if sum(c.isdigit() for c in raw) > DIGITS_LIMIT or (raw[:2] == "0x" and len(raw) - 2 > DIGITS_LIMIT):
+        faults.append(document.fault(path, f"a number of more than {DIGITS_LIMIT} digits"))
+        return 0.0
+    if _INT.match(raw):
+        return int(raw, {"0x": 16, "0o": 8}.get(raw[:2], 10))
+    value = float(raw)
+    if math.isinf(value):
+        faults.append(document.fault(path, f"{raw} is too large for a number", "a finite number"))
+        return 0.0
+    return value

@@ -1,0 +1,1 @@
+"""What a planner learns in flight: power, period, time, charge."""

@@ -1,0 +1,201 @@
+"""The Kalman filter behind the exact estimator: a Fourier state and a disturbance, moved by the exact step.
+
+Readings that come evenly are the rule, and what they do to the covariance does not depend on their values. So once the
+gain hardly changes any more it is held for a block of readings, and the covariance goes through the block in one map
+(`eadp.core.signals.riccati`), which is exact but for the gain being up to a block old. `SETTLED` says how little change
+that is; everything else, a drop-out, a gated reading, an odd step, a new model, is taken one step at a time.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.compiled import quick
+from eadp.core.signals import forecasting
+from eadp.core.signals.kalman import predict, update
+from eadp.core.signals.riccati import CovarianceMap, step_map
+
+FloatArray = NDArray[np.float64]
+
+BLOCK_DOUBLINGS = 4
+BLOCK = 2**BLOCK_DOUBLINGS
+"""Readings of a block: 1.6 s at the usual tenth of a second."""
+
+SETTLED = 2e-4
+"""Change of the correlation of any state with a reading, from one reading to the next, at which the gain is held."""
+
+SAME_STEP_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnergyDynamics:
+    """How the state moves between readings, and how they see it; units as in `eadp.core.signals.forecasting`."""
+
+    order: int
+    period_s: float
+    drift_w2_per_s: FloatArray
+    std_w: float
+    time_s: float
+    noise_w: float
+
+    def transition(self, step_s: float) -> FloatArray:
+        """e^{A Δt}."""
+        return forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
+
+    def process_noise(self, step_s: float) -> FloatArray:
+        """Q of a step."""
+        return forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
+
+
+class EnergyFilter:
+    """State and covariance, step by step or in blocks.
+
+    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16; see `eadp.core.signals.kalman`.
+    """
+
+    def __init__(self, state: FloatArray, covariance: FloatArray, dynamics: EnergyDynamics) -> None:
+        self.state = state
+        self._covariance = covariance
+        self._dynamics = dynamics
+        self._output = forecasting.output(dynamics.order)
+        self._step_s = 0.0
+        self._transition = np.eye(len(state))
+        self._noise = np.zeros_like(covariance)
+        self._gain = np.zeros(len(state))
+        self._maps: tuple[CovarianceMap, ...] = ()
+        self._held = 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """P, with every reading that has been taken."""
+        self._catch_up()
+        return self._covariance
+
+    @property
+    def dynamics(self) -> EnergyDynamics:
+        """How the state moves."""
+        return self._dynamics
+
+    @dynamics.setter
+    def dynamics(self, dynamics: EnergyDynamics) -> None:
+        """Move in another way from now on; the state keeps its meaning, so phases continue where they are."""
+        self._step_by_step()
+        self._dynamics = dynamics
+        self._step_s = 0.0
+
+    def restart(self, state: FloatArray, covariance: FloatArray) -> None:
+        """Go on from another state and covariance."""
+        self._step_by_step()
+        self.state, self._covariance = state, covariance
+
+    def widen(self, factor: float) -> None:
+        """Take the covariance to be larger by a factor."""
+        self._step_by_step()
+        self._covariance = factor * self._covariance
+
+    def expected_w(self) -> float:
+        """The power now [W]."""
+        return float(self._output @ self.state)
+
+    def predict(self, step_s: float) -> None:
+        """Move on by a step without a reading."""
+        self._step_by_step()
+        self._prepare(step_s)
+        self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
+
+    def correct(self, measured_w: float) -> None:
+        """Take a reading of now."""
+        self._step_by_step()
+        variance = self._dynamics.noise_w**2
+        self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
+
+    def follow(self, step_s: float, measured_w: float) -> float:
+        """Move on by a step and take a reading; return what was expected of it [W]."""
+        if self._maps and abs(step_s - self._step_s) < SAME_STEP_S:
+            return self._follow_held(np.array([measured_w]))
+        same = abs(step_s - self._step_s) < SAME_STEP_S
+        self.predict(step_s)
+        expected = self.expected_w()
+        self.correct(measured_w)
+        before, self._gain = self._gain, self._gain_now()
+        if same and self._change(before) < SETTLED:
+            self._hold()
+        return expected
+
+    def follow_all(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
+        """`follow` readings at some times [s], the first after `before_s`; return what was expected of the last [W]."""
+        steps = [after - before for before, after in itertools.pairwise((before_s, *times_s))]
+        expected, n, count = 0.0, 0, len(steps)
+        while n < count:
+            end = n + 1
+            if self._maps:
+                while end < min(count, n + BLOCK - self._held) and abs(steps[end] - self._step_s) < SAME_STEP_S:
+                    end += 1
+            if self._maps and abs(steps[n] - self._step_s) < SAME_STEP_S:
+                expected = self._follow_held(np.array(measured_w[n:end]))
+                n = end
+            else:
+                expected = self.follow(steps[n], measured_w[n])
+                n += 1
+        return expected
+
+    def _follow_held(self, measured_w: FloatArray) -> float:
+        """Take readings of one block, the gain held; return what was expected of the last [W]."""
+        held = quick(_held)
+        self.state, expected = held(self._transition, self._output, self._gain, self.state, measured_w)
+        self._held += len(measured_w)
+        if self._held == BLOCK:
+            self._catch_up()
+            self._gain = self._gain_now()
+        return float(expected)
+
+    def _prepare(self, step_s: float) -> None:
+        if abs(step_s - self._step_s) >= SAME_STEP_S:
+            self._step_s = step_s
+            self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
+
+    def _gain_now(self) -> FloatArray:
+        # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
+        gain: FloatArray = self._covariance @ self._output / self._dynamics.noise_w**2
+        return gain
+
+    def _change(self, before: FloatArray) -> float:
+        """The most that the correlation of a state with a reading has changed."""
+        spread = np.sqrt(np.maximum(np.diagonal(self._covariance), 1e-18))
+        return float(np.max(np.abs(self._gain - before) / spread)) * self._dynamics.noise_w
+
+    def _hold(self) -> None:
+        """Hold the gain from here on, and prepare the maps of 1, 2, 4, … steps."""
+        maps = [step_map(self._transition, self._noise, self._output, self._dynamics.noise_w**2)]
+        for _ in range(BLOCK_DOUBLINGS):
+            maps.append(maps[-1].then(maps[-1]))
+        self._maps, self._held = tuple(maps), 0
+
+    def _catch_up(self) -> None:
+        """Take the covariance through the readings that the state has already seen."""
+        for k, powers in enumerate(self._maps):
+            if self._held >> k & 1:
+                self._covariance = powers.of(self._covariance)
+        self._held = 0
+
+    def _step_by_step(self) -> None:
+        if self._maps:
+            self._catch_up()
+            self._maps = ()
+
+
+def _held(
+    transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
+) -> tuple[FloatArray, float]:
+    """The state after readings, and what was expected of the last one [W]."""
+    expected = 0.0
+    for value in measured_w:
+        state = transition @ state
+        expected = np.dot(output, state)
+        state = state + gain * (value - expected)
+    return state, expected

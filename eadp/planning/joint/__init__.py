@@ -1,0 +1,1 @@
+"""Path and computations together, to the end of the mission."""

@@ -1,0 +1,100 @@
+"""Before take-off: will it finish, how surely, and what does each stage take?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import Infeasible
+from eadp.models.plan.route import MARGIN_M
+from eadp.planning.base import JOINT, Mission, PlannerSettings
+from eadp.planning.joint.forecaster import Forecast, Forecaster
+from eadp.planning.joint.program import Answer, MissionProgram, best_at
+
+NEAR_M = 0.5
+
+
+@dataclass(frozen=True)
+class TakeOff:
+    """What is to be expected of a mission.
+
+    Attributes
+    ----------
+    parameters : dict
+        By name: as planned, computations averaged over the time in which they have a choice.
+    forecast : Forecast
+    feasible : bool
+        Whether the reserve is kept as surely as asked for.
+    quality : float or None
+        U as planned.
+    """
+
+    parameters: dict[str, float]
+    forecast: Forecast
+    feasible: bool
+    quality: float | None
+
+
+def take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float) -> TakeOff | None:
+    """What is to be expected, in the wind that the weather forecast tells.
+
+    Planner `joint` is forecast as it would plan now; others at the parameters of take-off.
+
+    Returns
+    -------
+    TakeOff or None
+        None where the charge is replayed, or the plan cannot be flown in this wind.
+    """
+    plan, battery = mission.plan, mission.battery
+    if battery.prescribed:
+        return None
+    if settings.name != JOINT:
+        held = {name: (value,) for name, value in zip(plan.names, mission.parameters, strict=True)}
+        settings = replace(settings, levels=held, trade_offs=())
+    # whoever does not look for parameters that just reach the end may take what comes near to it for passed
+    ahead = Forecaster(settings, mission, MARGIN_M if settings.name == JOINT else -NEAR_M)
+    ahead.assume(wind_mps, gust_std_mps, battery.soc)
+    ahead.at(0.0, mission.start_m or (0.0, 0.0), 0.0)
+    if settings.name == JOINT and ahead.open:
+        try:
+            answer = MissionProgram(len(ahead.open)).solve(ahead.prospect, ahead.shares)
+        except Infeasible:
+            return None
+    else:
+        here = ahead.prospect(ahead.shares)
+        if here is None:
+            return None
+        answer = best_at(here)
+    shares = answer.prospect.shares
+    values = list(ahead.parameters_of(shares))
+    values[plan.path_count :] = _mean_configuration(ahead, answer)
+    names = dict(zip(plan.names, values, strict=True))
+    quality = answer.value if ahead.open or len(answer.prospect.steps.use) else None
+    return TakeOff(names, ahead.forecast(answer), answer.allocation.feasible, quality)
+
+
+def _mean_configuration(ahead: Forecaster, answer: Answer) -> list[float]:
+    """Each computation's mean over the time in which it has a choice, as allocated."""
+    told = ahead.told(answer.prospect.shares)
+    assert told is not None
+    terms, segments = told
+    course = ahead.course(answer.prospect.shares)
+    count = terms.kinds[0].configurations.shape[1]
+    rho = len(course.parameters[0]) - count
+    menus = terms.menus
+    configurations = np.array([menu.configurations[0] for menu in menus])
+    steps = terms.steps
+    for segment, level, share in zip(
+        steps.segment.tolist(), steps.level.tolist(), answer.allocation.shares.tolist(), strict=True
+    ):
+        menu = menus[segment].configurations
+        configurations[segment] += share * (menu[level + 1] - menu[level])
+    means = []
+    for k in range(count):
+        runs = np.array([not leg.stage.sets[rho + k].inhibited for leg in course.legs])
+        weights = segments.times_s * runs
+        total = float(weights.sum())
+        means.append(float(configurations[:, k] @ weights) / total if total > 0 else 0.0)
+    return means

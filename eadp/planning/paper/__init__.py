@@ -1,0 +1,1 @@
+"""The letter's Algorithm 2: receding-horizon problem and path rule."""

@@ -1,0 +1,296 @@
+"""The inner loop: a stretch of steps at whose ends alone something outside has to look.
+
+Aircraft, guidance, gusts, charge, triggers and sums, from one moment at which a planner, a log, a fault or a new stage
+is due to the next. Written once: plain Python on lists, or compiled on arrays (`eadp.core.compiled`), to the same bits.
+Compiled, paths are lines and circles and the charge is drained; a general curve, or a replayed charge, is flown by the
+plain function on the same numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, MutableSequence, Sequence
+from typing import Any
+
+import numpy as np
+
+from eadp.core import compiled
+from eadp.core.expressions.derivatives import Jet, PathFunction
+from eadp.models.battery import Battery
+from eadp.models.plan.executor import WATCHING, CurveProgress, Itinerary, watched
+from eadp.models.weather import Wind
+from eadp.simulation.aircraft import (
+    AIRCRAFT_CONSTANTS,
+    AIRCRAFT_STATE,
+    FLYING,
+    GUST_X,
+    GUST_Y,
+    GUSTS,
+    HEADING,
+    NOISE_LEFT,
+    STEADY_X,
+    STEADY_Y,
+    STEP_S,
+    VX,
+    VY,
+    Constants,
+    State,
+    X,
+    Y,
+    fly_step,
+    next_gust,
+)
+
+SOC, POWER, ENERGY, DISTANCE, LEAST, MOST, READ_AT, READINGS = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 8)
+STATE = AIRCRAFT_STATE + 8
+"""State of charge, power [W]; sums of power and ground speed over the steps, least and most power [W]; the step of the
+next reading, how many have been taken."""
+
+EMPTY_V, RISE_V, FOUR_R, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE = range(AIRCRAFT_CONSTANTS, AIRCRAFT_CONSTANTS + 8)
+Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(AIRCRAFT_CONSTANTS + 8, AIRCRAFT_CONSTANTS + 19)
+CONSTANTS = AIRCRAFT_CONSTANTS + 19
+"""Of the battery and the sensors, then of the stage: its closed form, offset [m], gain, sense, and the power of the
+computations [W]."""
+
+LOST, EMPTY, SAGS = 4, 8, 16
+"""What ends a flight, as bits beside `FIRED` and `ENDED`: the path has no value here, the battery is empty, or cannot
+deliver."""
+
+MOMENT = 7
+"""Numbers of a moment that a sensor may tell late: x, y, power, charge, ground velocity, heading."""
+
+READING, MOST_READINGS = 1 + MOMENT, 500
+"""Numbers of a reading: its step and the moment that it tells of; and the most of them in one stretch."""
+
+NOISE = 2000
+"""Random numbers of gusts drawn at once."""
+
+_NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
+def fly_stretch(
+    s: State,
+    w: MutableSequence[float],
+    c: Constants,
+    noise: Sequence[float],
+    late: MutableSequence[float],
+    readings: MutableSequence[float],
+    k: int,
+    end: int,
+    path: PathFunction | None,
+    curve: CurveProgress | None,
+    replay: Callable[[float], float] | None,
+) -> tuple[int, int]:
+    """Fly from step `k` to step `end`, or until something happens; return the steps flown and what has been seen.
+
+    Parameters
+    ----------
+    s, w, c
+        The flight's state and what is watched, which are changed, and its constants.
+    noise
+        Normal random numbers for gusts, enough of them.
+    late
+        The last moments, `LATE` + 1 of them, filled in turn.
+    readings
+        Readings of the sensors, filled from the first on.
+    path, curve
+        Of a stage that is a general curve.
+    replay : function of time [s]
+        The charge where it is not drained.
+    """
+    while k < end:
+        k += 1
+        wind_x, wind_y = c[STEADY_X], c[STEADY_Y]
+        if c[GUSTS] != 0.0:
+            next_gust(s, c, noise)
+            wind_x += s[GUST_X]
+            wind_y += s[GUST_Y]
+        if path is not None:
+            jet = path(s[X] - c[OFFSET_X], s[Y] - c[OFFSET_Y])
+        else:
+            # φ = q (u² + v²) + a u + b v + e
+            u, v, h = s[X] - c[X0], s[Y] - c[Y0], 2 * c[Q]
+            phi = c[Q] * (u * u + v * v) + c[A] * u + c[B] * v + c[E]
+            jet = (phi, h * u + c[A], h * v + c[B], h, 0.0, h)
+        if not math.isfinite(jet[0]):
+            return k, LOST
+        power_w = fly_step(s, c, jet, c[GAIN], c[SENSE], wind_x, wind_y) + c[COMPUTING]
+        if not math.isfinite(s[HEADING]):
+            return k, LOST
+        s[POWER] = power_w
+        s[ENERGY] += power_w
+        s[DISTANCE] += math.sqrt(s[VX] * s[VX] + s[VY] * s[VY])
+        if power_w < s[LEAST]:
+            s[LEAST] = power_w
+        if power_w > s[MOST]:
+            s[MOST] = power_w
+        failed = drain(s, c, power_w, k, replay)
+        if failed:
+            return k, failed
+        if c[LATE] != 0.0 or k == s[READ_AT]:
+            _sense(s, c, late, readings, k)
+        seen = watched(w, s[X], s[Y], curve)
+        if seen:
+            return k, seen
+    return k, 0
+
+
+def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[float], float] | None) -> int:
+    """Draw a power over step `k` from the battery, and what is lost then; return `EMPTY`, `SAGS` or 0."""
+    # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c: eadp.core.flight.battery
+    volts = c[EMPTY_V] + c[RISE_V] * s[SOC]
+    discriminant = volts * volts - c[FOUR_R] * power_w
+    if discriminant < 0:
+        return SAGS
+    if replay is not None:
+        s[SOC] = replay(k * c[STEP_S])
+    else:
+        s[SOC] -= c[DRAIN] * power_w / (volts + math.sqrt(discriminant))
+        if k == c[FAULT_AT]:
+            s[SOC] -= c[DROP]
+    if s[SOC] <= 0:
+        s[SOC] = 0.0
+        return EMPTY
+    return 0
+
+
+def _sense(s: State, c: Constants, late: MutableSequence[float], readings: MutableSequence[float], k: int) -> None:
+    """Keep the moment of a step, and take a reading if that is due."""
+    rows = int(c[LATE]) + 1
+    at = (k - 1) % rows * MOMENT
+    late[at], late[at + 1], late[at + 2], late[at + 3] = s[X], s[Y], s[POWER], s[SOC]
+    late[at + 4], late[at + 5], late[at + 6] = s[VX], s[VY], s[HEADING]
+    if k == s[READ_AT]:
+        at = max(k - 1 - int(c[LATE]), 0) % rows * MOMENT
+        n = int(s[READINGS]) * READING
+        readings[n] = k
+        for i in range(MOMENT):
+            readings[n + 1 + i] = late[at + i]
+        s[READINGS] += 1
+        s[READ_AT] += c[READ_EVERY]
+
+
+def drain_constants(battery: Battery, step_s: float) -> list[float]:
+    """A battery's constants, from `EMPTY_V` on."""
+    empty_v = battery.voltage_at(0.0)
+    rise_v = battery.voltage_v - empty_v
+    return [empty_v, rise_v, 4 * battery.resistance_ohm, 2 * battery.k_b_per_s * step_s / battery.capacity_ah]
+
+
+class Stretches:
+    """One flight's numbers, and the function that takes them from stretch to stretch."""
+
+    def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
+        self._compiled = compiled.is_on() and not battery.prescribed
+        self._fly = compiled.quick(fly_stretch, drain, _sense, *FLYING, *WATCHING) if self._compiled else fly_stretch
+        self._replay = battery.prescribed_soc if battery.prescribed else None
+        self._rng = rng
+        first = rng.standard_normal(2)
+        c: Any = [*constants, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS)]
+        s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
+        s[GUST_X], s[GUST_Y] = wind.gust_std_mps * float(first[0]), wind.gust_std_mps * float(first[1])
+        s[LEAST], s[MOST] = math.inf, -math.inf
+        s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
+        c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
+        self._noise: Any = self._numbers([])
+        self._late: Any = self._numbers([])
+        self._readings: Any = self._numbers([0.0] * (READING * MOST_READINGS))
+        self._path: PathFunction | None = None
+        self._curve: CurveProgress | None = None
+        self._watch: Any = []
+        self._s, self._c = self._numbers(s), self._numbers(c)
+
+    def _numbers(self, values: list[float]) -> Any:
+        return np.array(values) if self._compiled else values
+
+    def sense(self, every: int, late: int) -> None:
+        """Take a reading every so many steps from the first on, of a moment so many steps before."""
+        self._s[READ_AT] = 1
+        self._c[READ_EVERY], self._c[LATE] = every, late
+        self._late = self._numbers([0.0] * (MOMENT * (late + 1)))
+
+    def fault(self, step: int, drop: float) -> None:
+        """The next sudden loss of charge."""
+        self._c[FAULT_AT], self._c[DROP] = step, drop
+
+    def along(self, itinerary: Itinerary, computing_w: float) -> None:
+        """Go on along the stage that an itinerary is at."""
+        c, stage, (ox, oy) = self._c, itinerary.stage, itinerary.offset_m
+        c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
+        if itinerary.form is not None:
+            q, x, y, a, b, e = itinerary.form
+            c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e
+            self._path = None
+        else:
+            self._path = _guarded(itinerary.path)
+        self._curve = itinerary.curve
+        self._watch = itinerary.watch = self._numbers(list(itinerary.watch))
+
+    def run(self, k: int, end: int) -> tuple[int, int]:
+        """Fly on; see `fly_stretch`. May end early where random numbers or room for readings do."""
+        if self._c[GUSTS]:
+            if self._s[NOISE_LEFT] < 2:
+                self._noise = self._numbers(self._rng.standard_normal(NOISE).tolist())
+                self._s[NOISE_LEFT] = NOISE
+            end = min(end, k + int(self._s[NOISE_LEFT]) // 2)
+        room = MOST_READINGS - int(self._s[READINGS])
+        end = min(end, k + room * int(self._c[READ_EVERY]))
+        if self._compiled and (self._path is not None or self._curve is not None):
+            return self._plainly(k, end)
+        k, seen = self._fly(
+            self._s,
+            self._watch,
+            self._c,
+            self._noise,
+            self._late,
+            self._readings,
+            k,
+            end,
+            self._path,
+            self._curve,
+            self._replay,
+        )
+        return k, seen
+
+    def _plainly(self, k: int, end: int) -> tuple[int, int]:
+        """A stretch along a general curve beside compiled ones."""
+        arrays = (self._s, self._watch, self._late, self._readings)
+        s, w, late, readings = (array.tolist() for array in arrays)
+        c, noise = self._c.tolist(), self._noise.tolist()
+        k, seen = fly_stretch(s, w, c, noise, late, readings, k, end, self._path, self._curve, None)
+        for array, values in zip(arrays, (s, w, late, readings), strict=True):
+            array[:] = values
+        return k, seen
+
+    def told(self, k: int) -> tuple[float, ...]:
+        """What sensors tell after step `k`: the numbers of a moment, so late as they are."""
+        rows = int(self._c[LATE]) + 1
+        if rows == 1:
+            s = self._s
+            return tuple(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
+        at = max(k - rows, 0) % rows * MOMENT
+        return tuple(map(float, self._late[at : at + MOMENT]))
+
+    def readings(self) -> tuple[list[int], list[list[float]]]:
+        """Steps of the readings since this was asked last, and each number of their moments in turn."""
+        count = int(self._s[READINGS])
+        self._s[READINGS] = 0
+        flat = self._readings[: READING * count]
+        values: list[float] = flat.tolist() if self._compiled else flat
+        return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
+
+    def number(self, place: int) -> float:
+        """One of the flight's numbers."""
+        return float(self._s[place])
+
+
+def _guarded(path: PathFunction) -> PathFunction:
+    """The same path function, but for no numbers where it has no value."""
+
+    def jet(x: float, y: float) -> Jet:
+        try:
+            return path(x, y)
+        except (ArithmeticError, ValueError):
+            return _NOTHING
+
+    return jet

@@ -1,0 +1,1 @@
+"""Many flights: design, engines, statistics."""

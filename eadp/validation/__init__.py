@@ -1,0 +1,1 @@
+"""Geometric checks of a plan over the whole range of its parameters."""

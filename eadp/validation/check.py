@@ -1,0 +1,551 @@
+"""Geometric validity of a plan over the whole range of its path parameters.
+
+For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
+its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
+aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
+parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of parts, whose
+stages depend on the parameters of earlier laps, is looked at along whole flights instead.
+
+Source: draft 002, Def. III.1; draft 003, Def. IV.1.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project, tangent, wrap_angle_rad
+from eadp.errors import PathUndefined
+from eadp.models.plan.cursor import Place, Walk
+from eadp.models.plan.executor import shift_at
+from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
+from eadp.models.plan.trace import leg_length_m
+
+ERROR, WARNING = "error", "warning"
+POSITION_WARNING_M = 1e-3
+DIRECTION_WARNING_DEG = 0.1
+DIRECTION_ERROR_DEG = 45.0
+RADIUS_TOLERANCE_M = 1e-6
+NEARLY_WHOLE_TURN = 0.97
+"""A sweep of more of a turn than this is a trigger just behind where its circle is joined, or meant: a warning."""
+
+GRID = {1: 17, 2: 9}
+RANDOM_SAMPLES = 200
+REFINEMENTS = 40
+CHANGING_FLIGHTS = 24
+
+Parameters = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a check found; `witness` has, for each stage, parameters that lead to the next one, or None."""
+
+    findings: tuple[Finding, ...]
+    witness: tuple[Parameters | None, ...]
+
+    @property
+    def valid(self) -> bool:
+        """Whether every stage leads to the next for some parameters."""
+        return all(parameters is not None for parameters in self.witness)
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether any finding is an error."""
+        return any(finding.severity == ERROR for finding in self.findings)
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A stage, the one it is joined from, and the next, at given parameters; None beside the plan's ends."""
+
+    before: Stage | None
+    stage: Stage
+    after: Stage | None
+    shift_before: bool = False
+    shift_after: bool = False
+
+
+@dataclass
+class _Measures:
+    """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
+
+    own_m: float = math.nan
+    next_m: float = math.nan
+    turn_deg: float = math.nan
+    radius_m: float = math.inf
+    ahead_m: float = math.inf
+    sweep: float = 0.0
+    trouble: str = ""
+    foot_m: Point = (math.nan, math.nan)
+    headings_deg: tuple[float, float] = field(default=(math.nan, math.nan))
+    before: Stage | None = None
+    after: Stage | None = None
+
+
+def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
+    """Check a plan over the whole range of its path parameters.
+
+    Parameters
+    ----------
+    plan : Plan
+        With sets, or without: then it is looked at with all parameters 0.
+    min_radius_m : float, optional
+        Smallest turning radius of the aircraft [m]; the plan's own without.
+
+    Returns
+    -------
+    Report
+        Findings by stage, errors beyond the thresholds above and a stage's trigger radius.
+    """
+    least = plan.min_radius_m if min_radius_m is None else min_radius_m
+    findings: list[Finding] = []
+    witness: list[Parameters | None] = []
+    if plan.parts:
+        looked_at = _walked(plan)
+    else:
+        looked_at = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
+    troubled = any(measures.trouble for _, measured in looked_at for _, measures in measured)
+    for stage, measured in looked_at:
+        if troubled and not measured:  # no flight came so far
+            witness.append(None)
+            continue
+        findings += _stage_findings(plan, stage, measured, least)
+        witness.append(_leads_on(plan, measured))
+    findings += _sets_findings(plan)
+    findings += _rejoin_findings(plan)
+    return Report(tuple(findings), tuple(witness))
+
+
+def _joints(plan: Plan) -> Iterator[_Joint]:
+    stages = plan.stages
+    for i, stage in enumerate(stages):
+        before = stages[i - 1] if i or plan.repeats else None
+        after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
+        yield _Joint(before, stage, after, shift_before=i == 0, shift_after=i + 1 == len(stages))
+
+
+# --- where to look ----------------------------------------------------------------------------------------------------
+
+
+def _boxes(plan: Plan, joint: _Joint) -> list[Box]:
+    """The sets of the path parameters that matter at a joint; [0, 0] for those that do not, or have none."""
+    stages = [stage for stage in (joint.before, joint.stage, joint.after) if stage is not None]
+    boxes = []
+    for i in range(plan.path_count):
+        name = f"c{i + 1}"
+        moved = joint.shift_before or joint.shift_after
+        matters = any(stage.names(name) for stage in stages) or (moved and _shift_names(plan, name))
+        if not plan.has_sets:
+            boxes.append(Box(0.0, 0.0))
+        elif matters:
+            boxes.append(joint.stage.sets[i])
+        else:
+            boxes.append(Box(joint.stage.sets[i].hi, joint.stage.sets[i].hi))
+    return boxes
+
+
+def _shift_names(plan: Plan, name: str) -> bool:
+    return plan.repeats and plan.shift is not None and any(name in part.names for part in plan.shift)
+
+
+def _grid(boxes: Sequence[Box]) -> list[Parameters]:
+    """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
+    free = [i for i, box in enumerate(boxes) if not box.fixed]
+    fixed = [box.lo for box in boxes]
+    shares: list[Parameters] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
+    if len(free) in GRID:
+        shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
+    elif free:
+        shares += map(tuple, np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist())
+    points = []
+    for share in shares:
+        point = list(fixed)
+        for i, value in zip(free, share, strict=True):
+            point[i] = boxes[i].lo + value * (boxes[i].hi - boxes[i].lo)
+        points.append(tuple(point))
+    return list(dict.fromkeys(points))
+
+
+def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Parameters, _Measures]]:
+    """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
+
+    What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
+    """
+    boxes = _boxes(plan, joint)
+    points = _grid(boxes)
+    measured = [(point, _measure(plan, joint, point)) for point in points]
+    corners = set(itertools.product(*((box.lo, box.hi) for box in boxes)))
+    searched: list[tuple[Callable[[_Measures], float], float]] = [
+        (lambda m: m.own_m, POSITION_WARNING_M / 10),
+        (lambda m: m.next_m, POSITION_WARNING_M / 10),
+        (lambda m: m.turn_deg, DIRECTION_WARNING_DEG / 10),
+        (lambda m: -m.radius_m, math.inf if least is None else -2 * least),
+        (lambda m: -m.ahead_m, -2 * plan.trigger_radius_m),
+    ]
+    for badness, small in searched:
+        start = max(measured, key=lambda item: _finite(badness(item[1])))
+        if start[0] not in corners and _finite(badness(start[1])) > small:
+            measured.append(_refined(plan, joint, boxes, start, badness))
+    return measured
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else -math.inf
+
+
+def _refined(
+    plan: Plan,
+    joint: _Joint,
+    boxes: Sequence[Box],
+    start: tuple[Parameters, _Measures],
+    badness: Callable[[_Measures], float],
+) -> tuple[Parameters, _Measures]:
+    """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step."""
+    point, best = start
+    step = [(box.hi - box.lo) / 16 for box in boxes]
+    for _ in range(REFINEMENTS):
+        moved = False
+        for i, box in enumerate(boxes):
+            for sign in (-1, 1):
+                trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
+                if trial == point:
+                    continue
+                measures = _measure(plan, joint, trial)
+                if _finite(badness(measures)) > badness(best):
+                    point, best, moved = trial, measures, True
+        if not moved:
+            step = [size / 2 for size in step]
+            if max(step) < 1e-8 * max((box.hi - box.lo for box in boxes), default=1.0):
+                break
+    return point, best
+
+
+# --- what is measured -------------------------------------------------------------------------------------------------
+
+
+def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]]:
+    """Every stage of a plan of parts as it is met on flights with fixed parameters, and with ones that keep changing.
+
+    The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
+    """
+    rho = plan.path_count
+    fixed = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
+    boxes = [plan.hull(i) if plan.has_sets else Box(0.0, 0.0) for i in range(rho)]
+    measured: dict[int, list[tuple[Parameters, _Measures]]] = {stage.index: [] for stage in plan.stages}
+    rng = np.random.default_rng(0)
+
+    def drawn() -> Parameters:
+        shares = [share if rng.random() < 0.5 else round(share) for share in rng.random(rho).tolist()]
+        free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
+        return (*free, *fixed[rho:])
+
+    flights: list[tuple[Parameters, Callable[[], Parameters] | None]] = [
+        ((*point, *fixed[rho:]), None) for point in _grid(boxes)
+    ]
+    if not all(box.fixed for box in boxes):
+        flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
+    for start, changed in flights:
+        # a flight that comes to no end is as long as flights may be: one is enough
+        if not _walk_along(plan, start, changed, measured):
+            break
+    return [(stage, measured[stage.index]) for stage in plan.stages]
+
+
+def _walk_along(
+    plan: Plan,
+    parameters: Parameters,
+    changed: Callable[[], Parameters] | None,
+    measured: dict[int, list[tuple[Parameters, _Measures]]],
+) -> bool:
+    """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
+    before: Stage | None = None
+    join: Point | None = None
+    place: Place | None = None
+    try:
+        walk = Walk(plan, parameters)
+        while not walk.done:
+            place = walk.place
+            if changed is not None:
+                walk.decide(changed())
+            walk.next()
+            path, trigger = place.path(), place.trigger_m()
+            after = None if walk.done else walk.place
+            measures = _measure_stage(place.stage, path, trigger, before, join)
+            if after is not None and not measures.trouble:
+                _measure_joint(measures, place.stage, path, trigger, after.stage, trigger, after.path)
+            measured[place.stage.index].append((place.parameters, measures))
+            before, join = place.stage, trigger
+    except PathUndefined as error:
+        index = place.stage.index if place is not None else 1
+        measured[index].append((parameters, _Measures(trouble=str(error))))
+        return False
+    return True
+
+
+def _measure(plan: Plan, joint: _Joint, parameters: Parameters) -> _Measures:
+    stage = joint.stage
+    try:
+        path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+        shift = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
+        join = None
+        if joint.before is not None:
+            join = joint.before.trigger_at(parameters)
+            if joint.shift_before:
+                join = (join[0] - shift[0], join[1] - shift[1])
+    except PathUndefined as error:
+        return _Measures(trouble=str(error), before=joint.before, after=joint.after)
+    measures = _measure_stage(stage, path, trigger, joint.before, join)
+    measures.after = joint.after
+    if joint.after is not None and not measures.trouble:
+        here = (trigger[0] - shift[0], trigger[1] - shift[1]) if joint.shift_after else trigger
+        following = joint.after
+        _measure_joint(measures, stage, path, trigger, following, here, lambda: following.path_at(parameters))
+    return measures
+
+
+def _measure_stage(
+    stage: Stage, path: PathFunction, trigger: Point, before: Stage | None, join: Point | None
+) -> _Measures:
+    """A stage by itself, and how its trigger lies from where it is joined."""
+    measures = _Measures(before=before)
+    try:
+        measures.foot_m = _nearest(stage, path, trigger)
+        measures.own_m = math.dist(trigger, measures.foot_m)
+        measures.radius_m = _radius_m(stage, path, trigger)
+        if join is not None:
+            measures.ahead_m, measures.sweep = _ahead_m(stage, path, join, trigger)
+    except PathUndefined as error:
+        measures.trouble = str(error)
+    return measures
+
+
+def _measure_joint(
+    measures: _Measures,
+    stage: Stage,
+    path: PathFunction,
+    trigger: Point,
+    after: Stage,
+    here: Point,
+    path_after: Callable[[], PathFunction],
+) -> None:
+    """How a stage leads to the next one, whose frame its trigger is `here` in."""
+    measures.after = after
+    try:
+        following = path_after()
+        measures.next_m = math.dist(here, _nearest(after, following, here))
+        measures.headings_deg = (
+            _heading_deg(path, trigger, stage.sense),
+            _heading_deg(following, here, after.sense),
+        )
+        turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
+        measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
+    except PathUndefined as error:
+        measures.trouble = f"stage {after.index}: {error}"
+
+
+def _nearest(stage: Stage, path: PathFunction, point: Point) -> Point:
+    """The point of a stage's path nearest to a point [m]; of a curve, the one that Newton's steps lead to."""
+    if stage.kind == LINE:
+        return line_of(path, point, stage.sense).point_m
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, point, stage.sense)
+        return circle.point_at(circle.angle_rad(point))
+    return project(path, point)
+
+
+def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
+    x, y = tangent(path, point, sense)
+    return math.degrees(math.atan2(y, x))
+
+
+def _radius_m(stage: Stage, path: PathFunction, trigger: Point) -> float:
+    """Radius of a circle, or of the curvature of a curve at its trigger [m]; infinite for a line."""
+    if stage.kind == LINE:
+        return math.inf
+    if stage.kind == CIRCLE:
+        return circle_of(path, trigger, stage.sense).radius_m
+    return radius_of_curvature_m(path, _nearest(stage, path, trigger))
+
+
+def radius_of_curvature_m(path: PathFunction, point: Point) -> float:
+    """Radius of curvature of a path at a point of it [m]: |∇φ|³ / |φxx φy² − 2 φxy φx φy + φyy φx²|."""
+    _, gx, gy, hxx, hxy, hyy = path(*point)
+    bend = abs(hxx * gy * gy - 2 * hxy * gx * gy + hyy * gx * gx)
+    return math.inf if bend == 0 else math.hypot(gx, gy) ** 3 / bend
+
+
+def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> tuple[float, float]:
+    """How far along the path the trigger lies from where it is joined [m], and the share of a whole turn it takes.
+
+    Negative for a trigger that lies behind; a curve whose trigger is not met is infinitely far behind.
+    """
+    if stage.kind == LINE:
+        return -line_of(path, trigger, stage.sense).progress_m(join), 0.0
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        sweep = circle.sweep_rad(join, trigger)
+        return circle.radius_m * sweep, sweep / (2 * math.pi)
+    length = leg_length_m(stage, path, join, trigger)
+    return (length if math.isfinite(length) else -math.inf), 0.0
+
+
+# --- what is said -----------------------------------------------------------------------------------------------------
+
+
+def _stage_findings(
+    plan: Plan, stage: Stage, measured: list[tuple[Parameters, _Measures]], least: float | None
+) -> Iterator[Finding]:
+    limit = plan.trigger_radius_m
+    if not measured:
+        message = f"stage {stage.index} is never flown: its laps are over before they begin"
+        yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
+        return
+
+    def finding(severity: str, code: str, message: str, parameters: Parameters) -> Finding:
+        return Finding(severity, stage.index, stage.line, code, message + _at(plan, parameters))
+
+    troubles = [item for item in measured if item[1].trouble]
+    if troubles:
+        parameters, measures = troubles[0]
+        yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {measures.trouble}", parameters)
+    fine = [item for item in measured if not item[1].trouble] or measured
+    for code, what, name in (
+        ("trigger-off-path", "its path", "own_m"),
+        ("trigger-off-next", "the path of the next stage", "next_m"),
+    ):
+        parameters, measures = max(fine, key=lambda item: _finite(getattr(item[1], name)))
+        gap = getattr(measures, name)
+        if gap > POSITION_WARNING_M:
+            severity = ERROR if gap > limit else WARNING
+            right = (
+                f"; its path passes ({measures.foot_m[0]:.6g}, {measures.foot_m[1]:.6g})"
+                if code.endswith("path")
+                else ""
+            )
+            message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{right}"
+            yield finding(severity, code, message, parameters)
+    parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
+    if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
+        severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
+        here, there = measures.headings_deg
+        message = (
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} begins "
+            f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
+        )
+        yield finding(severity, "direction", message, parameters)
+    parameters, measures = min(fine, key=lambda item: item[1].radius_m)
+    if least is not None and measures.radius_m < least - RADIUS_TOLERANCE_M:
+        message = (
+            f"stage {stage.index} turns with a radius of {measures.radius_m:.2f} m, {least - measures.radius_m:.2f} m "
+            f"less than the aircraft's {least:g} m"
+        )
+        yield finding(ERROR, "radius", message, parameters)
+    yield from _order_findings(stage, fine, limit, finding)
+
+
+def _order_findings(
+    stage: Stage,
+    measured: list[tuple[Parameters, _Measures]],
+    limit: float,
+    finding: Callable[[str, str, str, Parameters], Finding],
+) -> Iterator[Finding]:
+    """Triggers follow one another in the direction flown."""
+    parameters, measures = min(measured, key=lambda item: item[1].ahead_m)
+    if measures.before is None:
+        return
+    if measures.ahead_m < 0:
+        how = f"{-measures.ahead_m:.2f} m behind" if math.isfinite(measures.ahead_m) else "nowhere ahead of"
+        message = (
+            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the "
+            f"direction flown: the other rotation, or another trigger"
+        )
+        yield finding(ERROR, "behind", message, parameters)
+    elif measures.ahead_m < limit and measures.ahead_m < math.inf:
+        message = (
+            f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
+            f"it may end as it begins"
+        )
+        yield finding(WARNING, "short-stage", message, parameters)
+    parameters, measures = max(measured, key=lambda item: item[1].sweep)
+    if NEARLY_WHOLE_TURN < measures.sweep < 1:
+        message = (
+            f"stage {stage.index} flies {100 * measures.sweep:.0f} % of a whole circle to a trigger that lies just "
+            f"behind where it is joined"
+        )
+        yield finding(WARNING, "nearly-whole-turn", message, parameters)
+
+
+def _at(plan: Plan, parameters: Parameters) -> str:
+    named = [
+        f"{name} = {value:.6g}"
+        for i, (name, value) in enumerate(zip(plan.names, parameters, strict=False))
+        if any(stage.names(f"c{i + 1}") for stage in plan.stages)
+    ]
+    return f" (at {', '.join(named)})" if named else ""
+
+
+def _leads_on(plan: Plan, measured: list[tuple[Parameters, _Measures]]) -> Parameters | None:
+    """The parameters looked at that lead to the next stage best; None where none leads there at all."""
+
+    def rank(item: tuple[Parameters, _Measures]) -> float:
+        m = item[1]
+        gaps = [gap for gap in (m.own_m, m.next_m) if math.isfinite(gap)]
+        return max([*gaps, (m.turn_deg if math.isfinite(m.turn_deg) else 0.0)], default=math.inf)
+
+    def leads(m: _Measures) -> bool:
+        near = all(not gap > plan.trigger_radius_m for gap in (m.own_m, m.next_m))
+        return not m.trouble and near and not m.turn_deg > DIRECTION_ERROR_DEG and m.ahead_m >= 0
+
+    good = [item for item in measured if leads(item[1])]
+    return min(good, key=rank)[0] if good else None
+
+
+def _sets_findings(plan: Plan) -> Iterator[Finding]:
+    """Sets are sane: computations are whole numbers, and a set of one value is no choice."""
+    for stage in plan.stages:
+        for parameter, box in zip(plan.parameters, stage.sets, strict=False):
+            if parameter.kind == COMPUTATION and (box.lo != int(box.lo) or box.hi != int(box.hi)):
+                message = (
+                    f"the set of {parameter.name} in stage {stage.index} is not of whole numbers: it is taken in whole "
+                    f"steps from {box.lo:g}, unless the profile was measured otherwise"
+                )
+                yield Finding(WARNING, stage.index, stage.line, "set-not-whole", message)
+        if stage.gain == 0:
+            message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
+            yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
+
+
+def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
+    """An explicit plan without laps takes new parameters at every stage: where that leaves a stage impossible to join.
+
+    Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
+    """
+    if plan.whole_laps or plan.parts or not plan.has_sets:
+        return
+    for stage, after in itertools.pairwise(plan.stages):
+        worst: tuple[float, Parameters, Parameters] = (0.0, (), ())
+        corners = [
+            corner[: plan.path_count]
+            for corner in itertools.product(*((box.lo, box.hi) for box in stage.sets[: plan.path_count]))
+        ][:64]
+        for old, new in itertools.permutations(dict.fromkeys(corners), 2):
+            try:
+                trigger = stage.trigger_at(old)
+                gap = math.dist(trigger, _nearest(after, after.path_at(new), trigger))
+            except PathUndefined:
+                continue
+            if gap > worst[0]:
+                worst = (gap, old, new)
+        gap, old, new = worst
+        if gap > plan.trigger_radius_m:
+            message = (
+                f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
+                f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
+            )
+            yield Finding(WARNING, after.index, after.line, "rejoin", message)

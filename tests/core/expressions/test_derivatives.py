@@ -1,0 +1,375 @@
+"""Value, gradient and Hessian of path functions, against sympy and against differences in 60 digits."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import pytest
+import sympy
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from eadp.core.expressions.derivatives import bind
+from eadp.core.expressions.expression import read_expression, substituted, to_sympy
+from eadp.errors import ExpressionError, PathUndefined
+
+RELATIVE, ABSOLUTE = 1e-9, 1e-12
+DIGITS = 60
+ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+C = (0.7, 2.0, -1.3)
+POINT = (1.3, 0.45)
+
+unhurried = settings(deadline=None, max_examples=60)  # no test depends on the clock
+
+
+def jet_of(text, point=POINT, parameters=C):
+    return bind(read_expression(text), parameters)(*point)
+
+
+def close(jet):
+    return pytest.approx(jet, rel=RELATIVE, abs=ABSOLUTE)
+
+
+# --- oracles ----------------------------------------------------------------------------------------------------------
+
+WORDS = {name: getattr(mpmath, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp")}
+WORDS |= {"log": mpmath.log, "abs": abs, "min": min, "max": max, "pi": mpmath.pi}
+
+
+def by_differences(text, point=POINT, parameters=C):
+    """The jet from differences of the text's value in many digits. The text is the test's own, run as Python."""
+    code = compile(text.replace("^", "**"), "<a text of this test>", "eval")
+    constants = {f"c{i}": mpmath.mpf(value) for i, value in enumerate(parameters, 1)}
+
+    def function(x, y):
+        return eval(code, {"__builtins__": {}}, WORDS | constants | {"x": x, "y": y})
+
+    with mpmath.workdps(DIGITS):
+        where = (mpmath.mpf(point[0]), mpmath.mpf(point[1]))
+        return [float(mpmath.diff(function, where, n) if any(n) else function(*where)) for n in ORDERS]
+
+
+def by_sympy(text, point=POINT, parameters=C):
+    """The jet from symbolic derivatives, evaluated in many digits."""
+    x, y = sympy.symbols("x y", real=True)
+    tree = to_sympy(read_expression(text).node)
+    values = dict(zip(sympy.symbols("c1 c2 c3", real=True), parameters, strict=True)) | {x: point[0], y: point[1]}
+    exact = {symbol: sympy.Rational(value) for symbol, value in values.items()}
+    return [
+        float(sympy.diff(tree, *([x] * n + [y] * m)).subs(exact).evalf(30))
+        if n + m
+        else float(tree.subs(exact).evalf(30))
+        for n, m in ORDERS
+    ]
+
+
+# --- every function and operator --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x",
+        "y",
+        "5.0",
+        "c1",
+        "-x",
+        "x - y - c1 + 3.0",
+        "x*y*x/c2",
+        "1.0/x",
+        "x/y/x^3.0",
+        "c1/(x*y)",
+        "(x + 45.0)^2.0 + (y - 146.0)^2.0 - 4900.0 - c1",
+        "sqrt(x*y)",
+        "sin(x*y)",
+        "cos(x/y)",
+        "tan(x - y^2.0)",
+        "asin(x*y - 0.2)",
+        "acos(x*y - 0.2)",
+        "atan(x*y)",
+        "exp(x*y - c1)",
+        "log(x + y^2.0)",
+        "abs(x - 2.0*y)",
+        "abs(y^2.0 - x)",
+        "atan2(y, x)",
+        "atan2(x*y, x - y)",
+        "atan2(-x, -y)",
+        "atan2(x, 2.0)",
+        "atan2(2.0, y)",
+        "atan2(c1*x, c2)",
+        "min(x^2.0, y)",
+        "min(y, x^2.0)",
+        "max(x^2.0, y)",
+        "max(y, x^2.0, x*y + 5.0)",
+        "min(x, 7.0)",
+        "max(x*y, c3)",
+        "x^0.0",
+        "x^1.0",
+        "x^-1.0",
+        "x^-2.0",
+        "x^7.0",
+        "(-x)^5.0",
+        "x^0.5",
+        "x^-1.5",
+        "x^(1.0/3.0)",
+        "x^c1",
+        "x^c2",
+        "(x*y)^c3",
+        "c2^x",
+        "x^y",
+        "(x*y + 1.0)^(x - y)",
+        "c1^c2*x",
+        "2.0^c1*x - c2^0.5*y",
+        "(x + c1)^2.0^y",
+        "sin(c1)*x + atan2(c1, c2)*y - min(c1, c2)*x*y + abs(c3)*x^2.0",
+        "exp(x*pi/4.0)",
+    ],
+)
+def test_jet_of_each_function(text):
+    assert jet_of(text) == close(by_differences(text))
+    assert jet_of(text) == close(by_sympy(text))
+
+
+@pytest.mark.parametrize(
+    "point", [(3.0, 4.0), (-3.0, 4.0), (-3.0, -4.0), (3.0, -4.0), (0.0, 2.0), (0.0, -2.0), (1.0, 0.0)]
+)
+def test_the_angle_in_every_quadrant(point):
+    x, y = point
+    square = x * x + y * y
+    # of the angle of (x, y): the gradient is (−y, x)/r², the Hessian [[2xy, y² − x²], [y² − x², −2xy]]/r⁴
+    hand = (
+        math.atan2(y, x),
+        -y / square,
+        x / square,
+        2 * x * y / square**2,
+        (y * y - x * x) / square**2,
+        -2 * x * y / square**2,
+    )
+    assert jet_of("atan2(y, x)", point) == close(hand)
+
+
+def test_jet_of_a_circle_by_hand():
+    # at (−45 + 30, 146 + 40): 900 + 1600 − 4900 + 1000
+    jet = jet_of("(x+45)^2+(y-146)^2-4900-c1", (-15, 186), (-1000,))
+    assert jet == (-1400, 60, 80, 2, 0, 2)
+
+
+def test_jet_of_a_product_by_hand():
+    assert jet_of("x^2*y^3", (2.0, 3.0)) == (108, 108, 108, 54, 108, 72)
+
+
+def test_the_chosen_branch_has_its_own_derivatives():
+    for point, chosen in (((1.0, 5.0), "x^2*y"), ((3.0, 0.5), "sin(y)*x")):
+        less, more = sorted(["x^2*y", "sin(y)*x"], key=lambda text: jet_of(text, point)[0])
+        assert jet_of("min(x^2*y, sin(y)*x)", point) == jet_of(less, point)
+        assert jet_of("max(x^2*y, sin(y)*x)", point) == jet_of(more, point)
+        assert chosen in (less, more)
+    assert jet_of("abs(x - 3)", (1.0, 0.0)) == jet_of("3 - x", (1.0, 0.0))
+
+
+# --- generated expressions --------------------------------------------------------------------------------------------
+
+numerals = st.sampled_from(["2.0", "0.5", "3.0", "1.25", "7.0"])
+parts = st.one_of(st.sampled_from(["x", "y", "x", "y", "c1", "c2", "c3"]), numerals)
+
+
+def longer(shorter):
+    """Smooth texts, each defined wherever its parts are."""
+    two = st.tuples(shorter, shorter)
+    return st.one_of(
+        two.map(lambda t: f"({t[0]} + {t[1]})"),
+        two.map(lambda t: f"({t[0]} - {t[1]})"),
+        two.map(lambda t: f"{t[0]}*{t[1]}"),
+        two.map(lambda t: f"{t[0]}/(1.5 + ({t[1]})^2.0)"),
+        two.map(lambda t: f"(2.0 + sin({t[0]}))^cos({t[1]})"),
+        two.map(lambda t: f"atan2({t[0]}, 1.5 + sin({t[1]}))"),
+        two.map(lambda t: f"min({t[0]}, {t[1]})"),
+        two.map(lambda t: f"max({t[0]}, {t[1]}, c3)"),
+        shorter.map("-({})".format),
+        shorter.map("({})^3.0".format),
+        shorter.map("(2.5 + cos({}))^c1".format),
+        shorter.map("(2.5 + cos({}))^-1.5".format),
+        shorter.map("sqrt(1.1 + ({})^2.0)".format),
+        shorter.map("log(1.1 + ({})^2.0)".format),
+        shorter.map("exp(sin({}))".format),
+        shorter.map("tan(atan({})/2.0)".format),
+        shorter.map("asin(0.9*cos({}))".format),
+        shorter.map("acos(0.9*sin({}))".format),
+        shorter.map("abs({})".format),
+    )
+
+
+texts = st.recursive(parts, longer, max_leaves=7)
+coordinate = st.integers(-30, 30).map(lambda k: k / 8 + 0.0625)
+points = st.tuples(coordinate, coordinate)
+
+
+def derivative_jumps(text, point):
+    """Whether a point is at, or within rounding of, a kink of abs, min or max: there differences mean nothing."""
+    try:
+        one = bind(read_expression(text), C)(*point)
+        near = bind(read_expression(text), C)(point[0] + 1e-9, point[1] + 2e-9)
+    except (ArithmeticError, ValueError):
+        return True
+    return any(abs(a - b) > 1e-5 * (1 + abs(a)) for a, b in zip(one, near, strict=True))
+
+
+@unhurried
+@given(texts, points)
+def test_jet_by_differences(text, point):
+    assume(not derivative_jumps(text, point))
+    jet, oracle = jet_of(text, point), by_differences(text, point)
+    scale = max(map(abs, oracle))
+    assume(scale < 1e6)
+    assert jet == pytest.approx(oracle, rel=1e-8, abs=1e-10 * (1 + scale))
+
+
+@unhurried
+@given(texts, points)
+def test_the_value_is_that_of_the_expression(text, point):
+    wanted = read_expression(text).at(C, *point)
+    assert jet_of(text, point)[0] == pytest.approx(wanted, rel=RELATIVE, abs=ABSOLUTE)
+
+
+@unhurried
+@given(texts.filter(lambda text: not any(word in text for word in ("min", "max", "abs"))), points)
+def test_jet_by_symbols(text, point):
+    assume(len(text) < 80)
+    try:
+        oracle = by_sympy(text, point)
+    except TypeError:  # a form that sympy leaves unevaluated
+        assume(False)
+    scale = max(map(abs, oracle))
+    assume(scale < 1e6)
+    assert jet_of(text, point) == pytest.approx(oracle, rel=1e-8, abs=1e-10 * (1 + scale))
+
+
+@unhurried
+@given(*[st.integers(-50, 50).map(float)] * 4, points, points)
+def test_a_line_has_one_gradient(a, b, c, parameter, one, other):
+    path = bind(read_expression(f"{a}*x - ({b})*y + ({c} - c1)/2"), (parameter,))
+    assert path(*one)[1:] == path(*other)[1:] == (a, -b, 0, 0, 0)
+    assert path(*one)[0] == pytest.approx(a * one[0] - b * one[1] + (c - parameter) / 2)
+
+
+# --- one compiled function for one shape ------------------------------------------------------------------------------
+
+
+def test_circles_of_a_survey_share_their_code():
+    paths = [bind(read_expression(f"(x+{45 - 10 * k})^2+(y-{146 + k})^2-4900"), ()) for k in range(1, 5)]
+    assert len({path.__code__ for path in paths}) == 1
+    assert [path(-45 + 10 * k, 146 + k)[0] for k, path in enumerate(paths, 1)] == [-4900] * 4
+
+
+def test_constants_and_parameters_of_one_path_do_not_reach_another():
+    one, other = bind(read_expression("c1*x - 5"), (2.0,)), bind(read_expression("c1*x - 7"), (3.0,))
+    assert (one(10, 0)[0], other(10, 0)[0]) == (15, 23)
+    again = bind(read_expression("c1*x - 5"), (4.0,))
+    assert (again(10, 0)[0], one(10, 0)[0]) == (35, 15)
+
+
+def test_other_shapes_do_not_share():
+    one, other = bind(read_expression("x - 5"), ()), bind(read_expression("5 - x"), ())
+    assert one.__code__ is not other.__code__
+    assert (one(1, 0)[:2], other(1, 0)[:2]) == ((-4, 1), (4, -1))
+
+
+# --- large and deep ---------------------------------------------------------------------------------------------------
+
+
+def test_a_product_of_a_thousand_factors():
+    digits = [1 + k % 9 for k in range(1000)]
+    path = bind(read_expression("*".join(f"(1+.0{d}x)" for d in digits)), ())
+    x = 0.3
+    # log φ = Σ log(1 + a x): φ' = φ s, φ'' = φ (s² − Σ (a/(1 + a x))²)
+    slopes = [d / 100 / (1 + d / 100 * x) for d in digits]
+    value = math.exp(math.fsum(math.log1p(d / 100 * x) for d in digits))
+    first = math.fsum(slopes)
+    second = first**2 - math.fsum(slope**2 for slope in slopes)
+    assert path(x, 5.0) == pytest.approx((value, value * first, 0, value * second, 0, 0), rel=1e-9)
+
+
+def test_a_product_of_a_thousand_factors_of_both_coordinates():
+    path = bind(read_expression("*".join(["(x-y)", "(y+2)"] * 500)), ())
+    x, y = 1.01, 0.02  # 0.99^500 · 2.02^500
+    value = math.exp(500 * (math.log(0.99) + math.log(2.02)))
+    a, b = 500 / 0.99, -500 / 0.99 + 500 / 2.02
+    wanted = (
+        value,
+        value * a,
+        value * b,
+        value * (a * a - 500 / 0.99**2),
+        value * (a * b + 500 / 0.99**2),
+        value * (b * b - 500 / 0.99**2 - 500 / 2.02**2),
+    )
+    assert path(x, y) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("before", ["sin(", "sqrt(1+2*", "-(1 + x*(", "2^("])
+def test_the_deepest_expression_that_reads_can_be_flown(before):
+    levels = 100
+    while True:
+        try:
+            expression = read_expression(before * levels + "x/1e40" + ")" * before.count("(") * levels)
+            break
+        except ExpressionError:
+            levels -= 1
+    path = bind(expression, ())
+    try:
+        assert len(path(0.5, 0.5)) == 6
+    except OverflowError:
+        assert before == "2^("
+
+
+def test_a_deep_expression_in_a_deep_expression():
+    for _ in range(2):  # the second time it is compared with what is kept
+        inner = read_expression("(1+0.5*" * 95 + "c1" + ")" * 95)
+        outer = read_expression("1+0.5*sqrt(" * 95 + "x-left" + ")" * 95, {"left"})
+        try:
+            whole = substituted(outer, {"left": inner})
+        except ExpressionError:
+            return
+        assert len(bind(whole, C)(1e6, 0.0)) == 6
+
+
+# --- where there is no value ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "point"),
+    [
+        ("1/x", (0.0, 0.0)),
+        ("sqrt(x)", (-1.0, 0.0)),
+        ("log(x)", (0.0, 0.0)),
+        ("x^0.5", (-1.0, 0.0)),
+        ("asin(x)", (2.0, 0.0)),
+        ("x^-2", (0.0, 0.0)),
+        ("exp(x)", (1e4, 0.0)),
+        ("sqrt(x)", (0.0, 0.0)),  # a value, but no gradient
+        ("atan2(x, y)", (0.0, 0.0)),
+    ],
+)
+def test_undefined_at_a_point_is_an_arithmetic_error(text, point):
+    path = bind(read_expression(text), ())
+    with pytest.raises((ArithmeticError, ValueError)):
+        path(*point)
+
+
+@pytest.mark.parametrize("text", ["x - sqrt(4900 + c1)", "x*log(4900 + c1)", "x/(c1 + 5000)", "(c1 + 4900)^0.5*y"])
+def test_undefined_at_parameters_is_said_when_they_are_bound(text):
+    bind(read_expression(text), (0.0,))
+    with pytest.raises(PathUndefined, match="no finite real value at these parameters"):
+        bind(read_expression(text), (-5000.0,))
+
+
+def test_a_parameter_without_a_value():
+    with pytest.raises(PathUndefined, match="names a parameter that has no value"):
+        bind(read_expression("x - c2"), (1.0,))
+    assert bind(read_expression("x - c2"), (1.0, 2.0, 3.0))(5, 0)[0] == 3
+
+
+def test_more_shapes_than_are_kept_can_be_flown():
+    for k in range(600):
+        terms = ["x", *(["y"] if k % 2 else []), *["x*y"] * (k // 2 % 25), *["sin(x)"] * (k // 50)]
+        assert bind(read_expression(" + ".join(terms)), ())(0.0, 0.0)[0] == 0

@@ -1,0 +1,166 @@
+"""Current and charge of a Rint battery against the circuit's own equation, and against integration."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+from eadp.core.flight.battery import (
+    current_a,
+    current_slope_a_per_w,
+    currents_a,
+    soc_rate_per_s,
+    terminal_voltage_v,
+    undeliverable,
+)
+from eadp.errors import Infeasible
+
+unhurried = settings(deadline=None)  # no test depends on the clock
+EXACT = 1e-12
+SECOND = 1.0
+PAPER = {"voltage_v": 14.8, "resistance_ohm": 0.0012, "capacity_ah": 3.2}  # ../spec/07, Constants
+
+voltages = st.floats(3, 60)
+resistances = st.floats(1e-4, 0.5)
+shares = st.floats(-3, 1)  # of the largest power, below 0 charging
+
+
+def largest_w(voltage, resistance):
+    return voltage**2 / (4 * resistance)
+
+
+# --- current ----------------------------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(voltages, resistances, shares)
+def test_current_is_a_root_of_the_circuits_equation(voltage, resistance, share):
+    power = share * largest_w(voltage, resistance) * (1 - 1e-9)
+    # R I² − V I + y = 0, the smaller root
+    wanted = min(np.roots([resistance, -voltage, power]).real)
+    assert current_a(power, voltage, resistance) == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+
+
+@unhurried
+@given(voltages, resistances, st.floats(0.001, 0.999))
+def test_current_by_bisection(voltage, resistance, share):
+    power = share * largest_w(voltage, resistance)
+    at_most = voltage / (2 * resistance)  # where the power is largest
+    wanted = brentq(lambda i: i * (voltage - resistance * i) - power, 0, at_most, xtol=1e-13, rtol=1e-14)
+    assert current_a(power, voltage, resistance) == pytest.approx(wanted, rel=1e-9)
+
+
+@unhurried
+@given(voltages, st.floats(0, 0.5), shares)
+def test_what_the_cells_give_is_delivered_or_lost_in_the_resistance(voltage, resistance, share):
+    power = share * (1 - 1e-9) * (largest_w(voltage, resistance) if resistance > 1e-6 else 1000)
+    current = current_a(power, voltage, resistance)
+    assert voltage * current == pytest.approx(power + resistance * current**2, rel=1e-9)
+    assert terminal_voltage_v(current, voltage, resistance) * current == pytest.approx(power, rel=1e-6, abs=1e-9)
+    assert math.copysign(1, current) == math.copysign(1, power), "charging turns the current"
+
+
+def test_without_resistance_it_is_power_over_voltage():
+    assert current_a(36.4, 14.8, 0.0) == pytest.approx(36.4 / 14.8, rel=EXACT)
+    for resistance in (1e-6, 1e-9, 1e-12, 1e-15, 5e-324):
+        # I = y/V (1 + R y/V² + …): the printed form divides two differences of rounding
+        wanted = 36.4 / 14.8 * (1 + resistance * 36.4 / 14.8**2)
+        assert current_a(36.4, 14.8, resistance) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_no_load_draws_no_current():
+    assert current_a(0.0, 14.8, 0.05) == 0
+
+
+def test_at_the_largest_power_half_the_voltage_is_lost():
+    # 14.8²/(4 · 0.05) = 1095.2 W through 148 A
+    assert current_a(14.8**2 / 0.2, 14.8, 0.05) == pytest.approx(148, rel=1e-6)
+
+
+@unhurried
+@given(voltages, st.floats(1e-4, 0.5), st.floats(1e-9, 1e6))
+def test_more_than_it_can_deliver_is_infeasible(voltage, resistance, excess):
+    power = largest_w(voltage, resistance) * (1 + 1e-9) + excess
+    with pytest.raises(Infeasible, match="can deliver"):
+        current_a(power, voltage, resistance)
+    with pytest.raises(Infeasible, match="can deliver"):
+        currents_a(np.array([1.0, power]), voltage, resistance)
+    with pytest.raises(Infeasible, match="can deliver"):
+        soc_rate_per_s(power, voltage, resistance, 3.2, 1 / 3600)
+
+
+def test_the_sentence_names_the_figures():
+    assert undeliverable(2000.0, 14.8, 0.05) == "2000.0 W exceeds the 1095.2 W that 14.8 V through 0.05 Ω can deliver"
+    with pytest.raises(Infeasible) as caught:
+        currents_a(np.array([[3.0, 1500.0], [2000.0, 4.0]]), 14.8, 0.05)
+    assert str(caught.value).startswith("2000.0 W exceeds the 1095.2 W")
+
+
+@unhurried
+@given(voltages, st.floats(0, 0.2), st.lists(st.floats(-50, 40), min_size=1, max_size=6))
+def test_many_is_one_by_one(voltage, resistance, powers):
+    assume(max(powers) < (largest_w(voltage, resistance) if resistance else math.inf))
+    each = [current_a(power, voltage, resistance) for power in powers]
+    assert currents_a(np.array(powers), voltage, resistance) == pytest.approx(each, rel=EXACT)
+    assert currents_a(np.array([powers]), voltage, resistance).shape == (1, len(powers))
+
+
+@unhurried
+@given(voltages, st.floats(0, 0.2), st.floats(-0.9, 0.9))
+def test_slope_by_differences(voltage, resistance, share):
+    power = share * (largest_w(voltage, resistance) if resistance > 1e-3 else 1000)
+    assume(not resistance or power < 0.9 * largest_w(voltage, resistance))
+    h = 1e-4 * (1 + abs(power))
+    difference = (current_a(power + h, voltage, resistance) - current_a(power - h, voltage, resistance)) / (2 * h)
+    assert current_slope_a_per_w(power, voltage, resistance) == pytest.approx(difference, rel=1e-4)
+    assert current_slope_a_per_w(np.array([power]), voltage, resistance).shape == (1,)
+
+
+def test_slope_beyond_the_largest_power_is_infeasible():
+    with pytest.raises(Infeasible):
+        current_slope_a_per_w(2000.0, 14.8, 0.05)
+
+
+# --- charge -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("k_b_per_s", "lasts_s"), [(0.00183, 711), (1 / 3600, 4684)])
+def test_how_long_the_papers_battery_lasts(k_b_per_s, lasts_s):
+    # 01-model, misprint 14: at 36.4 W
+    rate = soc_rate_per_s(36.4, k_b_per_s=k_b_per_s, **PAPER)
+    assert rate < 0
+    assert -1 / rate == pytest.approx(lasts_s, abs=SECOND)
+
+
+def test_a_perfect_battery_holds_its_watt_hours():
+    # 3.2 Ah at 14.8 V is 47.36 Wh: at 47.36 W an hour
+    assert soc_rate_per_s(47.36, 14.8, 0.0, 3.2, 1 / 3600) == pytest.approx(-1 / 3600)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(0.001, 0.1), st.floats(20, 60), st.floats(0, 15), st.floats(5, 100))
+def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, period_s):
+    def power(t):
+        return mean_w + amplitude_w * math.sin(2 * math.pi * t / period_s)
+
+    def rate(t, _soc):
+        return [soc_rate_per_s(power(t), 14.8, resistance, 3.2, 1 / 3600)]
+
+    flown = solve_ivp(rate, (0, 300), [1.0], rtol=1e-9, atol=1e-12, max_step=period_s / 10)
+
+    def current(t):  # of the circuit's equation
+        return brentq(lambda i: i * (14.8 - resistance * i) - power(t), 0, 14.8 / (2 * resistance), xtol=1e-12)
+
+    ampere_seconds, _ = quad(current, 0, 300, limit=400, epsabs=1e-7)
+    assert flown.y[0, -1] == pytest.approx(1 - ampere_seconds / 3600 / 3.2, abs=1e-8)
+
+
+def test_a_worse_battery_drains_faster():
+    rates = [soc_rate_per_s(36.4, 14.8, resistance, 3.2, 1 / 3600) for resistance in (0.0, 0.05, 0.5, 1.4)]
+    assert rates == sorted(rates, reverse=True)

@@ -1,0 +1,463 @@
+"""Kinds of paths, lines and circles as travelled, angles swept, lengths along curves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from eadp.core.expressions.derivatives import bind
+from eadp.core.expressions.expression import read_expression
+from eadp.core.geometry.curves import (
+    CIRCLE,
+    CURVE,
+    LINE,
+    Circle,
+    Line,
+    circle_of,
+    curve_length_m,
+    line_of,
+    path_kind,
+    project,
+    rotate,
+    tangent,
+    walk,
+    wrap_angle_rad,
+)
+from eadp.errors import PathUndefined
+
+unhurried = settings(deadline=None)  # no test depends on the clock
+NANOMETRE = 1e-9
+SAME_POINT_RAD = 1e-9  # less than this from its start, a sweep is a whole turn
+LENGTH_SHARE = 1e-3
+COUNTER_CLOCKWISE, CLOCKWISE = 1, -1
+
+coordinate = st.floats(-500, 500)
+points = st.tuples(coordinate, coordinate)
+senses = st.sampled_from([1, -1])
+whole = st.integers(-40, 40)
+
+
+def path(text, *parameters):
+    return bind(read_expression(text), parameters)
+
+
+def near(point, metres=NANOMETRE):
+    return pytest.approx(point, abs=metres)
+
+
+# --- kinds ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x",
+        "y",
+        "x+115",
+        "-x",
+        "2*(x-3)/7",
+        "3*x+4*y-10",
+        "x - y",
+        "x + sqrt(4900+c1) + 45",
+        "c1*x + y",
+        "x*sin(c1)-y*cos(c1)+c2",
+        "(x-y)*5",
+        "x^1 + y",
+        "x*x - x^2 + y",
+        "x*y - y*x + x",
+        "(x+1)^2-(x-1)^2 + y",  # 4x + y
+        "(x + y)*(c1 - c1 + 2)",
+        "x/c1 + y/c2",
+        "sqrt(2)*x - exp(1)*y",
+        "x^2*(c1-c1) + x",
+        "0*y^2 + y",
+        "x*(sin(c1)^2+cos(c1)^2-1) + y",
+        "1e-9*x + 1e9",
+        "(0*x)*y^2 + x",
+    ],
+)
+def test_lines(text):
+    assert path_kind(read_expression(text)) == LINE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(x+45)^2+(y-146)^2-4900",
+        "(x+45)^2+(y-146)^2-4900-c1",
+        "x^2+(y-15)^2-5625",
+        "2*x^2+2*y^2-8*x-5",
+        "x*x+y*y-c1",
+        "x**2 + y**2 - 1",
+        "49-(x-3)^2-(y-4)^2",
+        "-(x^2+y^2)+9",
+        "c1*(x^2+y^2)-25",
+        "((x-c1)^2+(y-c2)^2-25)/(c1^2+1)",
+        "(x-1)*(x+1)+(y-1)*(y+1)",
+        "(x+y)^2+(x-y)^2-8",  # 2x² + 2y² − 8
+        "(3x)^2+9*y^2-1",
+        "(x + 2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1",
+        "x^2 + y^2*(sin(c1)^2+cos(c1)^2) - 4",
+        "x^2+y^2",  # a point, but the form of a circle
+        "0.1*x^2 + 0.3*y^2 - 0.2*y^2 - 1",  # exact, where floats leave 3e-17
+        "x^2+x*y+y^2-y*x-1",
+        "x^2*y^0 + y^2 - 4",
+        "2*c1*x^2 + (c1 + c1)*y^2 - 1",
+    ],
+)
+def test_circles(text):
+    assert path_kind(read_expression(text)) == CIRCLE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(x-y)^2 - 4",
+        "(x-y)^2 + (x-1)^2 - 4",
+        "y - sin(x)",
+        "x^2 + 2*y^2 - 4",
+        "c1*x^2 + y^2 - 25",
+        "x^2 + y^2*c1^2 - 1",
+        "x^2 - y^2",
+        "x*y - 1",
+        "x^2 + y",
+        "x^3 + y",
+        "(x^2+y^2)^2 - 1",
+        "sqrt(x^2+y^2) - 5",
+        "abs(x) + y",
+        "1/x + y",
+        "x/y",
+        "x^c1 + y",
+        "c1^x + y",
+        "x^0.5",
+        "x^-1 + y",
+        "max(x, y)",
+        "x^2 + 1.0000001*y^2 - 4",
+        "atan2(y, x)",
+        "0*x + 5",  # no x is left: nothing to follow
+        "x - x + y - y",
+        "x^2*1e-9 + y",  # a line to the eye only
+    ],
+)
+def test_curves(text):
+    assert path_kind(read_expression(text)) == CURVE
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x/(0*c1)",
+        "x/((x - x)*0)",
+        "(1e300*x)*(1e300*x)*c1",
+        "+".join(["c1*x"] * 2000),
+        "x*min(sqrt(-c1^2 - 1), 1)",
+    ],
+)
+def test_every_path_that_reads_has_a_kind(text):
+    assert path_kind(read_expression(text)) in (LINE, CIRCLE, CURVE)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["x*((c1+1)^64)^64 + y", "x*1e-9*(" + "+".join(f"sin({i}*c1)*cos(c2/{i})" for i in range(1, 60)) + ")"],
+)
+def test_every_path_that_reads_has_a_kind_in_the_end(text):
+    assert path_kind(read_expression(text)) == LINE
+
+
+@settings(deadline=None, max_examples=50)
+@given(whole, whole, whole, whole, whole, whole)
+def test_the_kind_of_a_quadratic_is_that_of_its_coefficients(xx, xy, yy, x, y, one):
+    text = f"{xx}*x^2 + {xy}*x*y + {yy}*y^2 + {x}*x + {y}*y + {one}"
+    straight, round_ = xx == xy == yy == 0, xx == yy != 0 and xy == 0
+    wanted = (LINE if (x, y) != (0, 0) else CURVE) if straight else CIRCLE if round_ else CURVE
+    assert path_kind(read_expression(text)) == wanted
+
+
+# --- lines ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_line_worked_by_hand():
+    line = line_of(path("3*x+4*y-10"), (0.0, 0.0), 1)
+    assert line.point_m == near((1.2, 1.6))
+    assert line.direction == near((-0.8, 0.6)), "the gradient (3, 4)/5 turned counter-clockwise"
+    assert line_of(path("3*x+4*y-10"), (0.0, 0.0), -1).direction == near((0.8, -0.6))
+    assert line.progress_m((1.2 - 8, 1.6 + 6)) == near(10)
+    assert line.progress_m((1.2 + 3, 1.6 + 4)) == near(0), "straight off the line"
+
+
+@pytest.mark.parametrize(
+    ("text", "sense", "direction"),
+    [
+        ("x+115", 1, (0, 1)),  # the survey's line up has rotation 90, its line down 270
+        ("x+115", -1, (0, -1)),
+        ("-x-115", 1, (0, -1)),
+        ("y", 1, (-1, 0)),
+        ("5*(x-y)", 1, (math.sqrt(0.5), math.sqrt(0.5))),
+    ],
+)
+def test_direction_of_a_line(text, sense, direction):
+    assert line_of(path(text), (3.0, 4.0), sense).direction == near(direction)
+
+
+@unhurried
+@given(whole, whole, whole, points, senses, st.sampled_from([1.0, -1.0, 0.01, 50.0]))
+def test_the_foot_is_on_the_line_and_straight_below(a, b, c, point, sense, scale):
+    assume((a, b) != (0, 0))
+    line = line_of(path(f"{scale}*({a}*x+{b}*y+{c})"), point, sense)
+    norm = math.hypot(a, b)
+    (fx, fy), (tx, ty) = line.point_m, line.direction
+    assert a * fx + b * fy + c == pytest.approx(0, abs=1e-9 * norm * 1000)
+    assert tx * (point[0] - fx) + ty * (point[1] - fy) == pytest.approx(0, abs=1e-9 * 1000)
+    # 90° to the left of the gradient, or to its right
+    turned = np.array([[0, -1], [1, 0]]) @ np.array([a, b]) / norm * sense * math.copysign(1, scale)
+    assert line.direction == near(tuple(turned))
+
+
+def test_no_gradient_is_no_line():
+    with pytest.raises(PathUndefined, match="no line"):
+        line_of(path("c1*x", 0.0), (1.0, 1.0), 1)
+
+
+# --- circles ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "parameters", "centre", "radius", "turn"),
+    [
+        ("(x+45)^2+(y-146)^2-4900", (), (-45, 146), 70, 1),
+        ("(x+45)^2+(y-146)^2-4900-c1", (-1000,), (-45, 146), math.sqrt(3900), 1),
+        ("2*x^2+2*y^2-8*x-5", (), (2, 0), math.sqrt(6.5), 1),
+        ("x*x+y*y-c1", (25,), (0, 0), 5, 1),
+        ("-(x^2+y^2)+9", (), (0, 0), 3, -1),
+        ("49-(x-3)^2-(y+4)^2", (), (3, -4), 7, -1),
+        ("-3*x^2-3*y^2+6*x+12*y+33", (), (1, 2), 4, -1),
+        ("c1*(x^2+y^2)-25", (4,), (0, 0), 2.5, 1),
+        ("25-c1*(x^2+y^2)", (4,), (0, 0), 2.5, -1),
+        ("0.001*((x-1)^2+y^2-4)", (), (1, 0), 2, 1),
+    ],
+)
+def test_circles_worked_by_hand(text, parameters, centre, radius, turn):
+    for point in ((0.0, 0.0), (300.0, -20.0), (1.0, 2.0)):
+        for sense in (1, -1):
+            circle = circle_of(path(text, *parameters), point, sense)
+            assert circle.centre_m == near(centre)
+            assert circle.radius_m == near(radius)
+            assert circle.turn == turn * sense
+
+
+@unhurried
+@given(whole, whole, st.integers(1, 90), st.sampled_from([1, 2, -1, -3]), points, senses)
+def test_a_circle_multiplied_out_is_found(cx, cy, radius, scale, point, sense):
+    text = (
+        f"{scale}*x^2 + {scale}*y^2 - {2 * scale * cx}*x - {2 * scale * cy}*y + {scale * (cx**2 + cy**2 - radius**2)}"
+    )
+    circle = circle_of(path(text), point, sense)
+    assert circle.centre_m == near((cx, cy), 1e-6)
+    assert circle.radius_m == pytest.approx(radius, abs=1e-5)
+    assert circle.turn == (sense if scale > 0 else -sense)
+    assert path_kind(read_expression(text)) == CIRCLE
+
+
+@pytest.mark.parametrize(
+    ("text", "parameter"),
+    [
+        ("x^2+y^2+1", 0.0),
+        ("x^2+y^2", 0.0),
+        ("x^2+y^2-4900-c1", -4900.0),
+        ("x^2+y^2-4900-c1", -5000.0),
+        ("c1*(x^2+y^2)-25", 0.0),
+        ("c1*(x^2+y^2)-25", -1.0),
+    ],
+)
+def test_no_circle_at_these_parameters(text, parameter):
+    with pytest.raises(PathUndefined, match=r"is no circle|whose radius² is"):
+        circle_of(path(text, parameter), (3.0, 4.0), 1)
+
+
+def test_rotation_90_is_counter_clockwise_round_a_circle_positive_outside():
+    outside = path("x^2+y^2-25")
+    assert tangent(outside, (5.0, 0.0), COUNTER_CLOCKWISE) == near((0, 1))
+    assert tangent(outside, (0.0, 5.0), COUNTER_CLOCKWISE) == near((-1, 0))
+    assert tangent(outside, (5.0, 0.0), CLOCKWISE) == near((0, -1))
+    inside = path("25-x^2-y^2")
+    assert tangent(inside, (5.0, 0.0), COUNTER_CLOCKWISE) == near((0, -1)), "its gradient points to the centre"
+    for function, sense in itertools.product((outside, inside), (1, -1)):
+        circle = circle_of(function, (1.0, 1.0), sense)
+        tx, ty = tangent(function, (3.0, 4.0), sense)
+        assert math.copysign(1, 3 * ty - 4 * tx) == circle.turn, "r × t tells the turn"
+
+
+@unhurried
+@given(points, st.floats(0.1, 300), senses, st.floats(-10, 10), st.floats(0.01, 6.27))
+def test_sweep_is_the_angle_travelled(centre, radius, turn, begin, sweep):
+    circle = Circle(centre, radius, turn)
+    start, end = circle.point_at(begin), circle.point_at(begin + turn * sweep)
+    rounding = 1e-12 * (1 + math.hypot(*centre)) / radius + 1e-12
+    assume(sweep < 2 * math.pi - 10 * rounding)
+    assert circle.sweep_rad(start, end) == pytest.approx(sweep, abs=rounding)
+    back = circle.sweep_rad(end, start)
+    assert back == pytest.approx(2 * math.pi - sweep, abs=rounding)
+
+
+@unhurried
+@given(points, points, points, senses)
+def test_sweep_is_above_0_and_at_most_a_turn(centre, start, end, turn):
+    sweep = Circle(centre, 10.0, turn).sweep_rad(start, end)
+    assert 0 < sweep <= 2 * math.pi + SAME_POINT_RAD
+
+
+def test_the_same_point_is_a_whole_turn():
+    circle = Circle((-45.0, 146.0), 70.0, 1)
+    assert circle.sweep_rad((-115.0, 146.0), (-115.0, 146.0)) == 2 * math.pi
+    assert circle.sweep_rad((25.0, 146.0 - 1e-12), (25.0, 146.0 + 1e-12)) == pytest.approx(2 * math.pi)
+    assert circle.sweep_rad((25.0, 146.0 + 1e-12), (25.0, 146.0 - 1e-12)) == pytest.approx(2 * math.pi)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_the_same_point_but_for_rounding_is_a_whole_turn_in_the_west_too(turn):
+    circle = Circle((-45.0, 146.0), 70.0, turn)
+    for rounding in (1e-12, -1e-12):
+        sweep = circle.sweep_rad((-115.0, 146.0 + rounding), (-115.0, 146.0 - rounding))
+        assert sweep == pytest.approx(2 * math.pi)
+
+
+@pytest.mark.parametrize(
+    ("turn", "start", "end", "sweep"),
+    [
+        (1, (1, 0), (0, 1), math.pi / 2),
+        (-1, (1, 0), (0, 1), 3 * math.pi / 2),
+        (1, (0, -1), (0, 1), math.pi),
+        (1, (-1, 1), (-1, -1), math.pi / 2),  # across ±π
+        (-1, (-1, -1), (-1, 1), math.pi / 2),
+        (1, (-1, -1), (-1, 1), 3 * math.pi / 2),
+        (1, (3, 0), (0, 0.5), math.pi / 2),  # points off the circle: their directions count
+    ],
+)
+def test_sweep_worked_by_hand(turn, start, end, sweep):
+    assert Circle((0.0, 0.0), 1.0, turn).sweep_rad(start, end) == pytest.approx(sweep)
+
+
+# --- angles -----------------------------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(st.floats(-1e4, 1e4))
+def test_a_wrapped_angle_is_the_same_direction(angle):
+    wrapped = wrap_angle_rad(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert (math.cos(wrapped), math.sin(wrapped)) == near((math.cos(angle), math.sin(angle)))
+
+
+def test_wrapped_ends():
+    assert wrap_angle_rad(-math.pi) == math.pi
+    assert wrap_angle_rad(math.pi) == math.pi
+    assert wrap_angle_rad(0.0) == 0
+
+
+@unhurried
+@given(points, st.floats(-7, 7))
+def test_rotation_is_multiplication_by_a_complex_number(vector, angle):
+    turned = complex(*vector) * complex(math.cos(angle), math.sin(angle))
+    assert rotate(vector, angle) == near((turned.real, turned.imag))
+
+
+def test_rotation_by_90_degrees_is_the_spec_matrix():
+    assert rotate((3.0, 4.0), math.pi / 2) == near(tuple(np.array([[0, -1], [1, 0]]) @ [3, 4]))
+
+
+# --- onto a path and along it -----------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(st.floats(0, 7), st.floats(0.2, 3))
+def test_projection_on_a_circle_is_radial(angle, share):
+    at = (10 * math.cos(angle), 10 * math.sin(angle))
+    assert project(path("(x-3)^2+(y+2)^2-100"), (3 + share * at[0], -2 + share * at[1])) == near(
+        (3 + at[0], -2 + at[1])
+    )
+
+
+@unhurried
+@given(points)
+def test_projection_lands_on_a_curve(point):
+    x, y = project(path("y - 10*sin(x/20)"), point)
+    assert y == pytest.approx(10 * math.sin(x / 20), abs=1e-7)
+    if abs(point[1]) < 12:  # near it, at the foot: the way there is along the gradient
+        off = np.array([point[0] - x, point[1] - y])
+        assert abs(off @ [1, 0.5 * math.cos(x / 20)]) <= 0.5 * np.linalg.norm(off) + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "point"), [("x^2+y^2+1", (1.0, 2.0)), ("x^2+y^2-25", (0.0, 0.0)), ("c1*x + 1", (1.0, 1.0))]
+)
+def test_projection_that_is_not_to_be_had(text, point):
+    with pytest.raises(PathUndefined, match="no point near"):
+        project(path(text, 0.0), point)
+
+
+def test_no_value_is_said():
+    with pytest.raises(PathUndefined, match="has no value"):
+        project(path("sqrt(x) - y"), (-1.0, 0.0))
+    with pytest.raises(PathUndefined, match="no direction"):
+        tangent(path("x^2+y^2-25"), (0.0, 0.0), 1)
+
+
+def test_walking_keeps_to_the_path_with_even_steps():
+    steps = list(itertools.islice(walk(path("y - 10*sin(x/20)"), (0.0, 3.0), -1, 0.5), 200))
+    for (x0, y0), (x1, y1) in itertools.pairwise(steps):
+        assert y1 == pytest.approx(10 * math.sin(x1 / 20), abs=1e-7)
+        assert math.dist((x0, y0), (x1, y1)) == pytest.approx(0.5, rel=LENGTH_SHARE)
+        assert x1 > x0, "rotation 270 of y − f(x) runs east"
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize("angle", [0.2, 1.5, 3.0, 4.5, 6.2])
+def test_length_along_a_circle_is_its_arc(sense, angle):
+    end = (70 * math.cos(sense * angle), 70 * math.sin(sense * angle))
+    length = curve_length_m(path("x^2+y^2-4900"), (70.0, 0.0), end, sense)
+    assert length == pytest.approx(70 * angle, rel=LENGTH_SHARE)
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0.0, 100.0), (-37.0, 3.0), (10.0, 12.0), (0.0, 400.0)])
+def test_length_along_a_sine_is_its_integral(begin, end):
+    wanted, _ = quad(lambda x: math.sqrt(1 + (0.5 * math.cos(x / 20)) ** 2), begin, end)
+    start, stop = ((x, 10 * math.sin(x / 20)) for x in (begin, end))
+    assert curve_length_m(path("y - 10*sin(x/20)"), start, stop, -1) == pytest.approx(wanted, rel=LENGTH_SHARE)
+    assert curve_length_m(path("10*sin(x/20) - y"), start, stop, 1) == pytest.approx(wanted, rel=LENGTH_SHARE)
+    assert curve_length_m(path("y - 10*sin(x/20)"), stop, start, 1) == pytest.approx(wanted, rel=LENGTH_SHARE)
+
+
+def test_length_along_a_parabola_in_closed_form():
+    # y = x²/100 from 0 to 100: ∫√(1 + (x/50)²) dx = 25 (u√(1+u²) + asinh u) with u = 2
+    wanted = 25 * (2 * math.sqrt(5) + math.asinh(2))
+    assert curve_length_m(path("y - x^2/100"), (0.0, 0.0), (100.0, 100.0), -1) == pytest.approx(
+        wanted, rel=LENGTH_SHARE
+    )
+
+
+def test_length_of_what_is_not_met_is_infinite():
+    away = curve_length_m(path("y - x^2/100"), (0.0, 0.0), (50.0, 25.0), 1, limit_m=300.0)
+    assert away == math.inf
+
+
+def test_length_round_a_closed_curve_that_starts_at_its_end():
+    # an ellipse of 60 by 40: Ramanujan's second formula is exact to 1e-9 here
+    a, b = 60.0, 40.0
+    h = ((a - b) / (a + b)) ** 2
+    wanted = math.pi * (a + b) * (1 + 3 * h / (10 + math.sqrt(4 - 3 * h)))
+    ellipse = path("x^2/3600 + y^2/1600 - 1")
+    assert curve_length_m(ellipse, (60.0, 0.0), (60.0, 0.0), 1) == pytest.approx(wanted, rel=LENGTH_SHARE)
+    assert curve_length_m(ellipse, (60.0, 0.0), (-60.0, 0.0), 1) == pytest.approx(wanted / 2, rel=LENGTH_SHARE)
+
+
+def test_progress_of_a_line_is_signed():
+    line = Line((1.0, 1.0), (0.6, 0.8))
+    assert line.progress_m((1.6, 1.8)) == near(1)
+    assert line.progress_m((0.4, 0.2)) == near(-1)

@@ -1,0 +1,379 @@
+"""Shortest paths with bounded turns: by quadrature of the motion, against other paths, and in wind by the triangle."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.special import ellipe
+
+from eadp.core.geometry.dubins import TURNS, DubinsPath, flight_time_s, lengths_m, ordered, shortest, times_s
+from eadp.errors import Infeasible
+
+unhurried = settings(deadline=None, max_examples=150)  # no test depends on the clock
+CLOSE = 1e-9
+REACHED_M = 1e-6
+WORDS = ("LSL", "RSR", "LSR", "RSL", "LRL", "RLR")
+
+thousandths = st.integers(-300_000, 300_000).map(lambda i: i / 1000)
+headings = st.one_of(
+    st.integers(-7000, 7000).map(lambda i: i / 1000), st.integers(-8, 8).map(lambda i: i * math.pi / 4)
+)
+poses = st.tuples(thousandths, thousandths, headings)
+near_poses = st.tuples(thousandths.map(lambda x: x / 10), thousandths.map(lambda y: y / 10), headings)
+radii = st.sampled_from([7.5, 20.0, 33.0, 75.0])
+winds = st.tuples(st.floats(-0.65, 0.65), st.floats(-0.65, 0.65))  # of the airspeed
+AIRSPEED = 18.0
+
+
+# --- oracles ----------------------------------------------------------------------------------------------------------
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+def moved(pose, turn, radius, length):
+    """Where a vehicle gets that turns at a constant rate: quadrature of ẋ = cos θ, ẏ = sin θ."""
+    rate = turn / radius
+    along = (NODES + 1) * length / 2
+    heading = pose[2] + rate * along
+    x = pose[0] + length / 2 * float(WEIGHTS @ np.cos(heading))
+    y = pose[1] + length / 2 * float(WEIGHTS @ np.sin(heading))
+    return x, y, pose[2] + rate * length
+
+
+def flown(start, word, lengths, radius):
+    pose = start
+    for letter, length in zip(word, lengths, strict=True):
+        pose = moved(pose, TURNS[letter], radius, length)
+    return pose
+
+
+def apart(one, other):
+    """Distance and difference of direction of two poses, whole turns aside."""
+    return math.dist(one[:2], other[:2]), abs(math.remainder(one[2] - other[2], 2 * math.pi))
+
+
+def time_by_triangle(path, airspeed, wind):
+    """Time along a path: at each place the nose is held into the wind until the drift is along the course."""
+
+    def pace(course):
+        across = wind[1] * math.cos(course) - wind[0] * math.sin(course)
+        nose = course - math.asin(across / airspeed)
+        vx, vy = airspeed * math.cos(nose) + wind[0], airspeed * math.sin(nose) + wind[1]
+        assert abs(math.remainder(math.atan2(vy, vx) - course, 2 * math.pi)) < CLOSE
+        return 1 / math.hypot(vx, vy)
+
+    total, course = 0.0, path.start[2]
+    for letter, length in zip(path.word, path.lengths_m, strict=True):
+        rate, begin = TURNS[letter] / path.radius_m, course
+        total += quad(lambda s, b=begin, r=rate: pace(b + r * s), 0, length, epsabs=1e-11, epsrel=1e-11, limit=200)[0]
+        course += rate * length
+    return total
+
+
+# --- paths ------------------------------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(st.one_of(st.tuples(poses, poses), st.tuples(near_poses, near_poses)), radii)
+def test_every_word_reaches_the_goal(pair, radius):
+    start, end = pair
+    paths = ordered(start, end, radius)
+    assert [path.length_m for path in paths] == sorted(path.length_m for path in paths)
+    assert {"LSL", "RSR"} <= {path.word for path in paths} <= set(WORDS)
+    for path in paths:
+        distance, turned = apart(flown(start, path.word, path.lengths_m, radius), end)
+        assert distance < REACHED_M, path
+        assert turned < CLOSE, path
+        assert min(path.lengths_m) >= 0
+
+
+@unhurried
+@given(near_poses, near_poses, radii)
+@example((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)
+@example((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), 20.0)
+@example((0.0, 0.0, 0.0), (0.0, 40.0, math.pi), 20.0)
+@example((0.0, 0.0, 0.0), (40.0, 40.0, 0.0), 20.0)
+def test_pieces_follow_one_another(start, end, radius):
+    for path in ordered(start, end, radius):
+        pieces = path.pieces
+        assert sum(piece.length_m for piece in pieces) == pytest.approx(path.length_m, abs=3e-9)
+        for piece in pieces:
+            # each piece on its own arrives where it says, to the rounding of the joints
+            distance, turned = apart(moved(piece.start, piece.turn, radius, piece.length_m), piece.end)
+            assert distance < REACHED_M
+            assert turned < 1e-8
+            assert apart(piece.pose_at(piece.length_m), piece.end)[0] < REACHED_M
+            assert (piece.centre_m is None) == (piece.turn == 0) == math.isinf(piece.radius_m)
+            if piece.centre_m is not None:
+                for s in (0.0, piece.length_m / 3, piece.length_m):
+                    x, y, heading = moved(piece.start, piece.turn, radius, s)
+                    assert math.dist((x, y), piece.centre_m) == pytest.approx(radius, rel=CLOSE)
+                    ahead = (piece.centre_m[0] - x) * -math.sin(heading) + (piece.centre_m[1] - y) * math.cos(heading)
+                    assert ahead == pytest.approx(piece.turn * radius, rel=CLOSE), "a left turn has its centre left"
+        for before, after in itertools.pairwise(pieces):
+            distance, turned = apart(before.end, after.start)
+            assert max(distance, turned) < CLOSE
+        if pieces:
+            assert pieces[0].start == start
+            assert pieces[-1].end == end
+        else:
+            assert apart(start, end) == pytest.approx((0, 0), abs=1e-8)
+
+
+@unhurried
+@given(
+    near_poses,
+    radii,
+    st.sampled_from(WORDS),
+    st.tuples(st.floats(0, 6.28), st.floats(0, 6.28), st.floats(0, 6.28)),
+)
+@example((0.0, 0.0, 0.0), 20.0, "LRL", (0.1, 4.5, 0.2))  # the shortest itself
+@example((0.0, 0.0, 0.0), 20.0, "RSL", (0.4, 2.5, 0.2))
+@example((0.0, 0.0, 0.0), 7.5, "LSL", (0.0, 0.0, 6.25))
+@example((0.0, 0.0, 0.0), 7.5, "LSL", (0.0, 2e-10, 6.25))  # the straight's course is all rounding
+@example((0.0, 0.0, 0.0), 7.5, "RSR", (3.0, 3e-8, 3.25))
+def test_none_is_longer_than_another_way_there(start, radius, word, turns):
+    lengths = [turn * radius for turn in turns]
+    end = flown(start, word, lengths, radius)
+    path = shortest(start, end, radius)
+    assert path.length_m <= sum(lengths) + 1e-7
+    assert apart(flown(start, path.word, path.lengths_m, radius), end)[0] < REACHED_M
+
+
+def test_none_is_longer_than_any_of_a_grid():
+    # 6 words × 12³ paths, all at once: the ends are from exact steps of the motion
+    radius, grid = 20.0, np.linspace(0, 6, 12)
+    first, middle, last = (part.ravel() for part in np.meshgrid(grid, grid, grid))
+    for word in WORDS:
+        x, y, heading = np.zeros_like(first), np.zeros_like(first), np.zeros_like(first)
+        for letter, part in zip(word, (first, middle, last), strict=True):
+            turn = TURNS[letter]
+            if turn:
+                x = x + turn * radius * (np.sin(heading + turn * part) - np.sin(heading))
+                y = y - turn * radius * (np.cos(heading + turn * part) - np.cos(heading))
+                heading = heading + turn * part
+            else:
+                x, y = x + radius * part * np.cos(heading), y + radius * part * np.sin(heading)
+        found = lengths_m([(0.0, 0.0, 0.0)], np.stack([x, y, heading], axis=1), radius)[0]
+        total = radius * (first + middle + last)
+        assert np.all(found <= total + 1e-6)
+        if "S" in word:  # small turns to and from a long straight have no shorter way
+            best = (first <= 1.1) & (last <= 1.1) & (middle >= 4)
+            assert found[best] == pytest.approx(total[best], rel=CLOSE)
+
+
+@unhurried
+@given(near_poses, near_poses, radii, st.floats(0.01, 0.99))
+def test_the_rest_of_a_shortest_path_is_shortest(start, end, radius, share):
+    path = shortest(start, end, radius)
+    left, pose = share * path.length_m, start
+    for letter, length in zip(path.word, path.lengths_m, strict=True):
+        pose = moved(pose, TURNS[letter], radius, min(left, length))
+        left -= min(left, length)
+    assert shortest(pose, end, radius).length_m == pytest.approx((1 - share) * path.length_m, abs=1e-6)
+
+
+@unhurried
+@given(poses, poses, radii)
+def test_no_path_is_shorter_than_the_straight_line_or_the_turn(start, end, radius):
+    distance, turned = apart(start, end)
+    assert shortest(start, end, radius).length_m >= max(distance, radius * turned) - 1e-7
+
+
+@unhurried
+@given(near_poses, near_poses, radii, st.floats(-3, 3))
+def test_symmetries(start, end, radius, angle):
+    length = shortest(start, end, radius).length_m
+
+    def backward(pose):
+        return pose[0], pose[1], pose[2] + math.pi
+
+    def mirrored(pose):
+        return pose[0], -pose[1], -pose[2]
+
+    def turned(pose):
+        c, s = math.cos(angle), math.sin(angle)
+        return 3 * (c * pose[0] - s * pose[1]) + 500, 3 * (s * pose[0] + c * pose[1]) - 200, pose[2] + angle
+
+    assert shortest(backward(end), backward(start), radius).length_m == pytest.approx(length, abs=1e-6)
+    assert shortest(mirrored(start), mirrored(end), radius).length_m == pytest.approx(length, abs=1e-6)
+    assert shortest(turned(start), turned(end), 3 * radius).length_m == pytest.approx(3 * length, abs=3e-6)
+
+
+R = 20.0
+
+
+@pytest.mark.parametrize(
+    ("end", "word", "length"),
+    [
+        ((0, 0, 0), None, 0),
+        ((0, 0, 2 * math.pi), None, 0),
+        ((120, 0, 0), None, 120),
+        ((-100, 0, 0), None, 100 + 2 * math.pi * R),
+        ((0, 2 * R, math.pi), None, math.pi * R),  # touching circles
+        ((0, 3 * R, math.pi), "LSL", math.pi * R + R),
+        ((0, -3 * R, math.pi), "RSR", math.pi * R + R),
+        ((2 * R, 2 * R, 0), None, math.pi * R),  # a left and a right quarter, circles touching
+        ((0, 0, math.pi), None, 7 / 3 * math.pi * R),
+        # an omega: the outer turns' centres are w + 2R apart
+        ((0, R, math.pi), "RLR", R * (math.pi + 4 * math.acos(3 / 4))),
+        ((0, -R, math.pi), "LRL", R * (math.pi + 4 * math.acos(3 / 4))),
+        ((R * math.sin(1), R - R * math.cos(1), 1.0), None, R),  # along one arc
+        ((R * math.sin(1), R * math.cos(1) - R, -1.0), None, R),
+        ((R * math.sin(6), R - R * math.cos(6), 6.0), None, 6 * R),
+        ((-1e-12, 1e-12, -1e-13), None, 0),  # one pose, but for rounding
+        ((-1.5e-9, 0, 0), None, 0),
+        ((120, 1e-12, -1e-13), None, 120),
+    ],
+)
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (812.3, -77.7, 0.3), (-3e4, 5e4, 2.9)])
+def test_known_lengths(start, end, word, length):
+    c, s = math.cos(start[2]), math.sin(start[2])
+    there = (start[0] + c * end[0] - s * end[1], start[1] + s * end[0] + c * end[1], start[2] + end[2])
+    path = shortest(start, there, R)
+    assert path.length_m == pytest.approx(length, abs=1e-7)
+    if word:
+        assert path.word == word
+    if length == 0:
+        assert path.pieces == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rounding_adds_no_turn(seed):
+    # paths with pieces of no or hardly any length, far from the origin, where a place is known to 1e-11 m
+    rng = np.random.default_rng(seed)
+    for _ in range(150):
+        start = (*rng.uniform(-3e4, 3e4, 2).tolist(), float(rng.uniform(-4, 4)))
+        word = ("LSL", "RSR", "LSR", "RSL")[rng.integers(4)]
+        angles = [(0.0, 1e-9, 1e-7, 1e-4, rng.uniform(0, 6))[i] for i in rng.integers(0, 5, 3)]
+        end = flown(start, word, [R * angle for angle in angles], R)
+        assert shortest(start, end, R).length_m <= R * sum(angles) + 1e-4
+
+
+def test_both_middle_arcs_of_three():
+    paths = ordered((0.0, 0.0, 0.0), (10.0, 15.0, 2.0), R)
+    for word in ("LRL", "RLR"):
+        one, other = (path.lengths_m[1] for path in paths if path.word == word)
+        assert one + other == pytest.approx(2 * math.pi * R)
+
+
+def test_straight_on_is_one_piece():
+    (piece,) = shortest((1.0, 2.0, 0.3), (1 + 50 * math.cos(0.3), 2 + 50 * math.sin(0.3), 0.3), R).pieces
+    assert (piece.turn, piece.centre_m) == (0, None)
+    assert piece.length_m == pytest.approx(50)
+
+
+@unhurried
+@given(st.lists(near_poses, min_size=1, max_size=4), st.lists(near_poses, min_size=1, max_size=3), radii)
+def test_many_at_once(starts, ends, radius):
+    found = lengths_m(starts, ends, radius)
+    wanted = [[shortest(start, end, radius).length_m for end in ends] for start in starts]
+    assert found.shape == (len(starts), len(ends))
+    assert found == pytest.approx(np.array(wanted), abs=CLOSE)
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])
+def test_a_radius_that_is_none(radius):
+    with pytest.raises(ValueError, match="radius"):
+        shortest((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), radius)
+
+
+def test_a_pose_that_is_none():
+    with pytest.raises(ValueError, match="pose"):
+        lengths_m([(0.0, math.nan, 0.0)], [(1.0, 0.0, 0.0)], R)
+
+
+# --- time in wind -----------------------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(near_poses, near_poses, radii, winds)
+def test_time_by_the_wind_triangle(start, end, radius, wind):
+    wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
+    for path in ordered(start, end, radius):
+        wanted = time_by_triangle(path, AIRSPEED, wind)
+        assert flight_time_s(path, AIRSPEED, wind) == pytest.approx(wanted, rel=CLOSE, abs=1e-8)
+        assert flight_time_s(path.pieces, AIRSPEED, wind) == flight_time_s(path, AIRSPEED, wind)
+
+
+@pytest.mark.parametrize(("share", "tolerance"), [(0.9, 1e-12), (0.98, 1e-12), (0.9999, 1e-6)])
+def test_a_turn_in_strong_wind(share, tolerance):
+    # ∫ √(1 − m sin²φ) dφ over a whole turn is 4 E(m), and the other part cancels
+    arc = DubinsPath("LSL", (2 * math.pi * R, 0.0, 0.0), (0.0, 0.0, 0.4), (0.0, 0.0, 0.4), R)
+    wind = share * AIRSPEED
+    wanted = R * AIRSPEED * 4 * ellipe(share**2) / (AIRSPEED**2 - wind**2)
+    assert flight_time_s(arc, AIRSPEED, (0.6 * wind, -0.8 * wind)) == pytest.approx(wanted, rel=tolerance)
+    half = DubinsPath("LSL", (math.pi * R / 2, 0.0, 0.0), (0.0, 0.0, 0.4), (0.0, 0.0, 0.4), R)
+    assert flight_time_s(half, AIRSPEED, (0.6 * wind, -0.8 * wind)) == pytest.approx(
+        time_by_triangle(half, AIRSPEED, (0.6 * wind, -0.8 * wind)), rel=max(tolerance, 1e-10)
+    )
+
+
+@unhurried
+@given(st.lists(near_poses, min_size=1, max_size=3), st.lists(near_poses, min_size=1, max_size=3), radii, winds)
+def test_many_times_at_once_are_of_the_fastest(starts, ends, radius, wind):
+    wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
+    found = times_s(starts, ends, radius, AIRSPEED, wind)
+    wanted = [
+        [min(flight_time_s(path, AIRSPEED, wind) for path in ordered(start, end, radius)) for end in ends]
+        for start in starts
+    ]
+    assert found == pytest.approx(np.array(wanted), abs=1e-8)
+
+
+@unhurried
+@given(st.lists(poses, min_size=1, max_size=3), st.lists(poses, min_size=1, max_size=3), radii)
+def test_without_wind_time_is_length_over_airspeed(starts, ends, radius):
+    found = times_s(starts, ends, radius, AIRSPEED, (0.0, 0.0))
+    assert found == pytest.approx(lengths_m(starts, ends, radius) / AIRSPEED, abs=CLOSE)
+    path = shortest(starts[0], ends[0], radius)
+    assert flight_time_s(path, AIRSPEED, (0.0, 0.0)) == pytest.approx(path.length_m / AIRSPEED, abs=CLOSE)
+
+
+def test_a_breath_of_wind_is_no_jump():
+    start, end = (0.0, 0.0, 0.3), (60.0, -20.0, 2.0)
+    calm = shortest(start, end, R).length_m / AIRSPEED
+    for breath in (5e-324, 1e-200, 1e-12, 1e-9):
+        assert times_s([start], [end], R, AIRSPEED, (breath, -breath))[0, 0] == pytest.approx(calm, rel=1e-8)
+
+
+def test_the_fastest_need_not_be_the_shortest():
+    rng = np.random.default_rng(5)
+    places = np.column_stack([rng.uniform(-60, 60, (30, 2)), rng.uniform(-3, 3, 30)])
+    wind = (12.0, 0.0)
+    fastest = times_s(places, places, R, AIRSPEED, wind)
+    of_shortest = np.array(
+        [[flight_time_s(shortest(tuple(a), tuple(b), R), AIRSPEED, wind) for b in places] for a in places]
+    )
+    assert np.all(fastest <= of_shortest + CLOSE)
+    assert np.sum(fastest < of_shortest - 0.1) > 10
+
+
+@unhurried
+@given(near_poses, st.floats(1, 300), winds)
+def test_a_straight_there_and_back(start, length, wind):
+    wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
+    assume(math.hypot(*wind) > 0.1)
+    c, s = math.cos(start[2]), math.sin(start[2])
+    end = (start[0] + length * c, start[1] + length * s, start[2])
+    back = [(x, y, heading + math.pi) for x, y, heading in (end, start)]
+    both = flight_time_s(shortest(start, end, R), AIRSPEED, wind) + flight_time_s(shortest(*back, R), AIRSPEED, wind)
+    # 1/(b + a) + 1/(b − a) = 2b/(b² − a²), a the wind along and b = √(v² − the wind across²)
+    across = wind[0] * s - wind[1] * c
+    wanted = 2 * length * math.sqrt(AIRSPEED**2 - across**2) / (AIRSPEED**2 - math.hypot(*wind) ** 2)
+    assert both == pytest.approx(wanted, rel=CLOSE)
+
+
+@pytest.mark.parametrize("wind", [(AIRSPEED, 0.0), (0.0, -25.0), (math.nan, 0.0)])
+def test_a_wind_too_strong(wind):
+    path = shortest((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), R)
+    with pytest.raises(Infeasible, match="hold every course"):
+        flight_time_s(path, AIRSPEED, wind)
+    with pytest.raises(Infeasible, match="hold every course"):
+        times_s([path.start], [path.end], R, AIRSPEED, wind)

@@ -1,0 +1,198 @@
+"""Rings: area, what is superfluous, and what makes them no field, beside shapely's own word."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from eadp.core.geometry.polygons import TOLERANCE_M, flaws, signed_area_m2, tidy
+
+unhurried = settings(deadline=None)  # no test depends on the clock
+SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+
+whole = st.tuples(st.integers(-6, 6), st.integers(-6, 6))
+grid_rings = st.lists(whole, min_size=3, max_size=8, unique=True)
+
+
+@st.composite
+def stars(draw, spread_m=200.0):
+    """A ring that does not cross itself, counter-clockwise: vertices in order of their angle, to a centimetre."""
+    n = draw(st.integers(3, 12))
+    shares = [draw(st.floats(0.1, 0.9)) for _ in range(n)]
+    radii = [draw(st.floats(spread_m / 10, spread_m)) for _ in range(n)]
+    angles = [2 * math.pi * (i + share / 2) / n for i, share in enumerate(shares)]
+    return tuple((round(r * math.cos(a), 2), round(r * math.sin(a), 2)) for r, a in zip(radii, angles, strict=True))
+
+
+def square(x, y, side):
+    return ((x, y), (x + side, y), (x + side, y + side), (x, y + side))
+
+
+# --- area -------------------------------------------------------------------------------------------------------------
+
+
+@given(stars())
+def test_area_is_shapelys_with_the_sign_of_the_winding(ring):
+    assert signed_area_m2(ring) == pytest.approx(shapely.Polygon(ring).area, rel=1e-12)
+    assert signed_area_m2(ring[::-1]) == pytest.approx(-signed_area_m2(ring), rel=1e-12)
+
+
+def test_area_keeps_its_digits_far_from_the_origin():
+    far = [(x + 700_000.1, y + 6_100_000.3) for x, y in ((0.1, 0.2), (0.7, 0.35), (0.3, 0.9))]
+    assert signed_area_m2(far) == pytest.approx((0.6 * 0.7 - 0.15 * 0.2) / 2, rel=1e-7)
+    assert signed_area_m2([]) == 0
+
+
+# --- what is superfluous ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ring", "kept", "counts"),
+    [
+        (SQUARE, (0, 1, 2, 3), (0, 0, 0)),
+        # repeated: exactly, within a millimetre, and the last beside the first, which stays
+        ([(0, 0), (0, 0), (10, 0), (10, 10), (10, 10), (10, 10)], (0, 2, 3), (3, 0, 0)),
+        ([(0, 0), (10, 0), (10.0009, 0), (10, 10)], (0, 1, 3), (1, 0, 0)),
+        ([(0, 0), (10, 0), (10.0011, 0), (10, 10)], (0, 2, 3), (0, 1, 0)),
+        ([(0, 0), (10, 0), (9.9995, 0.0001), (10, 10)], (0, 1, 3), (1, 0, 0)),  # and no spike
+        ([(0, 0), (10, 0), (10, 10), (0.0004, 0)], (0, 1, 2), (1, 0, 0)),
+        # in line: on an edge, at the start of the ring, and beside the edge by less and by more than a millimetre
+        ([(0, 0), (4, 0), (5, 0), (10, 0), (10, 10)], (0, 3, 4), (0, 2, 0)),
+        ([(5, 0), (10, 0), (10, 10), (0, 0)], (1, 2, 3), (0, 1, 0)),
+        ([(0, 0), (5, -0.0009), (10, 0), (10, 10)], (0, 2, 3), (0, 1, 0)),
+        ([(0, 0), (5, -0.0011), (10, 0), (10, 10)], (0, 1, 2, 3), (0, 0, 0)),
+        # spikes: back to where they began, to before it, beyond it, and the tip at the start of the ring
+        ([(0, 0), (10, 0), (10, 10), (20, 20), (10, 10), (0, 10)], (0, 1, 2, 5), (0, 0, 1)),
+        ([(0, 0), (10, 0), (10, 20), (10, 10), (0, 10)], (0, 1, 3, 4), (0, 0, 1)),
+        ([(0, 0), (10, 0), (10, 10), (15, 10), (-5, 10), (0, 0)], (0, 1, 2, 4), (1, 0, 1)),
+        ([(20, 20), (10, 10), (0, 10), (0, 0), (10, 0), (10, 10)], (1, 2, 3, 4), (0, 0, 1)),
+        ([(0, 0), (5, 0), (5, 5), (5, 0), (10, 0), (10, 10)], (0, 4, 5), (0, 1, 1)),  # where it stood is in line
+        # a spike of several vertices is undone from its tip
+        ([(0, 0), (10, 0), (10, 10), (12, 13), (15, 14), (12, 13), (10, 10), (0, 10)], (0, 1, 2, 7), (0, 0, 2)),
+        # nothing is left of what has no area
+        ([(0, 0), (10, 0), (20, 0)], None, None),
+        ([(0, 0), (10, 0), (20, 10), (10, 0)], None, None),
+        ([(1, 1)] * 5, None, None),
+        ([(0, 0), (1, 0)], None, None),
+        ([], None, None),
+    ],
+)
+def test_tidy(ring, kept, counts):
+    tidied = tidy(ring)
+    if kept is None:
+        assert len(tidied.kept) < 3
+        return
+    assert tidied.kept == kept
+    assert (tidied.repeated, tidied.in_line, tidied.spikes) == counts
+
+
+def test_an_arc_finely_drawn_stays_an_arc():
+    n, radius = 5000, 100.0
+    ring = [(radius * math.cos(2 * math.pi * i / n), radius * math.sin(2 * math.pi * i / n)) for i in range(n)]
+    kept = tidy(ring).kept
+    assert 100 < len(kept) < n, "most vertices go"
+    left = shapely.Polygon([ring[i] for i in kept]).exterior
+    # a circle is within a millimetre of chords whose sagitta is one: none is longer than 2 √(2 r s)
+    assert max(left.distance(shapely.Point(point)) for point in ring) < TOLERANCE_M
+
+
+@given(stars(), st.data())
+@unhurried
+def test_what_is_dropped_was_within_a_millimetre(ring, data):
+    shakes = st.floats(-0.0006, 0.0006)
+    dense = []
+    for (x0, y0), (x1, y1) in zip(ring, (*ring[1:], ring[0]), strict=True):
+        steps = data.draw(st.integers(1, 4))
+        for i in range(steps):
+            x, y = x0 + (x1 - x0) * i / steps, y0 + (y1 - y0) * i / steps
+            dense.append((x + data.draw(shakes), y + data.draw(shakes)))
+    tidied = tidy(dense)
+    assume(tidied.spikes == 0)
+    left = shapely.Polygon([dense[i] for i in tidied.kept]).exterior
+    assert max(left.distance(shapely.Point(point)) for point in dense) < 2 * TOLERANCE_M
+    assert len(tidied.kept) + tidied.repeated + tidied.in_line == len(dense)
+
+
+@given(st.lists(whole, max_size=12))
+def test_what_is_tidy_stays_as_it_is(points):
+    once = [points[i] for i in tidy(points).kept]
+    assume(len(once) >= 3)
+    again = tidy(once)
+    assert again.kept == tuple(range(len(once)))
+    assert (again.repeated, again.in_line, again.spikes) == (0, 0, 0)
+
+
+def test_a_long_way_out_and_back_is_undone_at_either_end_of_the_ring():
+    way = [(10 + i, 10 + i * i / 1e4) for i in range(5000)]
+    ring = [(0, 0), (10, 0), *way, *way[-2::-1], (0, 10)]
+    assert [ring[i] for i in tidy(ring).kept] == [(0, 0), (10, 0), (10, 10), (0, 10)]
+    turned = ring[5001:] + ring[:5001]
+    assert {turned[i] for i in tidy(turned).kept} == {(0, 0), (10, 0), (10, 10), (0, 10)}
+
+
+# --- what makes rings no field ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outline", "holes"),
+    [
+        (SQUARE, []),
+        (SQUARE[::-1], [square(2, 2, 3)]),
+        (SQUARE, [square(2, 2, 2), square(4, 4, 2)]),  # touch at a point
+        (SQUARE, [((0, 5), (2, 6), (2, 4))]),  # touches the outline at a point
+    ],
+)
+def test_no_flaws(outline, holes):
+    assert list(flaws(outline, holes)) == []
+
+
+@pytest.mark.parametrize(
+    ("outline", "holes", "ring", "message", "point"),
+    [
+        (((0, 0), (10, 10), (10, 0), (0, 10)), [], 0, "crosses itself", (5, 5)),
+        (((0, 0), (10, 0), (10, 10), (5, 0), (0, 10)), [], 0, "touches itself", (5, 0)),
+        (SQUARE, [((2, 2), (6, 6), (6, 2), (2, 6))], 1, "crosses itself", (4, 4)),
+        (SQUARE, [square(20, 20, 2)], 1, "lies outside the outline", None),
+        (SQUARE, [square(-5, -5, 20)], 1, "lies outside the outline", None),
+        (SQUARE, [square(1, 1, 1), square(9, 4, 2)], 2, "crosses the outline or runs along it", None),
+        (SQUARE, [((0, 2), (3, 2), (3, 4), (0, 4))], 1, "crosses the outline or runs along it", None),
+        (SQUARE, [SQUARE[::-1]], 1, "repeats the outline", None),
+        (SQUARE, [square(1, 1, 2), square(6, 6, 2), square(1, 1, 2)], 3, "repeats hole 1", None),
+        (SQUARE, [square(1, 1, 3), square(3, 3, 3)], 2, "crosses hole 1 or runs along it", None),
+        (SQUARE, [square(1, 1, 6), square(3, 3, 2)], 2, "lies within hole 1 or around it", None),
+        (SQUARE, [square(3, 3, 2), square(1, 1, 6)], 2, "lies within hole 1 or around it", None),
+        (SQUARE, [((0, 5), (5, 6), (10, 5), (5, 4))], 1, "cuts the field into parts", None),
+        (SQUARE, [((0, 5), (3, 6), (5, 5), (3, 4)), ((5, 5), (7, 6), (10, 5), (7, 4))], None, "", None),
+    ],
+)
+def test_a_flaw(outline, holes, ring, message, point):
+    (flaw,) = flaws(outline, holes)
+    if ring is None:  # two holes together: either may be named
+        ring, message = flaw.ring, "cuts the field into parts"
+    assert (flaw.ring, flaw.message) == (ring, message)
+    if point:
+        assert flaw.point_m == point
+    rings = [shapely.Polygon(points).exterior for points in (outline, *holes)]
+    assert min(line.distance(shapely.Point(flaw.point_m)) for line in rings) < 1e-9
+
+
+def test_every_flaw_of_a_kind_is_found():
+    holes = [square(20, 20, 1), square(30, 30, 1), square(4, 4, 2), square(5, 5, 2)]
+    found = [(flaw.ring, flaw.message) for flaw in flaws(SQUARE, holes)]
+    assert found == [
+        (1, "lies outside the outline"),
+        (2, "lies outside the outline"),
+        (4, "crosses hole 3 or runs along it"),
+    ]
+
+
+@given(grid_rings, st.lists(grid_rings, max_size=3))
+@unhurried
+def test_no_flaw_is_found_exactly_where_shapely_finds_a_polygon_valid(outline, holes):
+    found = list(flaws(outline, holes))
+    assert (not found) == shapely.Polygon(outline, holes).is_valid
+    assert all(0 <= flaw.ring <= len(holes) and all(map(math.isfinite, flaw.point_m)) for flaw in found)

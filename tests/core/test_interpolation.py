@@ -1,0 +1,364 @@
+"""Interpolation of measured configurations, against numpy's and scipy's own and functions known exactly."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import LinearNDInterpolator, PchipInterpolator, RegularGridInterpolator
+
+from eadp.core.interpolation import EDGE, interpolant, left_out
+from eadp.errors import Infeasible
+
+unhurried = settings(deadline=None)  # no test depends on the clock
+ROUNDING = 1e-9  # relative to values and coordinates of order 1 to 1000
+
+FPS = np.array([[2.0], [4.0], [6.0], [8.0], [10.0]])
+POWER_W = np.array([5.21438, 6.94212, 8.68095, 9.78429, 10.2112])
+
+coordinate = st.integers(-1000, 1000).map(lambda k: k / 8)
+value = st.integers(-4000, 4000).map(lambda k: k / 16)
+part = st.floats(0, 1)
+
+
+@st.composite
+def curves(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+    knots = sorted(draw(st.lists(coordinate, min_size=2, max_size=8, unique=True)))
+    values = draw(st.lists(value, min_size=len(knots), max_size=len(knots)))
+    return np.array(knots), np.array(values)
+
+
+@st.composite
+def levels(draw: st.DrawFn, d: int) -> list[list[float]]:
+    axis = st.lists(coordinate, min_size=2, max_size=4, unique=True).map(sorted)
+    return [draw(axis) for _ in range(d)]
+
+
+def grid_points(axes: list[list[float]]) -> np.ndarray:
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def within(axes: list[list[float]], parts: tuple[float, ...]) -> list[float]:
+    return [axis[0] + t * (axis[-1] - axis[0]) for axis, t in zip(axes, parts, strict=True)]
+
+
+# one parameter
+
+
+def test_power_between_two_frame_rates_worked_by_hand() -> None:
+    # 2.1 is a twentieth of the way from 2 to 4: 5.21438 + 1.72774/20; the letter's printed Eq. 13 gives 22.5
+    assert interpolant(FPS, POWER_W).at((2.1,)) == pytest.approx(5.300767, abs=ROUNDING)
+
+
+@unhurried
+@given(curves(), part)
+def test_line_is_numpys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
+    knots, values = curve
+    x = float(knots[0] + t * (knots[-1] - knots[0]))
+    line = interpolant(knots[:, None], values)
+    assert line.at((x,)) == pytest.approx(np.interp(x, knots, values), abs=ROUNDING)
+
+
+@unhurried
+@given(curves(), st.lists(part, max_size=5))
+def test_many_is_one_by_one(curve: tuple[np.ndarray, np.ndarray], parts: list[float]) -> None:
+    knots, values = curve
+    line = interpolant(knots[:, None], values)
+    asked = knots[0] + np.array(parts) * (knots[-1] - knots[0])
+    assert line(asked[:, None]) == pytest.approx([line.at((x,)) for x in asked], abs=ROUNDING)
+
+
+@unhurried
+@given(curves())
+def test_measured_configurations_keep_their_values_exactly(curve: tuple[np.ndarray, np.ndarray]) -> None:
+    knots, values = curve
+    for kind in ("linear", "pchip"):
+        line = interpolant(knots[:, None], values, kind)
+        assert [line.at((x,)) for x in knots] == list(values)
+
+
+@unhurried
+@given(curves(), part)
+def test_pchip_is_scipys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
+    knots, values = curve
+    x = float(knots[0] + t * (knots[-1] - knots[0]))
+    smooth = interpolant(knots[:, None], values, "pchip")
+    assert smooth.at((x,)) == pytest.approx(float(PchipInterpolator(knots, values)(x)), abs=1e-7)
+    assert smooth([[x]]) == pytest.approx([smooth.at((x,))])
+
+
+def test_pchip_differs_from_the_line_and_rises_as_the_data_does() -> None:
+    smooth = interpolant(FPS, POWER_W, "pchip")
+    fine_w = smooth(np.linspace(2, 10, 400)[:, None])
+    assert np.all(np.diff(fine_w) > 0)
+    assert smooth.at((9.0,)) > interpolant(FPS, POWER_W).at((9.0,)) + 0.01
+
+
+@unhurried
+@given(curves(), st.randoms(use_true_random=False))
+def test_order_of_measurements_does_not_matter(curve: tuple[np.ndarray, np.ndarray], random: object) -> None:
+    knots, values = curve
+    shuffled = list(range(len(knots)))
+    random.shuffle(shuffled)  # type: ignore[attr-defined]
+    middle = (float(knots[0] + knots[-1]) / 2,)
+    for kind in ("linear", "pchip"):
+        one = interpolant(knots[:, None], values, kind)
+        other = interpolant(knots[shuffled, None], values[shuffled], kind)
+        assert one.at(middle) == other.at(middle)
+
+
+# grids
+
+
+@unhurried
+@given(levels(3), st.tuples(*[st.integers(-8, 8)] * 8), st.tuples(part, part, part))
+def test_grid_reproduces_multilinear_functions(
+    axes: list[list[float]], coefficients: tuple[int, ...], parts: tuple[float, ...]
+) -> None:
+    def function(x: float, y: float, z: float) -> float:
+        # scaled, so that the products stay of one order
+        x, y, z = x / 100, y / 100, z / 100
+        return float(np.dot(coefficients, [1, x, y, z, x * y, x * z, y * z, x * y * z]))
+
+    points = grid_points(axes)
+    grid = interpolant(points, [function(*point) for point in points])
+    asked = within(axes, parts)
+    assert grid.at(asked) == pytest.approx(function(*asked), abs=ROUNDING)
+    assert grid([asked]) == pytest.approx([function(*asked)], abs=ROUNDING)
+
+
+@unhurried
+@given(levels(2), st.data(), st.tuples(part, part))
+def test_grid_is_scipys(axes: list[list[float]], data: st.DataObject, parts: tuple[float, ...]) -> None:
+    points = grid_points(axes)
+    values = np.array(data.draw(st.lists(value, min_size=len(points), max_size=len(points))))
+    grid = interpolant(points, values)
+    asked = np.clip(within(axes, parts), grid.lower, grid.upper)
+    oracle = RegularGridInterpolator(axes, values.reshape([len(axis) for axis in axes]))
+    assert grid.at(asked) == pytest.approx(float(oracle(asked)[0]), abs=1e-7)
+    assert grid(points) == pytest.approx(values, abs=ROUNDING)
+    assert [grid.at(point) for point in points] == pytest.approx(values, abs=ROUNDING)
+
+
+def test_a_parameter_that_never_changes_is_held() -> None:
+    line = interpolant([[2.0, 32.0], [10.0, 32.0]], [5.0, 9.0])
+    assert line.at((4.0, 32.0)) == pytest.approx(6.0)
+    assert line.nearest((4.0, 64.0)) == (4.0, 32.0)
+    with pytest.raises(Infeasible):
+        line.at((4.0, 33.0))
+
+
+def test_shapes_of_many() -> None:
+    grid = interpolant(grid_points([[0, 1], [0, 1]]), [0, 1, 1, 2])
+    assert grid(np.zeros((3, 4, 2))).shape == (3, 4)
+    assert grid(np.zeros((0, 2))).shape == (0,)
+    assert grid([0.5, 0.25]) == pytest.approx(0.75)
+
+
+# scattered points
+
+SCATTER = np.array([[2.0, 32.0], [10.0, 32.0], [3.0, 448.0], [9.0, 400.0], [6.0, 200.0], [4.5, 100.0]])
+IRREGULAR_W = np.array([5.0, 9.0, 6.5, 11.0, 9.5, 6.0])
+
+mixture = st.lists(st.floats(0.01, 1), min_size=len(SCATTER), max_size=len(SCATTER)).map(
+    lambda weights: np.array(weights) @ SCATTER / sum(weights)
+)
+
+
+@unhurried
+@given(mixture)
+def test_scattered_reproduces_planes(point: np.ndarray) -> None:
+    plane_w = interpolant(SCATTER, 3 + 0.5 * SCATTER[:, 0] + 0.01 * SCATTER[:, 1])
+    assert plane_w.at(point) == pytest.approx(3 + 0.5 * point[0] + 0.01 * point[1])
+
+
+@unhurried
+@given(mixture)
+def test_scattered_is_scipys(point: np.ndarray) -> None:
+    scattered = interpolant(SCATTER, IRREGULAR_W)
+    oracle = LinearNDInterpolator(SCATTER, IRREGULAR_W, rescale=True)
+    assert scattered.at(point) == pytest.approx(float(oracle(point)[0]))
+    assert scattered([point]) == pytest.approx([scattered.at(point)])
+
+
+def test_scattered_keeps_measured_values_at_corners_too() -> None:
+    scattered = interpolant(SCATTER, IRREGULAR_W)
+    assert scattered(SCATTER) == pytest.approx(IRREGULAR_W)
+
+
+def test_grid_with_a_hole_is_scattered() -> None:
+    points = grid_points([[0, 1, 2], [0, 1, 2]])
+    # without the corner (2, 2): points on common circles, flat triangles
+    whole = np.delete(points, 8, axis=0)
+    scattered = interpolant(whole, whole.sum(axis=1))
+    assert scattered.at((1.25, 1.5)) == pytest.approx(2.75)
+    assert not scattered.contains((1.75, 1.75))
+
+
+def test_scattered_in_three_parameters() -> None:
+    points = np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1], [4, 2, 1], [1, 1, 0.5]])
+    scattered = interpolant(points, points @ [1.0, 2.0, 3.0] + 4)
+    assert scattered.at((1.0, 0.5, 0.25)) == pytest.approx(6.75)
+
+
+# outside
+
+
+@pytest.mark.parametrize("kind", ["linear", "pchip"])
+@pytest.mark.parametrize("fps", [1.999, 10.001, -math.inf, math.inf, math.nan])
+def test_outside_the_range_is_refused(kind: str, fps: float) -> None:
+    line = interpolant(FPS, POWER_W, kind)  # type: ignore[arg-type]
+    assert not line.contains((fps,))
+    with pytest.raises(Infeasible):
+        line.at((fps,))
+    with pytest.raises(Infeasible):
+        line([[5.0], [fps]])
+
+
+def test_rounding_at_the_edge_is_inside() -> None:
+    line = interpolant(FPS, POWER_W)
+    assert line.at((10 + 4 * EDGE,)) == POWER_W[-1]
+    assert line.at((2 - 4 * EDGE,)) == POWER_W[0]
+    assert not line.contains((10 + 16 * EDGE,))
+
+
+def test_nearest_goes_to_the_box_and_leaves_what_is_inside() -> None:
+    grid = interpolant(grid_points([[2, 10], [32, 448]]), [5, 6, 9, 10])
+    assert grid.nearest((12.0, 0.0)) == (10.0, 32.0)
+    assert grid.nearest((3.5, 100.0)) == (3.5, 100.0)
+    with pytest.raises(Infeasible):
+        grid.nearest((math.nan, 100.0))
+
+
+def test_nearest_in_a_triangle_worked_by_hand() -> None:
+    # scaled to 0..1 the corner that is missing, (1, 0), is nearest to the middle of the long side
+    triangle = interpolant([[2, 32], [10, 448], [2, 448]], [5, 10, 6])
+    assert triangle.nearest((10.0, 32.0)) == pytest.approx((6, 240))
+    assert triangle.at(triangle.nearest((10.0, 32.0))) == pytest.approx(7.5)
+
+
+@unhurried
+@given(st.floats(0, 12), st.floats(0, 500))
+def test_nearest_in_the_hull_is_optimal(fps: float, keysize: float) -> None:
+    scattered = interpolant(SCATTER, IRREGULAR_W)
+    nearest = scattered.nearest((fps, keysize))
+    span = np.ptp(SCATTER, axis=0)
+    target = np.array(scattered.clipped((fps, keysize)))
+    # p is the nearest point of a convex set to x when no point v of it has (x − p)·(v − p) > 0
+    ahead = ((SCATTER - nearest) / span) @ ((target - nearest) / span)
+    assert np.all(ahead <= ROUNDING)
+    assert scattered.contains(nearest)
+
+
+# what cannot be interpolated
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[2.0, 32.0]],
+        [[2.0, 32.0], [10.0, 448.0]],
+        [[2.0, 32.0], [6.0, 240.0], [10.0, 448.0]],
+        [[0, 0, 0], [1, 0, 1], [0, 1, 1], [2, 1, 3], [3, 3, 6]],
+    ],
+    ids=["one point", "two points", "a line", "a plane in space"],
+)
+def test_degenerate_configurations_are_refused(points: list[list[float]]) -> None:
+    with pytest.raises(Infeasible, match=r"one configuration only|on one line"):
+        interpolant(points, np.arange(len(points)))
+
+
+def test_pchip_needs_one_changing_parameter() -> None:
+    with pytest.raises(Infeasible, match="pchip needs one"):
+        interpolant(grid_points([[0, 1], [0, 1]]), [0, 1, 1, 2], "pchip")
+
+
+def test_pchip_of_configurations_too_close_together() -> None:
+    with pytest.raises(Infeasible, match="too close"):
+        interpolant([[0.0], [1e-310], [1.0]], [0.0, 1.0, 2.0], "pchip")
+
+
+@pytest.mark.parametrize(
+    ("points", "values"),
+    [
+        ([[1.0], [1.0], [2.0]], [1.0, 1.0, 2.0]),
+        ([[1.0], [2.0]], [1.0]),
+        ([[1.0], [math.nan]], [1.0, 2.0]),
+        ([[1.0], [2.0]], [1.0, math.inf]),
+        ([1.0, 2.0], [1.0, 2.0]),
+        (np.empty((0, 1)), []),
+    ],
+    ids=["twice", "shapes", "nan", "inf", "flat", "empty"],
+)
+def test_misuse_is_a_value_error(points: object, values: object) -> None:
+    with pytest.raises(ValueError, match=r"twice|fit|finite"):
+        interpolant(points, values)  # type: ignore[arg-type]
+
+
+def test_lines_and_grids_need_numpy_only() -> None:
+    program = (
+        "import sys; from eadp.core.interpolation import interpolant as f;"
+        "f([[1], [2]], [1, 2]).at((1.5,)); f([[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1, 2, 3]).at((0.5, 0.5));"
+        "sys.exit('scipy' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+# each point left out
+
+
+@unhurried
+@given(curves(), st.sampled_from(["linear", "pchip"]))
+def test_left_out_is_the_interpolation_of_the_others(curve: tuple[np.ndarray, np.ndarray], kind: str) -> None:
+    knots, values = curve
+    found = left_out(knots[:, None], values, kind)  # type: ignore[arg-type]
+    assert np.isnan(found[[0, -1]]).all()
+    for i in range(1, len(knots) - 1):
+        rest, others = np.delete(knots, i), np.delete(values, i)
+        model = PchipInterpolator(rest, others) if kind == "pchip" else partial(np.interp, xp=rest, fp=others)
+        assert found[i] == pytest.approx(float(model(knots[i])), abs=1e-7)
+
+
+def test_left_out_worked_by_hand_in_any_order() -> None:
+    order = [3, 0, 4, 2, 1]
+    found = left_out(FPS[order], POWER_W[order])
+    # at 8 between 6 and 10: (8.68095 + 10.2112)/2
+    assert found[0] == pytest.approx(9.446075, abs=ROUNDING)
+    assert np.isnan(found[[1, 2]]).all()
+
+
+@unhurried
+@given(levels(2), st.data())
+def test_left_out_of_a_grid_is_the_mean_of_its_lines(axes: list[list[float]], data: st.DataObject) -> None:
+    points = grid_points(axes)
+    values = np.array(data.draw(st.lists(value, min_size=len(points), max_size=len(points))))
+    found = left_out(points, values)
+    for point, got in zip(points, found, strict=True):
+        predicted = []
+        for axis in (0, 1):
+            line = np.flatnonzero(points[:, 1 - axis] == point[1 - axis])
+            line = line[points[line, axis] != point[axis]]
+            knots = points[line, axis]
+            if knots.min() < point[axis] < knots.max():
+                predicted.append(np.interp(point[axis], knots, values[line]))
+        assert got == pytest.approx(np.mean(predicted), abs=1e-7) if predicted else np.isnan(got)
+
+
+def test_left_out_of_scattered_points_within_the_others() -> None:
+    plane_w = 3 + 0.5 * SCATTER[:, 0] + 0.01 * SCATTER[:, 1]
+    found = left_out(SCATTER, plane_w)
+    assert np.isnan(found[:4]).all(), "corners of the hull"
+    assert found[4:] == pytest.approx(plane_w[4:])
+
+
+def test_left_out_of_few_and_of_very_many() -> None:
+    assert np.isnan(left_out([[0.0], [1.0]], [1, 2])).all()
+    assert np.isnan(left_out([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [1, 2, 3])).all()
+    rng = np.random.default_rng(3)
+    assert np.isnan(left_out(rng.random((400, 2)), rng.random(400))).all(), "it would take long"

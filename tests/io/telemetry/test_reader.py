@@ -1,0 +1,157 @@
+"""Lines of telemetry: read strictly, and what is wrong told in one line each, at its place."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryReader, json_schema, numbered_lines
+
+GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
+
+
+def read(raw, number=7):
+    raw = raw if isinstance(raw, bytes) else raw.encode()
+    fix, _, warnings = TelemetryReader("<stdin>").read(number, raw)
+    return fix, [str(warning) for warning in warnings]
+
+
+def test_a_line():
+    fix, warnings = read(json.dumps(GOOD) + "\r\n")
+    assert warnings == []
+    assert fix[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
+    assert fix[5:] == (None, None, None, None, {})
+
+
+def test_all_keys():
+    more = {"stage": 2, "wind_mps": [0, 5], "velocity_mps": [1.5, -2], "heading_deg": 450, "parameters": {"c1": -5}}
+    fix, warnings = read(json.dumps({**GOOD, **more, "power_w": None}))
+    assert warnings == []
+    assert fix.power_w is None
+    assert (fix.stage, fix.wind_mps, fix.velocity_mps, fix.parameters) == (2, (0, 5), (1.5, -2), {"c1": -5})
+    assert fix.heading_rad == pytest.approx(math.pi / 2)
+
+
+def test_null_is_an_absent_optional_key():
+    fix, warnings = read(json.dumps({**GOOD, "stage": None, "wind_mps": None, "parameters": None}))
+    assert warnings == []
+    assert (fix.stage, fix.parameters) == (None, {})
+
+
+HEAD = "<stdin>:7:"
+
+
+@pytest.mark.parametrize(
+    ("raw", "warning"),
+    [
+        ("", "1: warning: the line is blank; expected a JSON object"),
+        ("  \n", "1: warning: the line is blank; expected a JSON object"),
+        ("[1, 2]", '1: warning: is no JSON object; expected an object such as {"time_s": 0, …}'),
+        ('{"time_s": 1', "13: warning: is not JSON: the end of the line cannot stand here; expected a comma or }"),
+        ("{} {}", "4: warning: is not JSON: { cannot stand here; expected the end of the line"),
+        (b'{"a\xff": 1}', "4: warning: is not UTF-8 text: byte 0xff; expected UTF-8 text"),
+        (
+            "{}",
+            "1: warning: time_s, x_m, y_m, power_w, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc",
+        ),
+        ('{"time_s": 1, "time_s": 2}', "15: warning: the key time_s stands twice; expected each key once"),
+        ('{"time_s": NaN}', "12: warning: NaN is no number of JSON; expected a finite number"),
+    ],
+)
+def test_what_is_no_line_of_telemetry(raw, warning):
+    assert read(raw) == (None, [HEAD + warning])
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "shown"),
+    [
+        ("soc", "1.5", "1.5; expected a state of charge, 0 to 1"),
+        ("soc", "-0.01", "-0.01; expected a state of charge, 0 to 1"),
+        ("soc", "null", "null; expected a state of charge, 0 to 1"),
+        ("time_s", "1e999", "inf; expected a time in seconds, of any clock that rises"),
+        ("time_s", "true", "true; expected a time in seconds, of any clock that rises"),
+        ("x_m", '"2"', "'2'; expected a position in metres, east"),
+        ("x_m", "1e300", "1e+300; expected a position in metres, east"),
+        ("power_w", "[36]", "a list of 1; expected a power in watts, or null where the sensor has no reading"),
+        ("stage", "0", "0; expected the plan's stage that is flown, a whole number from 1"),
+        ("stage", "1.5", "1.5; expected the plan's stage that is flown, a whole number from 1"),
+        (
+            "wind_mps",
+            "[1, 2, 3]",
+            "[1.0, 2.0, 3.0]; expected [x, y]: where the wind blows towards, in metres per second",
+        ),
+        (
+            "parameters",
+            '{"c1": "a"}',
+            "an object whose values are not all numbers; expected parameters in force by name",
+        ),
+    ],
+)
+def test_what_is_no_value(key, value, shown):
+    raw = json.dumps({name: inner for name, inner in GOOD.items() if name != key})[:-1] + f', "{key}": {value}}}'
+    fix, warnings = read(raw)
+    assert fix is None
+    assert len(warnings) == 1
+    assert warnings[0].startswith(f"{HEAD}{raw.rindex(value) + 1}: warning: {key} cannot be {shown}")
+
+
+def test_unknown_keys_are_told_of_once_and_passed_over():
+    reader = TelemetryReader("log.jsonl")
+    raw = json.dumps({**GOOD, "altitude_m": 30, "mode": "AUTO"}).encode()
+    fix, _, warnings = reader.read(1, raw)
+    assert fix is not None
+    assert [str(warning).partition("; expected")[0] for warning in warnings] == [
+        "log.jsonl:1:82: warning: unknown key altitude_m; ignored here and from now on",
+        "log.jsonl:1:94: warning: unknown key mode; ignored here and from now on",
+    ]
+    assert reader.read(2, raw)[2] == []
+
+
+def test_a_byte_order_mark_stands_before_the_first_line_alone():
+    raw = b"\xef\xbb\xbf" + json.dumps(GOOD).encode()
+    assert read(raw, number=1)[0] is not None
+    assert read(raw, number=2)[0] is None
+
+
+def test_lines_of_a_stream_and_one_that_is_too_long():
+    long = b" " * (3 * LINE_LIMIT_BYTES) + b"\n"
+    lines = list(numbered_lines(io.BytesIO(b"a\n" + long + b"\nb"), "x"))
+    assert [number for number, _ in lines] == [1, 2, 3, 4]
+    assert [raw for _, raw in lines[::2]] == [b"a\n", b"\n"]
+    assert lines[3][1] == b"b"
+    assert read(lines[1][1]) == (None, [f"{HEAD}1: warning: the line is too long; expected at most 65536 bytes"])
+
+
+def test_the_schema_names_what_is_required():
+    schema = json_schema()
+    assert schema["required"] == list(GOOD)
+    assert {"stage", "wind_mps", "velocity_mps", "heading_deg", "parameters"} < set(schema["properties"])
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.binary(max_size=200) | st.text().map(lambda text: text.encode("utf-8", "surrogatepass")))
+def test_no_bytes_crash_it(raw):
+    fix, warnings = read(raw)
+    assert fix is None
+    assert len(warnings) >= 1
+    assert all("\n" not in warning for warning in warnings)
+
+
+@given(st.dictionaries(st.sampled_from([*GOOD, "stage", "wind_mps", "parameters", "heading_deg", "?"]), JSON))
+def test_no_object_crashes_it(document):
+    fix, warnings = read(json.dumps({**GOOD, **document}))
+    assert fix is not None or warnings
+    assert all(warning.startswith("<stdin>:7:") and "\n" not in warning for warning in warnings)
+    if fix is not None:
+        assert all(math.isfinite(value) for value in fix[:3])

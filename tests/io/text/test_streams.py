@@ -1,0 +1,283 @@
+"""Text in, files out: encodings, limits, and writes that happen whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from eadp.errors import InputError
+from eadp.io.text import streams
+from eadp.io.text.streams import LIMIT_BYTES, Text, check_new_folder, limit_bytes, new_folder, read_text, write_text
+
+unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def written(folder, data, name="a.txt"):
+    path = folder / name
+    path.write_bytes(data)
+    return str(path)
+
+
+def fault_of(action, *arguments, **options):
+    """The one fault, at 1:1, that an action is refused with."""
+    with pytest.raises(InputError) as caught:
+        action(*arguments, **options)
+    (fault,) = caught.value.faults
+    assert (fault.line, fault.column, fault.severity) == (1, 1, "error")
+    return fault
+
+
+# --- reading ----------------------------------------------------------------------------------------------------------
+
+
+def test_utf_8_with_its_name(tmp_path):
+    path = written(tmp_path, "ε = 20 m\nþ\n".encode())
+    assert read_text(path) == Text(path, "ε = 20 m\nþ\n")
+
+
+@pytest.mark.parametrize(
+    "data", [b"a\nb\n", b"a\r\nb\r\n", b"a\rb\r", b"\xef\xbb\xbfa\nb\n", b"\xef\xbb\xbfa\r\nb\r\n"]
+)
+def test_bom_and_line_ends(tmp_path, data):
+    assert read_text(written(tmp_path, data)).body == "a\nb\n"
+
+
+def test_a_bom_in_the_middle_is_text(tmp_path):
+    assert read_text(written(tmp_path, b"a\xef\xbb\xbfb")).body == "a\ufeffb"
+
+
+def test_an_empty_file(tmp_path):
+    assert read_text(written(tmp_path, b"")).body == ""
+
+
+def test_standard_input(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\xef\xbb\xbf1;\r\n2"), encoding="ascii"))
+    assert read_text("-") == Text("<stdin>", "1;\n2")
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    fault = fault_of(read_text, str(tmp_path / "none.plan"))
+    assert fault.message == "cannot be read: No such file or directory"
+    assert str(fault).startswith(f"{tmp_path / 'none.plan'}:1:1: error: cannot be read: ")
+
+
+@pytest.mark.parametrize("path", ["", "a\0b", "x" * 5000])
+def test_a_name_that_no_file_can_have(path):
+    assert fault_of(read_text, path).message.startswith("cannot be read: ")
+
+
+def test_a_folder(tmp_path):
+    assert fault_of(read_text, str(tmp_path)).message == "is a folder"
+
+
+def test_a_control_character_in_a_name_is_escaped():
+    assert str(fault_of(read_text, "a\x1b[2Jb")).startswith("a\\x1b[2Jb:1:1: error:")
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"ab\xff", "byte 0xff at offset 2"),
+        (b"\xe9t\xe9", "byte 0xe9 at offset 0"),
+        (b"ok\n\xc3", "byte 0xc3 at offset 3"),
+        (b"\xed\xa0\x80", "byte 0xed at offset 0"),  # half of a surrogate pair
+        (b"\xff\xfea\x00", "byte 0xff at offset 0"),  # UTF-16
+    ],
+)
+def test_what_is_not_utf_8(tmp_path, data, said):
+    assert fault_of(read_text, written(tmp_path, data)).message == f"is not UTF-8 text: {said}"
+
+
+def test_what_is_not_utf_8_after_a_bom(tmp_path):
+    message = fault_of(read_text, written(tmp_path, b"\xef\xbb\xbfab\xff")).message
+    assert message == "is not UTF-8 text: byte 0xff at offset 5"
+
+
+@unhurried
+@given(st.binary(max_size=60))
+def test_any_bytes_are_read_or_refused(tmp_path, data):
+    path = written(tmp_path, data)
+    try:
+        body = data.decode("utf-8")
+    except UnicodeDecodeError:
+        assert fault_of(read_text, path).message.startswith("is not UTF-8 text: byte 0x")
+        return
+    # Python's own universal newlines, and its own idea of a BOM
+    wanted = io.StringIO(body.removeprefix("\ufeff"), newline=None).read()
+    assert read_text(path).body == wanted
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_limit_and_one_byte_more(tmp_path, monkeypatch):
+    monkeypatch.setenv("EADP_LIMIT_BYTES", "10")
+    assert read_text(written(tmp_path, b"0123456789")).body == "0123456789"
+    fault = fault_of(read_text, written(tmp_path, b"0123456789a"))
+    assert fault.message == "is too large"
+    assert fault.expected.startswith("at most 10 bytes (the environment's EADP_LIMIT_BYTES")
+
+
+def test_the_limit_of_standard_input_stops_reading(monkeypatch):
+    class Endless(io.RawIOBase):
+        def readable(self):
+            return True
+
+        def readinto(self, buffer):
+            buffer[:] = b"x" * len(buffer)
+            return len(buffer)
+
+    monkeypatch.setenv("EADP_LIMIT_BYTES", "1000")
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BufferedReader(Endless())))
+    fault = fault_of(read_text, "-")
+    assert (fault.file, fault.message) == ("<stdin>", "is too large")
+
+
+@pytest.mark.parametrize("raw", ["", "-5", "1e6", "many", "1 000"])
+def test_a_limit_that_is_no_number_is_the_default(raw, monkeypatch):
+    monkeypatch.setenv("EADP_LIMIT_BYTES", raw)
+    assert limit_bytes() == LIMIT_BYTES
+
+
+def test_a_limit_in_superscript_is_the_default(monkeypatch):
+    monkeypatch.setenv("EADP_LIMIT_BYTES", "²")
+    assert limit_bytes() == LIMIT_BYTES
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_is_written_and_replaced(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(str(path), "ε\n")
+    assert path.read_bytes() == "ε\n".encode()
+    write_text(str(path), "b\n")
+    assert path.read_bytes() == b"b\n"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_file_has_the_mode_that_open_would_give(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write_text(str(tmp_path / "a.txt"), "")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
+def test_standard_output(capsys):
+    write_text("-", "a\n")
+    assert capsys.readouterr().out == "a\n"
+
+
+def test_a_write_that_breaks_off_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(streams.os, "replace", full)
+    fault = fault_of(write_text, str(path), "new")
+    assert fault.message == "cannot be written: No space left on device"
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(streams.os, "replace", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write_text(str(path), "new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_places_that_cannot_be_written_to(tmp_path):
+    for path in (tmp_path / "none" / "a.txt", tmp_path):
+        assert fault_of(write_text, str(path), "x").message.startswith("cannot be written: ")
+    assert not os.listdir(tmp_path)
+
+
+# --- folders ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_appears_when_the_block_has_ended(tmp_path):
+    target = tmp_path / "runs" / "i"
+    with new_folder(str(target), force=False) as folder:
+        (folder / "flight.csv").write_text("x")
+        assert not target.exists()
+        assert folder.parent == target.parent
+    assert (target / "flight.csv").read_text() == "x"
+    assert os.listdir(target.parent) == ["i"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("force", [False, True])
+def test_a_block_that_raises_leaves_nothing(tmp_path, error, force):
+    target = tmp_path / "i"
+    if force:
+        target.mkdir()
+        (target / "old").write_text("old")
+
+    def block():
+        with new_folder(str(target), force=force) as folder:
+            (folder / "flight.csv").write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        block()
+    assert os.listdir(tmp_path) == (["i"] if force else [])
+    if force:
+        assert os.listdir(target) == ["old"]
+
+
+def test_a_block_that_cannot_write_is_said(tmp_path):
+    target = tmp_path / "i"
+
+    def block():
+        with new_folder(str(target), force=False) as folder:
+            (folder / "none" / "flight.csv").write_text("x")
+
+    assert fault_of(block).message == "cannot be written: No such file or directory"
+    assert not os.listdir(tmp_path)
+
+
+def test_a_taken_name_is_refused_or_replaced(tmp_path):
+    target = tmp_path / "i"
+    target.mkdir()
+    (target / "old").write_text("old")
+    fault = fault_of(check_new_folder, str(target), force=False)
+    assert (fault.message, fault.expected) == ("exists already", "a new folder, or --force to replace it")
+    with new_folder(str(target), force=True) as folder:
+        (folder / "new").write_text("new")
+        assert os.listdir(target) == ["old"], "until the block has ended"
+    assert os.listdir(target) == ["new"]
+    assert os.listdir(tmp_path) == ["i"]
+
+
+def test_a_file_is_no_folder_even_by_force(tmp_path):
+    path = written(tmp_path, b"x")
+    for force in (False, True):
+        assert fault_of(check_new_folder, path, force=force).message == "is a file"
+    check_new_folder(str(tmp_path / "free"), force=False)
+
+
+def test_a_folder_below_a_file(tmp_path):
+    path = written(tmp_path, b"x")
+
+    def block():
+        with new_folder(path + "/i", force=False):
+            raise AssertionError
+
+    assert fault_of(block).message.startswith("cannot be written: ")

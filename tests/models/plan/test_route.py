@@ -1,0 +1,765 @@
+"""What is left of a plan: against the nominal flight, against plans as they are flown, and times by integration."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from common import ROOT
+from common.plans import PARTS, WAVES
+
+from eadp.cli.main import main
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, walk
+from eadp.errors import PathUndefined
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.battery import Battery
+from eadp.models.computing import Computing
+from eadp.models.plan import route as ahead
+from eadp.models.plan.executor import LIVE, Itinerary, Rules
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import Course, Follower, left_m
+from eadp.models.plan.trace import default_start, first_beyond_m, leg_points, nominal_legs
+from eadp.models.vehicle import FixedWing, Guidance
+from eadp.models.weather import Wind
+from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.registry import Mission, PlannerSettings, StaticPlanner
+from eadp.simulation.loop import Outcome, World, fly
+
+MICROMETRE, MILLIMETRE = 1e-6, 1e-3
+STEP_M = 2.0
+QUADRATURE = 2e-3
+"""Relative error of times and turning on legs against fine steps."""
+FLOWN_IN_WIND = 0.03
+FLOWN = Rules()
+MARGIN_M = ahead.MARGIN_M
+"""As it is set."""
+
+A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
+ROUND_TWICE = """\
+0.001; 90; x^2 + y^2 - 2500
+50, 0
+0.05; 90; x - 50
+50, 200
+"""
+TWO_PARAMETERS = """\
+init:
+n = 4
+a = 0, 40 + c1
+b = 0, 0
+path:
+0.1; 90; x - a
+a, 100 + c2
+[4, 20]
+[-30, 30]
+[2, 10]
+0.01; 270; (x - a - 20 - c1/4)^2 + (y - 100 - c2)^2 - (20 + c1/4)^2
+a + 40 + c1/2, 100 + c2
+[4, 20]
+[-30, 30]
+[0, 0]
+0.1; 270; x - a - 40 - c1/2
+a + 40 + c1/2, b
+[4, 20]
+[-30, 30]
+[2, 10]
+0.01; 90; (x - a - 40 - 3*c1/4)^2 + (y - b)^2 - (c1/4)^2
+a + 40 + c1, b
+[4, 20]
+[-30, 30]
+[2, 10]
+trig:
+400, 0
+"""
+BOXES_DIFFER = """\
+init:
+n = 2
+a = 0, 40 + c1
+path:
+0.1; 90; x - a
+a, 100
+[5, 10]
+0.1; 270; y - 100 + 0*c1
+a + 40 + c1, 100
+[0, 20]
+trig:
+900, 100
+"""
+
+
+@pytest.fixture(autouse=True)
+def _exact_end(monkeypatch):
+    """Plans are over where they are, not where an aircraft is sure to have seen it: see the tests of the margin."""
+    monkeypatch.setattr(ahead, "MARGIN_M", 0.0)
+
+
+def plan_of(text) -> Plan:
+    return read_plan(Text("p", text))[0]
+
+
+@lru_cache
+def survey() -> Plan:
+    return read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
+
+
+@lru_cache
+def covered(*more) -> Plan:
+    """A plan of parts, of a real field."""
+    out = io.StringIO()
+    field = ["cover", str(ROOT / "plans" / "meadow.geojson"), "--pattern", "zamboni"]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        assert main([*field, "--min-radius", "30", "--swath", "30", *more]) == 0
+    return plan_of(out.getvalue())
+
+
+def with_computations() -> Plan:
+    return covered("--profile", str(ROOT / "profiles" / "pednet-jetson-nano.yaml"))
+
+
+def nearly_a_point(plan: Plan) -> Plan:
+    """The same with triggers that fire where they are, so that flights are exact."""
+    return replace(plan, trigger_radius_m=MILLIMETRE)
+
+
+def box_of(plan: Plan, index=0):
+    return plan.hull(index)
+
+
+def begun(plan, parameters, rules=FLOWN):
+    start = default_start(plan, parameters)[0]
+    return Follower(plan, tuple(parameters), start, rules), start
+
+
+def of_legs(legs):
+    return np.array([(leg.stage.index, leg.distance_m, *leg.start_m, *leg.end_m) for leg in legs])
+
+
+def alike(found, expected, tolerance=MICROMETRE):
+    assert [leg.stage.index for leg in found] == [leg.stage.index for leg in expected]
+    assert of_legs(found) == pytest.approx(of_legs(expected), abs=tolerance)
+
+
+# --- at take-off ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("c1", np.linspace(-1000, 0, 23))
+def test_the_survey_at_take_off_is_the_nominal_flight(c1):
+    follower, start = begun(survey(), (0.0, 10.0))
+    fresh, begin = begun(survey(), (c1, 10.0))
+    alike(fresh.course((c1, 10.0)).legs, nominal_legs(survey(), (c1, 10.0), begin))
+    assert start != begin or c1 == 0
+    later = follower.course((c1, 10.0)).legs  # decided now, it waits for the first lap's end
+    assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("share", np.linspace(0, 1, 9))
+@pytest.mark.parametrize("with_profile", [False, True])
+def test_plans_of_parts_at_take_off(share, with_profile):
+    plan = with_computations() if with_profile else covered()
+    box = box_of(plan)
+    parameters = (box.lo + share * (box.hi - box.lo), 10.0)[: len(plan.parameters)]
+    follower, start = begun(plan, parameters)
+    alike(follower.course(parameters).legs, nominal_legs(plan, parameters, start))
+
+
+@pytest.mark.parametrize("text", [WAVES, ROUND_TWICE, "0.1; 90; x\n0, 400\n"], ids=["waves", "circle", "one stage"])
+def test_curves_and_explicit_plans(text):
+    plan = plan_of(text)
+    follower, start = begun(plan, ())
+    alike(follower.course(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
+
+
+@pytest.mark.parametrize("c1", [4.0, 7.5, 20.0])
+@pytest.mark.parametrize("c2", [-30.0, 0.0, 12.0])
+def test_two_path_parameters(c1, c2):
+    plan = plan_of(TWO_PARAMETERS)
+    follower, start = begun(plan, (c1, c2, 4.0))
+    alike(follower.course((c1, c2, 4.0)).legs, nominal_legs(plan, (c1, c2), start))
+
+
+def test_the_published_plan(reference):
+    plan = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
+    for other in (plan, plan.laps()):
+        follower, start = begun(other, ())
+        alike(follower.course(()).legs, nominal_legs(other, (), start))
+
+
+def test_a_plan_whose_end_is_not_reached_is_refused():
+    plan = plan_of(WAVES.replace("h = 0, 50", "h = 0, 0"))
+    follower, _ = begun(plan, ())
+    with pytest.raises(PathUndefined, match="does not reach"):
+        follower.course(())
+
+
+def test_a_plan_that_cannot_be_flown_at_some_parameters_is_refused_there_alone():
+    plan = plan_of("init:\na = 0, 50\npath:\n0.01; 90; (x - a)^2 + y^2 - c1\na + sqrt(c1), 0\ntrig:\n200, 0\n")
+    follower, _ = begun(plan, (400.0,))
+    assert follower.course((400.0,)).legs
+    with pytest.raises(PathUndefined):
+        follower.course((-1.0,))
+    assert follower.course((400.0,)).legs
+
+
+# --- in flight --------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Flown:
+    """A stage as flown."""
+
+    stage: int
+    trigger_m: tuple[float, float]
+    parameters: tuple[float, ...]
+    flown_m: float
+    whole: bool = True
+
+
+def way(itinerary: Itinerary, begin) -> Iterator[tuple[tuple[float, float], float]]:
+    """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
+    (ox, oy), (tx, ty), stage = itinerary.offset_m, itinerary.trigger_m, itinerary.stage
+    local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
+    if stage.kind == LINE:
+        line = line_of(itinerary.path, local, stage.sense)
+        (px, py), (dx, dy), length = line.point_m, line.direction, line.progress_m(end)
+        count = max(1, math.ceil(length / STEP_M))
+        for along in (length * k / count for k in range(1, count)):
+            yield (px + along * dx + ox, py + along * dy + oy), along
+    elif stage.kind == CIRCLE:
+        circle = circle_of(itinerary.path, end, stage.sense)
+        first, sweep = circle.angle_rad(local), circle.sweep_rad(local, end)
+        length = sweep * circle.radius_m
+        count = max(4, math.ceil(length / STEP_M))
+        for share in (k / count for k in range(1, count)):
+            x, y = circle.point_at(first + circle.turn * sweep * share)
+            yield (x + ox, y + oy), length * share
+    else:
+        length, last = 0.0, local
+        for x, y in itertools.islice(walk(itinerary.path, local, stage.sense, 0.2), 1, 4000):
+            length += math.dist(last, (x, y))
+            last = (x, y)
+            if math.dist(last, end) < 0.3:
+                break
+            yield (x + ox, y + oy), length
+        length += math.dist(last, end)
+    yield (tx, ty), length
+
+
+def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN, follower=None):
+    """Fly exactly along the path; `decisions` are taken half way of stages, counted from 0.
+
+    Returns the stages flown, and what a follower told of each stage says of the rest at the begin of each.
+    """
+    itinerary = Itinerary(plan, parameters, start, rules)
+    follower = follower or Follower(plan, tuple(parameters), start, rules)
+    decided, begin = tuple(parameters), start
+    flights, forecasts = [], []
+    for k in range(500):
+        forecasts.append(follower.course(decided))
+        points = list(way(itinerary, begin))
+        length, last, changed, half = 0.0, begin, False, len(points) // 2
+        stage, trigger, own = itinerary.stage.index, itinerary.trigger_m, itinerary.parameters
+        for i, (point, along) in enumerate(points):
+            if i == half and k in decisions:
+                decided = tuple(decisions[k])
+                itinerary.decide(decided, last)
+                follower.decide(decided)
+            length, last = along, point
+            changed = itinerary.advance(*point)
+            if changed or itinerary.complete:
+                break
+        flights.append(Flown(stage, trigger, own, length, whole=not itinerary.complete))
+        if itinerary.complete:
+            return flights, forecasts
+        assert changed, f"stage {stage} is left at its trigger"
+        assert math.dist(last, trigger) <= MILLIMETRE, "and not before"
+        follower.next_stage(itinerary.parameters)
+        begin = trigger
+    raise AssertionError("the flight does not end")
+
+
+def told_at_every_stage(plan, flights, forecasts, decisions):
+    """Every forecast is what is flown, up to the stage in which the next decision is taken."""
+    for k, course in enumerate(forecasts):
+        later = min((i for i in decisions if i >= k), default=len(flights) - 1)
+        if later == len(flights) - 1:
+            assert len(course.legs) == len(flights) - k, "to the end"
+        for leg, own, flown in zip(course.legs, course.parameters, flights[k : later + 1], strict=False):
+            rho = plan.path_count
+            assert leg.stage.index == flown.stage
+            assert own[:rho] == flown.parameters[:rho]
+            assert leg.end_m == pytest.approx(flown.trigger_m, abs=MICROMETRE)
+            step = 0.0 if flown.whole else STEP_M
+            assert leg.distance_m == pytest.approx(flown.flown_m, abs=step + MILLIMETRE)
+
+
+def random_decisions(rng, plan, stages, count):
+    return {
+        rng.randrange(stages): tuple(
+            rng.choice([box.lo, box.hi, rng.uniform(box.lo, box.hi)])
+            for box in (plan.hull(i) for i in range(len(plan.parameters)))
+        )
+        for _ in range(count)
+    }
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_on_the_survey_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), nearly_a_point(survey())
+    parameters = (rng.uniform(-1000, 0), 10.0)
+    decisions = random_decisions(rng, plan, 40, rng.randrange(5))
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_on_a_plan_of_parts_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), nearly_a_point(with_computations())
+    box = box_of(plan)
+    parameters = (rng.uniform(box.lo, box.hi), 10.0)
+    decisions = random_decisions(rng, plan, 60, rng.randrange(6))
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_with_two_path_parameters_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), plan_of(TWO_PARAMETERS)
+    plan = nearly_a_point(plan)
+    parameters = (rng.uniform(4, 20), rng.uniform(-30, 30), 4.0)
+    decisions = random_decisions(rng, plan, 24, 3)
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+def test_a_decision_that_comes_a_moment_late_is_corrected_by_what_is_observed():
+    # the planner decides in the very step in which the stage changes: the itinerary begins it with the old values
+    plan = nearly_a_point(survey())
+    start = default_start(plan, (0.0, 10.0))[0]
+    itinerary, follower = Itinerary(plan, (0.0, 10.0), start, FLOWN), Follower(plan, (0.0, 10.0), start, FLOWN)
+    begin, new = start, (-900.0, 10.0)
+    for k in range(12):
+        for point, _ in way(itinerary, begin):
+            changed = itinerary.advance(*point)
+        assert changed
+        begin = point
+        if k == 2:  # the next stage is the one at whose start path parameters take effect
+            follower.decide(new)
+            itinerary.decide(new, begin)
+        follower.next_stage(itinerary.parameters)
+        course = follower.course(new if k >= 2 else (0.0, 10.0))
+        assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
+        assert course.parameters[0][0] == itinerary.parameters[0]
+
+
+def test_a_late_decision_where_sets_differ_between_stages():
+    plan = nearly_a_point(plan_of(BOXES_DIFFER))
+    start = (0.0, 0.0)
+    itinerary, follower = Itinerary(plan, (20.0,), start, FLOWN), Follower(plan, (20.0,), start, FLOWN)
+    begin, new, course = start, (0.0,), follower.course((20.0,))
+    for k in range(6):
+        for point, _ in way(itinerary, begin):
+            changed = itinerary.advance(*point)
+        assert changed
+        begin = point
+        if k == 1:  # c1 takes effect at the start of stage 1, whose set clips both values, and stage 2's does not
+            follower.decide(new)
+            itinerary.decide(new, begin)
+        follower.next_stage(itinerary.parameters)
+        if k > 1:
+            assert course.legs[1].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE), "as told a stage before"
+        course = follower.course(new if k >= 1 else (20.0,))
+        assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
+        assert course.parameters[0] == itinerary.parameters
+
+
+def test_a_late_decision_is_told_from_what_was_decided_before_it_whatever_is_decided_for_computations():
+    text = BOXES_DIFFER.replace("[5, 10]\n", "[5, 10]\n[2, 10]\n").replace("[0, 20]\n", "[0, 20]\n[2, 10]\n")
+    follower = Follower(plan_of(text), (20.0, 10.0), (0.0, 0.0), FLOWN)
+    follower.next_stage((20.0, 10.0))
+    for decided in ((7.0, 10.0), (7.0, 6.0), (7.0, 8.0)):
+        follower.decide(decided)
+    follower.next_stage((10.0, 8.0))  # 20, cut to the set of the first stage
+    assert [own[0] for own in follower.course((7.0, 8.0)).parameters[:3]] == [10.0, 20.0, 7.0]
+
+
+def test_a_late_decision_in_a_plan_of_parts():
+    sets = PARTS.split("[-900, 0]\n")
+    text = "[-900, 0]\n".join(sets[:4]) + "[-900, -500]\n" + "[-900, 0]\n".join(sets[4:])
+    follower = Follower(plan_of(text), (-100.0, 10.0), (10.0, 10.0), FLOWN)
+    for stage, told in ((2, -100.0), (3, -100.0)):
+        follower.next_stage((told, 10.0))
+        assert follower.stage.index == stage
+    follower.decide((-800.0, 10.0))
+    follower.next_stage((-500.0, 10.0))  # -100, cut to the set of stage 4
+    assert [own[0] for own in follower.course((-800.0, 10.0)).parameters[:2]] == [-500.0, -100.0]
+
+
+def test_live_changes_in_the_second_lap():
+    plan, rules = nearly_a_point(survey()), Rules(LIVE)
+    start = default_start(plan, (0.0, 10.0))[0]
+    decisions = {5: (-900.0, 10.0)}
+    flights, forecasts = itinerary_flown(plan, (0.0, 10.0), start, decisions, rules)
+    # the stage of the decision moves under the aircraft, and the one after it is joined from there: ends alone
+    for leg, own, flown in zip(forecasts[6].legs, forecasts[6].parameters, flights[6:], strict=True):
+        assert leg.stage.index == flown.stage
+        assert leg.end_m == pytest.approx(flown.trigger_m, abs=MICROMETRE)
+        assert own[0] == flown.parameters[0] == -900
+    told_at_every_stage(plan, flights[7:], forecasts[7:], {})
+
+
+def test_live_changes_in_the_first_lap_move_stages_to_come():
+    plan, rules = nearly_a_point(survey()), Rules(LIVE)
+    follower, _ = begun(plan, (0.0, 10.0), rules)
+    follower.decide((-900.0, 10.0))
+    assert follower.before_latch
+    course = follower.course((-900.0, 10.0))
+    assert {own[0] for own in course.parameters} == {-900.0}
+
+
+# --- latches ----------------------------------------------------------------------------------------------------------
+
+
+def test_path_parameters_can_take_effect_with_the_next_stage_before_the_latch_alone():
+    plan = survey()
+    follower, _ = begun(plan, (0.0, 10.0))
+    found = []
+    for _ in range(8):
+        found.append((follower.stage.index, follower.before_latch))
+        follower.next_stage((0.0, 10.0))
+    assert found == [(1, False), (2, False), (3, True), (4, False)] * 2
+
+
+@pytest.mark.parametrize("make", [survey, with_computations, lambda: plan_of(TWO_PARAMETERS)])
+def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
+    plan = make()
+    first = tuple(box.lo + 0.6 * (box.hi - box.lo) for box in map(plan.hull, range(len(plan.parameters))))
+    moved = tuple(box.lo + 0.3 * (box.hi - box.lo) for box in map(plan.hull, range(len(plan.parameters))))
+    rho = plan.path_count
+    follower, _ = begun(plan, first)
+    for _ in range(20):
+        course, kept = follower.course(moved), follower.course(first)
+        if len(course.legs) < 2:
+            break
+        taken = [a != b for a, b in zip(course.parameters[1][:rho], kept.parameters[1][:rho], strict=True)]
+        assert follower.before_latch == any(taken)
+        follower.next_stage(kept.parameters[1])
+
+
+# --- courses kept -----------------------------------------------------------------------------------------------------
+
+
+def test_what_is_remembered_does_not_leak_between_parameters():
+    rng, plan = random.Random(5), survey()
+    follower, _ = begun(plan, (-200.0, 10.0))
+    for _ in range(3):
+        follower.next_stage((-200.0, 10.0))
+    asked = [(rng.choice([-1000.0, -999.999999, -300.0, 0.0, rng.uniform(-1000, 0)]), 10.0) for _ in range(25)]
+    found = {parameters: of_legs(follower.course(parameters).legs) for parameters in asked}
+    for parameters, legs in found.items():
+        fresh, _ = begun(plan, (-200.0, 10.0))
+        for _ in range(3):
+            fresh.next_stage((-200.0, 10.0))
+        assert of_legs(fresh.course(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
+        assert np.array_equal(of_legs(follower.course(parameters).legs), legs)
+
+
+@pytest.mark.parametrize("make", [survey, with_computations])
+def test_after_is_the_course_from_the_next_stage(make):
+    plan = make()
+    parameters = (-150.0, 10.0)
+    follower, _ = begun(plan, parameters)
+    for _ in range(6):
+        course = follower.course(parameters)
+        follower.next_stage(course.parameters[1])
+        after, fresh = course.after(), follower.course(parameters)
+        alike(after.legs, fresh.legs)
+        assert after.parameters == fresh.parameters
+        wind = (2.0, 5.0)
+        for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
+            assert one == pytest.approx(other, rel=1e-9)
+        assert after.shape == course.shape[1:]
+
+
+def test_free_and_shares_by_leg():
+    plan = plan_of(TWO_PARAMETERS)
+    follower, _ = begun(plan, (5.0, 0.0, 6.0))
+    course = follower.course((5.0, 0.0, 6.0))
+    for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
+        for j, box in enumerate(leg.stage.sets):
+            assert course.free[j, i] == (box.lo < box.hi)
+            expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
+            assert course.shares[j, i] == pytest.approx(expected)
+    groups = course.grouped(lambda stage, _: stage.sets)
+    for first, members in groups:
+        assert {course.legs[i].stage.sets for i in members} == {course.legs[first].stage.sets}
+    assert len({course.legs[first].stage.sets for first, _ in groups}) == len(groups) > 1
+    assert sorted(i for _, members in groups for i in members) == list(range(len(course.legs)))
+
+
+def test_a_course_of_no_legs_takes_no_time():
+    times, turning = Course((), (), ()).times_s(15.0, (0.0, 0.0))
+    assert len(times) == len(turning) == 0
+
+
+def test_stages_without_sets_have_no_shares():
+    plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
+    follower = Follower(plan, (3.0,), (3.0, 0.0), FLOWN)
+    course = follower.course((3.0,))
+    assert not course.shares.any()
+    assert not course.free.any()
+    assert course.shares.shape == course.free.shape == (1, 1)
+
+
+# --- times ------------------------------------------------------------------------------------------------------------
+
+
+def integrated(leg, airspeed_mps, wind_mps, step_m=0.05):
+    """Time and ∫ tan² φ dt over what is flown of a leg, from points along it."""
+    points = list(leg_points(leg, step_m))
+    places = np.array([(point.x_m, point.y_m) for point in points])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    course = np.unwrap([point.heading_rad for point in points])
+    w = complex(*wind_mps)
+    across = (w * np.exp(-1j * course)).imag
+    nose = course - np.arcsin(across / airspeed_mps)  # the crab takes out what is across
+    speeds = (airspeed_mps * np.exp(1j * nose) + w).real * np.cos(course) + (
+        airspeed_mps * np.exp(1j * nose) + w
+    ).imag * np.sin(course)
+    seconds = steps * (1 / speeds[1:] + 1 / speeds[:-1]) / 2
+    rates = np.diff(nose) / seconds
+    return seconds.sum(), ((airspeed_mps * rates / GRAVITY_MPS2) ** 2 * seconds).sum()
+
+
+@pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 3.0), (-8.0, 2.0)])
+@pytest.mark.parametrize("make", [survey, lambda: plan_of(A_CURVE), lambda: plan_of(TWO_PARAMETERS)])
+def test_times_and_turning_against_fine_steps(make, wind_mps):
+    plan = make()
+    parameters = (9.0, 5.0, 4.0)[: len(plan.parameters)] if plan.path_count != 1 else (-400.0, 10.0)
+    follower, _ = begun(plan, parameters)
+    course = follower.course(parameters)
+    some = [*range(4), len(course.legs) - 1]
+    times, turning = course.times_s(15.0, wind_mps)
+    for i in sorted({i for i in some if i < len(course.legs)}):
+        seconds, bank = integrated(course.legs[i], 15.0, wind_mps)
+        curve = course.legs[i].stage.kind not in (LINE, CIRCLE)
+        assert times[i] == pytest.approx(seconds, rel=QUADRATURE, abs=1e-6)
+        assert turning[i] == pytest.approx(bank, rel=0.05 if curve else 5 * QUADRATURE, abs=1e-3)
+
+
+def test_in_calm_air_time_is_length_over_speed():
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    course = follower.course((-400.0, 10.0))
+    times, _ = course.times_s(15.0, (0.0, 0.0))
+    assert times == pytest.approx([leg.distance_m / 15 for leg in course.legs], rel=1e-9)
+
+
+@pytest.mark.parametrize("wind_mps", [(0.0, 15.5), (20.0, 0.0), (0.0, -15.0)])
+def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    times, turning = follower.course((-400.0, 10.0)).times_s(15.0, wind_mps)
+    assert not np.isfinite(times).all()
+    assert (times > 0).all()
+    assert np.isfinite(turning).all()
+    assert not np.isnan(times).any()
+
+
+@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, 90.0), Wind(6.0, 200.0)])
+def test_a_simulated_flight_takes_the_times_told(wind):
+    plan, parameters = survey(), (-1000.0, 10.0)
+    start, heading = default_start(plan, parameters)
+    computing, battery = Computing(1, None), Battery(capacity_ah=50)
+    plane = FixedWing()
+    # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last
+    world = World(
+        plan, computing, plane, Guidance(), wind, battery, (), start, heading, 25.0, parameters, FLOWN, step_s=0.02
+    )
+    mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
+    outcome = Outcome()
+    for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
+        pass
+    assert outcome.completed
+    course = Follower(plan, parameters, start, FLOWN).course(parameters)
+    times, _ = course.times_s(plane.airspeed_mps, wind.steady_mps)
+    ends = [0.0, *outcome.stage_times_s, outcome.duration_s]
+    durations = np.diff(ends)
+    laps = len(times) // 4 - 1
+    for stage in range(4):
+        flown, told = durations[4 + stage : 4 * laps : 4].sum(), times[4 + stage : 4 * laps : 4].sum()
+        assert flown == pytest.approx(told, rel=2 * FLOWN_IN_WIND)
+    assert outcome.duration_s == pytest.approx(times.sum(), rel=FLOWN_IN_WIND)
+
+
+# --- what is left of a leg --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [survey, with_computations, lambda: plan_of(A_CURVE)])
+def test_left_along_each_leg(make):
+    plan = make()
+    parameters = (-150.0, 10.0)[: len(plan.parameters)]
+    follower, _ = begun(plan, parameters)
+    legs = follower.course(parameters).legs
+    for leg in [*legs[:6], legs[-1]]:
+        points = list(leg_points(leg, 1.0))
+        for i in range(0, len(points), 7):
+            flown = leg.distance_m * i / (len(points) - 1)
+            rough = min(max(flown * 1.1 - 5, 0.0), leg.distance_m)
+            told = flown if leg.stage.kind not in (LINE, CIRCLE) else rough
+            place = (points[i].x_m, points[i].y_m)
+            off_m = 4.0 if leg.stage.kind == LINE else 0.1  # the survey's triggers lie off its circles
+            assert left_m(leg, place, told) == pytest.approx(leg.distance_m - flown, abs=off_m)
+
+
+def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
+    follower = Follower(plan_of(ROUND_TWICE), (), (50.0, 0.0), FLOWN)
+    leg = follower.course(()).legs[0]
+    assert leg.length_m == pytest.approx(100 * math.pi)
+    assert left_m(leg, (50.0, 0.0), 0.0) == pytest.approx(100 * math.pi)
+    assert left_m(leg, (50.0, 0.0), 310.0) == pytest.approx(0, abs=MICROMETRE)
+    assert left_m(leg, (-70.0, 0.0), 150.0) == pytest.approx(50 * math.pi)
+    assert left_m(leg, (50.0, 1.0), 300.0) == pytest.approx(0, abs=1.0)
+
+
+def test_left_stays_within_the_leg():
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    rng = random.Random(3)
+    for leg in follower.course((-400.0, 10.0)).legs[:8]:
+        for _ in range(20):
+            place = (rng.uniform(-500, 500), rng.uniform(-500, 500))
+            assert 0 <= left_m(leg, place, rng.uniform(0, leg.distance_m)) <= leg.distance_m
+
+
+# --- where a plan is over ---------------------------------------------------------------------------------------------
+
+
+def first_by_steps(leg, final, shift, radius_m, step_m=0.01):
+    """The same by looking every centimetre; none where nothing is found."""
+    for i, point in enumerate(points := list(leg_points(leg, step_m))):
+        inside = []
+        for value, to, d in zip((point.x_m, point.y_m), final, shift, strict=True):
+            inside.append(abs(value - to) <= radius_m if abs(d) < 1e-9 else (value - to) * d > 0)
+        if all(inside):
+            return leg.length_m * i / (len(points) - 1)
+    return None
+
+
+def a_leg(path, begin, trigger, rotation=90):
+    plan = plan_of(f"0.1; {rotation}; {path}\n{trigger[0]!r}, {trigger[1]!r}\n")
+    follower = Follower(plan, (), begin, FLOWN)
+    return follower.course(()).legs[0]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_where_a_plan_is_over_against_looking_every_centimetre(seed):
+    rng = random.Random(seed)
+    if seed % 2:
+        sign = rng.choice([1, -1])
+        begin, trigger = ((-sign * 72.0, -sign * 54.0), (sign * 72.0, sign * 54.0))
+        leg = a_leg("3*x - 4*y", begin, trigger, 90 if sign > 0 else 270)
+    else:
+        end = rng.uniform(0.5, 6.0)
+        begin, trigger = (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end))
+        leg = a_leg("x^2 + y^2 - 3600", begin, trigger)
+    final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
+    shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+    radius = rng.uniform(2, 40)
+    found, expected = (how(leg, final, shift, radius) for how in (first_beyond_m, first_by_steps))
+    assert (found is None) == (expected is None)
+    if expected is not None:
+        assert found == pytest.approx(expected, abs=0.02)
+
+
+def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
+    leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (-60.0, 0.0))
+    for y in np.linspace(29, 31, 21).tolist():
+        final, shift, radius = (-100.0, y), (10.0, 0.0), 0.2
+        assert first_by_steps(leg, final, shift, radius) is not None
+        assert first_beyond_m(leg, final, shift, radius) is not None
+
+
+# --- the margin at the end --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slack_m", [3.0, -3.0])
+@pytest.mark.parametrize("seed", range(12))
+def test_slack_moves_the_end_along_the_shift(seed, slack_m):
+    """Beyond is counted from so much before the final point along each part of the shift; below 0, after it."""
+    rng = random.Random(seed)
+    if seed % 2:
+        leg = a_leg("3*x - 4*y", (-72.0, -54.0), (72.0, 54.0))
+    else:
+        end = rng.uniform(0.5, 6.0)
+        leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end)))
+    final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
+    shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+    nearer = tuple(value - slack_m * (d > 0) + slack_m * (d < 0) for value, d in zip(final, shift, strict=True))
+    found, expected = first_beyond_m(leg, final, shift, 20.0, slack_m), first_by_steps(leg, nearer, shift, 20.0)
+    assert (found is None) == (expected is None)
+    if expected is not None:
+        assert found == pytest.approx(expected, abs=0.02)
+
+
+def flown_survey(c1):
+    """Stages and seconds that a simulated flight of the survey takes."""
+    plan, parameters = survey(), (c1, 10.0)
+    start, heading = default_start(plan, parameters)
+    computing, battery, plane = Computing(1, None), Battery(capacity_ah=50), FixedWing()
+    world = World(
+        plan, computing, plane, Guidance(), Wind(), battery, (), start, heading, 25.0, parameters, FLOWN, step_s=0.05
+    )
+    mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
+    outcome = Outcome()
+    for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
+        pass
+    assert outcome.completed
+    return len(outcome.stage_times_s) + 1, outcome.duration_s
+
+
+def told_survey(c1):
+    """The same as forecast."""
+    follower, _ = begun(survey(), (c1, 10.0))
+    course = follower.course((c1, 10.0))
+    return len(course.legs), float(course.times_s(15.0, (0.0, 0.0))[0].sum())
+
+
+def test_with_a_margin_before_it_an_end_that_is_just_reached_is_the_end(monkeypatch):
+    # at c1 = 0 the last lap's line ends on the final point to a hair: the aircraft, a little beside it, is done
+    stages, seconds = flown_survey(0.0)
+    monkeypatch.setattr(ahead, "MARGIN_M", -1.0)
+    told = told_survey(0.0)
+    assert (stages, told[0]) == (61, 61)
+    assert told[1] == pytest.approx(seconds, rel=0.005)
+    monkeypatch.setattr(ahead, "MARGIN_M", 0.0)
+    assert told_survey(0.0)[0] == 65, "exactly, it is a lap more"
+
+
+def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on(monkeypatch):
+    # at c1 = -1000 the plan is over at the end of a line, and on the turn after it where more is asked for
+    follower, _ = begun(survey(), (-1000.0, 10.0))
+    told = []
+    for margin_m in (0.0, 3.0):
+        follower.margin_m = margin_m
+        course = follower.course((-1000.0, 10.0))
+        told.append(sum(leg.distance_m for leg in course.legs))
+    assert 0 < told[1] - told[0] < 10
+    assert begun(survey(), (0.0, 10.0))[0].margin_m == 0.0
+    monkeypatch.setattr(ahead, "MARGIN_M", MARGIN_M)
+    assert begun(survey(), (0.0, 10.0))[0].margin_m == MARGIN_M > 0
+
+
+@pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
+def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(monkeypatch, c1):
+    monkeypatch.setattr(ahead, "MARGIN_M", MARGIN_M)
+    stages, seconds = flown_survey(c1)
+    told = told_survey(c1)
+    assert stages - 1 <= told[0] <= stages + 4
+    lap_s = seconds / (stages / 4)
+    assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s

@@ -1,0 +1,324 @@
+"""What a flight tells of itself: regressions by their textbook formulas, calibration over many flights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from common import ROOT
+
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.plan.plan import Box
+from eadp.planning.estimation import regressions as observed
+from eadp.planning.estimation.regressions import ChargeFilter, Flown, MotionPower, TimeRatio
+from eadp.simulation.metrics import ParameterLog
+
+ALGEBRA = 1e-9
+AIRSPEED_MPS, STAY_S = 15.0, 5.0
+
+
+def posterior(rows, values, noise, prior, spread):
+    """Bayesian linear regression by the formulas of any textbook: mean and covariance."""
+    rows, values = np.asarray(rows, dtype=float), np.asarray(values, dtype=float)
+    first, weights = np.diag(1 / np.asarray(spread) ** 2), np.diag(1 / np.asarray(noise))
+    covariance = np.linalg.inv(first + rows.T @ weights @ rows)
+    return covariance @ (first @ prior + rows.T @ weights @ values), covariance
+
+
+# --- time -------------------------------------------------------------------------------------------------------------
+
+
+def learned(pairs, gust_mps=0.0):
+    ratio = TimeRatio()
+    for told, flown in pairs:
+        ratio.learn(told, flown, gust_mps, AIRSPEED_MPS, STAY_S)
+    return ratio
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 50])
+def test_the_ratio_is_a_bayesian_regression(count):
+    rng = np.random.default_rng(count)
+    told = rng.uniform(5, 40, count)
+    flown = told * 1.03 + rng.normal(0, 0.1 * np.sqrt(told))
+    found = learned(zip(told, flown, strict=True))
+    mean, covariance = posterior(told[:, None], flown - told, found.noise_s * told, np.zeros(1), [observed.RATIO_STD])
+    assert found.ratio - 1 == pytest.approx(mean[0], abs=ALGEBRA)
+    assert found.variance == pytest.approx(covariance[0, 0], rel=ALGEBRA)
+    rest = 300.0  # a leg of 300 s to come: the ratio's variance and its own noise
+    assert found.variance_s2(rest) == pytest.approx(rest**2 * covariance[0, 0] + found.noise_s * rest)
+
+
+def test_before_anything_is_flown():
+    fresh = TimeRatio()
+    assert fresh.ratio == 1
+    assert fresh.variance == pytest.approx(observed.RATIO_STD**2)
+
+
+def test_the_noise_of_a_gust_that_stays():
+    # a position that a coloured wind of σ moves: variance 2 τ σ² t for t ≫ τ
+    rng, gust, step, leg = np.random.default_rng(0), 1.0, 0.5, 100.0
+    kept, count = math.exp(-step / STAY_S), 4000
+    wind, moved = gust * rng.standard_normal(count), np.zeros(count)
+    for _ in range(round(leg / step)):
+        wind = kept * wind + gust * math.sqrt(1 - kept**2) * rng.standard_normal(count)
+        moved += wind * step
+    variance_s = (moved / AIRSPEED_MPS).var() / leg
+    ratio = learned([(leg, leg)], gust)
+    expected = observed.TIME_NOISE_S + variance_s
+    share = observed.TIME_NOISE_LEGS / (observed.TIME_NOISE_LEGS + 1)
+    assert ratio.noise_s / share == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("nonsense_s", [0.0, -1.0, math.inf, math.nan])
+def test_a_forecast_of_no_time_teaches_nothing(nonsense_s):
+    assert learned([(nonsense_s, 3.0)]).ratio == 1
+
+
+def test_forecasts_of_times_are_calibrated():
+    squares = []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        true, noise = 1 + rng.normal(0, observed.RATIO_STD), observed.TIME_NOISE_S
+        told = rng.uniform(8, 25, 12)
+        flown = true * told + rng.normal(0, np.sqrt(noise * told))
+        ratio = learned(zip(told, flown, strict=True))
+        rest = 200.0
+        came = true * rest + rng.normal(0, math.sqrt(noise * rest))
+        squares.append((came - ratio.ratio * rest) ** 2 / ratio.variance_s2(rest))
+    assert np.mean(squares) == pytest.approx(1, abs=0.35)
+    assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.06)
+
+
+# --- power ------------------------------------------------------------------------------------------------------------
+
+
+def spells(motion, levels, slopes):
+    """Spells of constant power, five seconds each."""
+    for level, slope in zip(levels, slopes, strict=True):
+        for _ in range(5):
+            motion.observe(level, 1.0, slope)
+
+
+def test_power_is_a_bayesian_regression():
+    rng, count = np.random.default_rng(1), 30
+    slopes = rng.choice([0.0, 0.2, 0.35], count)
+    powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
+    motion = MotionPower(36.0)
+    spells(motion, powers, slopes)
+    ages = observed.SPELL_S * np.arange(count)[::-1]
+    weights = observed.SPELL_S * np.exp(-ages / observed.FADE_S)
+    prior = np.array([36.0, observed.TURN_SHARE * 36.0])
+    spread = np.array([observed.LEVEL_SHARE * 36.0, observed.TURN_SHARE * 36.0])
+    mean, covariance = posterior(
+        np.column_stack([np.ones(count), slopes]), powers, motion._noise / weights, prior, spread
+    )
+    # the noise is learned from the residuals, so that mean and noise go on in turns: near the fixed point
+    assert (motion.level_w, motion.slope_w) == pytest.approx(mean, rel=1e-3)
+    seconds, bank_s = 400.0, 60.0
+    row = np.array([seconds, bank_s])
+    expected = row @ covariance @ row + motion._noise * seconds
+    assert motion.energy_variance_j2(seconds, bank_s) == pytest.approx(expected, rel=1e-6)
+
+
+def test_power_before_anything_is_flown():
+    motion = MotionPower(36.0)
+    assert motion.level_w == 36
+    assert motion.slope_w == pytest.approx(0.3 * 36)
+    level_j2 = (observed.LEVEL_SHARE * 36 * 100) ** 2
+    assert motion.energy_variance_j2(100.0, 0.0) == pytest.approx(level_j2 + motion._noise * 100)
+
+
+@pytest.mark.parametrize("told_w", [None, 0.0])
+def test_power_that_nothing_is_known_of_is_what_is_flown(told_w):
+    motion = MotionPower(told_w)
+    spells(motion, [42.0] * 3, [0.0] * 3)
+    assert motion.level_w == pytest.approx(42, rel=1e-4)
+
+
+def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
+    motion = MotionPower(36.0)
+    motion.observe(1000.0, 1.0, 0.0)
+    motion.end_spell(0.0)
+    assert motion.level_w == 36
+    for _ in range(3):
+        motion.observe(40.0, 1.0, 0.0)
+    motion.end_spell(0.0)
+    assert 36 < motion.level_w < 40
+    motion.observe(1000.0, 1.0, 0.0)
+    motion.reset_spell()
+    motion.end_spell(0.0)
+    assert 36 < motion.level_w < 40
+
+
+def test_a_slow_change_is_followed():
+    motion = MotionPower(36.0)
+    for k in range(600):  # from 36 to 42 W in 50 minutes
+        spells(motion, [36 + k / 100], [0.0])
+    assert motion.level_w == pytest.approx(42, abs=3)
+    steady = MotionPower(36.0)
+    spells(steady, [36.0] * 600, [0.0] * 600)
+    assert motion.energy_variance_j2(100, 0) > steady.energy_variance_j2(100, 0)
+
+
+def test_the_slope_is_never_below_0():
+    motion = MotionPower(36.0)
+    spells(motion, [36.0, 10.0] * 20, [0.0, 0.3] * 20)
+    assert motion.slope_w == 0
+
+
+def test_forecasts_of_energy_are_calibrated():
+    squares = []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        level = 36 * (1 + rng.normal(0, observed.LEVEL_SHARE))
+        slope = max(36 * observed.TURN_SHARE * (1 + rng.normal()), 0.0)
+        slopes = np.tile([0.0, 0.0, 0.25], 6)
+        spread = rng.uniform(0.4, 1.6)
+        motion = MotionPower(36.0)
+        spells(motion, level + slope * slopes + rng.normal(0, spread, len(slopes)), slopes)
+        seconds, bank_s = 300.0, 25.0
+        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * observed.SPELL_S))
+        told = motion.level_w * seconds + motion.slope_w * bank_s
+        squares.append((came - told) ** 2 / motion.energy_variance_j2(seconds, bank_s))
+    assert np.mean(squares) == pytest.approx(1, abs=0.4)
+    assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.07)
+
+
+# --- charge -----------------------------------------------------------------------------------------------------------
+
+
+def followed(readings, drained, jumps=None):
+    charge, found = ChargeFilter(), []
+    for k, reading in enumerate(readings):
+        jumped = charge.observe(reading, drained if k else 0.0)
+        if jumps is not None and jumped:
+            jumps.append(k)
+        assert charge.variance >= 0
+        found.append(charge.soc)
+    return charge, np.array(found)
+
+
+def test_an_exact_gauge_is_believed():
+    true = 1 - 1e-4 * np.arange(2000)
+    charge, found = followed(true, 1e-4, jumps := [])
+    assert found == pytest.approx(true, abs=1e-12)
+    assert charge.variance < 1e-12
+    assert jumps == []
+
+
+def test_an_exact_gauge_is_believed_where_the_battery_drains_otherwise():
+    true = 1 - 1.2e-4 * np.arange(2000)
+    _, found = followed(true, 1e-4, jumps := [])
+    assert np.abs(found - true).max() < 2e-3
+    assert jumps == []
+
+
+@pytest.mark.parametrize("drop", [0.02, 0.06, 0.5, -0.3])
+def test_a_jump_of_an_exact_gauge_is_believed_at_once(drop):
+    true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, drop, 0)
+    _, found = followed(true, 1e-4, jumps := [])
+    assert jumps == [150]
+    assert found[150:] == pytest.approx(true[150:], abs=1e-9)
+
+
+def noisy(seed, std, count=600, drained=1e-4):
+    true = 1 - drained * np.arange(count)
+    return true, true + np.random.default_rng(seed).normal(0, std, count)
+
+
+def test_a_noisy_gauge_is_smoothed_in_the_end():
+    errors = []
+    for seed in range(20):
+        true, readings = noisy(seed, 0.003, 3000)
+        errors.append((followed(readings, 1e-4)[1] - true)[2000:])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.003 / 5
+
+
+def test_one_odd_reading_of_a_noisy_gauge_is_not_a_jump_two_are():
+    true, readings = noisy(3, 0.002)
+    readings[300] -= 0.2
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == []
+    assert abs(found[300] - true[300]) < 0.01
+    true, readings = noisy(3, 0.002)
+    readings[300:] -= 0.2
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == [301]
+    assert abs(found[301] - true[301] + 0.2) < 0.01
+
+
+@pytest.mark.parametrize("count", [10, 100, 600])
+def test_the_variance_of_a_noisy_gauge_is_calibrated(count):
+    squares = []
+    for seed in range(100):
+        true, readings = noisy(seed, 0.005, count)
+        charge, found = followed(readings, 1e-4)
+        squares.append((found[-1] - true[-1]) ** 2 / charge.variance)
+    assert np.mean(np.array(squares) < 1.96**2) > 0.8
+
+
+def test_a_noisy_gauge_does_not_jump_at_the_start():
+    jumps = []
+    for seed in range(30):
+        followed(noisy(seed, 0.01, 100)[1], 1e-4, jumps)
+    assert len(jumps) <= 3
+
+
+def test_a_small_loss_of_an_exact_gauge_is_believed_soon():
+    true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, 0.009, 0)
+    charge, found = followed(true, 1e-4)
+    late = abs(found[170] - true[170])
+    assert late < 0.002 or late < 3 * math.sqrt(charge.variance)
+
+
+# --- parameters flown -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_flown_is_what_the_log_of_parameters_says(seed):
+    rng = np.random.default_rng(seed)
+    plan = read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
+    boxes = [(Box(-1000, 0), Box(2, 10)), (Box(-1000, 0), Box(0, 0)), (Box(-300, -300), Box(2, 6))]
+    sets, time_s = boxes[0], 0.0
+    parameters = (-200.0, 5.0)
+    log, flown = ParameterLog(plan, parameters, sets), Flown(2)
+    flown.hold(0.0, parameters, sets)
+    for _ in range(30):
+        time_s += rng.uniform(0, 20)
+        sets = boxes[rng.integers(3)]
+        parameters = tuple(box.clip(value) for box, value in zip(sets, rng.uniform([-1000, 2], [0, 10]), strict=True))
+        log.change(time_s, parameters, sets)
+        flown.hold(time_s, parameters, sets)
+    log.close(time_s)
+    for i in range(2):
+        assert flown.areas_s[i] / flown.times_s[i] == pytest.approx(log.mean_share(i), rel=ALGEBRA)
+    live = [flown.areas_s[i] / flown.times_s[i] for i in range(2)]
+    assert np.mean(live) == pytest.approx(log.quality({}), rel=ALGEBRA)
+    assert 0.3 * live[0] + 0.7 * live[1] == pytest.approx(log.quality({"c1": 3.0, "c2": 7.0}), rel=ALGEBRA)
+
+
+def test_flown_counts_what_had_a_choice_up_to_now():
+    flown = Flown(1)
+    flown.hold(0.0, (4.0,), (Box(2, 10),))
+    flown.hold(10.0, (0.0,), (Box(0, 0),))
+    flown.hold(15.0, (10.0,), (Box(2, 10),))
+    assert flown.times_s == [10.0]
+    assert flown.areas_s == [pytest.approx(10 * 0.25)]
+    # what is held counts to a moment, and is not counted twice
+    assert flown.until(16.5) == ([11.5], [pytest.approx(10 * 0.25 + 1.5)])
+    assert flown.until(17.0) == ([12.0], [pytest.approx(10 * 0.25 + 2)])
+    flown.hold(17.0, (10.0,), (Box(2, 10),))
+    assert (flown.times_s, flown.areas_s) == flown.until(17.0) == ([12.0], [pytest.approx(10 * 0.25 + 2)])
+
+
+def test_before_anything_is_held_nothing_is_flown():
+    assert Flown(2).until(30.0) == ([0.0, 0.0], [0.0, 0.0])
+
+
+def test_stages_without_sets_leave_no_choice():
+    flown = Flown(1)
+    flown.hold(0.0, (4.0,), ())
+    flown.hold(10.0, (5.0,), ())
+    assert flown.times_s == [0.0]

@@ -1,0 +1,266 @@
+"""What a flight's rest is forecast to take, at several moments of simulated flights, against what it then took."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from common import ROOT
+
+from eadp.io.flight.inputs import load_flight
+from eadp.planning.base import TrackingPlanner
+from eadp.planning.joint.forecaster import LEAST_STD, Forecast, Forecaster, ripple_w
+from eadp.planning.joint.program import best_at
+from eadp.simulation.loop import Outcome, fly
+
+SEEDS = range(12)
+MOMENTS_S = (30.0, 100.0, 180.0, 250.0, 300.0)
+CALM = {"wind.speed_mps": 0.0}
+GUSTS = {"wind.speed_mps": 6.0, "wind.towards_deg": 30.0, "wind.gust_std_mps": 1.5}
+SURE = NormalDist().inv_cdf(0.95)
+
+
+def inputs_of(**overrides):
+    """The survey at its widest spacing."""
+    fixed = {"planner.name": "static", "parameters.c1": -1000.0, "step_s": 0.05, "faults": [], **overrides}
+    return load_flight(
+        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed
+    )
+
+
+class Told(NamedTuple):
+    """A forecast, and when it was made."""
+
+    time_s: float
+    soc: float
+    forecast: Forecast
+    home: tuple[bool | None, float | None]
+    wind_mps: tuple[float, float]
+
+
+class Following(TrackingPlanner):
+    """Keeps its parameters, and has the rest forecast at some moments."""
+
+    def __init__(self, settings, estimator, mission, moments_s):
+        super().__init__(settings, estimator, mission)
+        held = {name: (value,) for name, value in zip(mission.plan.names, mission.parameters, strict=True)}
+        self.ahead = Forecaster(replace(settings, levels=held), mission)
+        self.told = []
+        self._moments_s = list(moments_s)
+
+    def update(self, observation):
+        o = observation
+        self.ahead.see(o)
+        read = o.time_s >= self._next_reading_s - 1e-9
+        decision = super().update(o)
+        if read:
+            self.ahead.read(o, self._computing_w)
+        if self._moments_s and o.time_s >= self._moments_s[0]:
+            self._moments_s.pop(0)
+            ripple = ripple_w(self._estimator.state_w) if self.period_s else 0.0
+            self.ahead.at(o.time_s, (o.x_m, o.y_m), ripple)
+            answer = best_at(self.ahead.prospect(self.ahead.shares))
+            forecast = self.ahead.forecast(answer)
+            self.told.append(Told(o.time_s, o.soc, forecast, self.ahead.home(answer), self.ahead.wind_mps))
+        return decision
+
+
+class Flight(NamedTuple):
+    """What was told on the way, and what came."""
+
+    inputs: object
+    outcome: Outcome
+    told: list
+    steps: list
+
+    def energy_wh(self, from_s):
+        """Energy from a moment to the end, from the log."""
+        powers = [(step.time_s, step.power_w) for step in self.steps if step.time_s >= from_s]
+        pairs = itertools.pairwise(powers)
+        return sum((p + q) / 2 * (later - now) for (now, p), (later, q) in pairs) / 3600
+
+
+def flown(moments_s=MOMENTS_S, **overrides):
+    inputs = inputs_of(**overrides)
+    scenario = inputs.scenario
+    pilot, outcome = Following(scenario.planner, scenario.estimator, inputs.mission, moments_s), Outcome()
+    steps = list(fly(inputs.world, pilot, outcome))
+    return Flight(inputs, outcome, pilot.told, steps)
+
+
+@pytest.fixture(scope="module")
+def calm():
+    return flown(**CALM)
+
+
+@pytest.fixture(scope="module")
+def gusty():
+    return [flown(seed=seed, **GUSTS) for seed in SEEDS]
+
+
+def errors(flight):
+    """What came less what was told, of time, energy and charge at the end, with the spreads that were told."""
+    for told in flight.told:
+        f = told.forecast
+        yield (
+            (flight.outcome.duration_s - told.time_s - f.remaining_s, f.remaining_std_s),
+            (flight.energy_wh(told.time_s) - f.energy_wh, f.energy_std_wh),
+            (flight.outcome.soc_final - f.soc_end, f.soc_end_std),
+        )
+
+
+def test_in_calm_air_time_energy_and_charge_are_told(calm):
+    assert calm.outcome.completed
+    assert len(calm.told) == len(MOMENTS_S)
+    for told, (time, energy, soc) in zip(calm.told, errors(calm), strict=True):
+        f = told.forecast
+        assert abs(time[0]) < max(0.01 * f.remaining_s, 1.0)
+        assert abs(energy[0]) < 0.03 * f.energy_wh + 0.01
+        assert abs(soc[0]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("which", "within", "spread", "most"), [(0, 0.7, 1.8, 5), (1, 0.75, 1.5, 4), (2, 0.75, 1.5, 4)]
+)
+def test_spreads_hold_in_gusts(gusty, which, within, spread, most):
+    """Of errors over the spreads told: nine in ten would be within 1.64 and their mean square 1, were they normal."""
+    scores = np.array([each[which][0] / each[which][1] for flight in gusty for each in errors(flight)])
+    assert np.mean(np.abs(scores) < SURE) >= within
+    assert 0.5 < np.sqrt(np.mean(scores**2)) < spread
+    assert np.abs(scores).max() < most
+
+
+def test_spreads_shrink_on_the_way(calm, gusty):
+    for name in ("remaining_std_s", "energy_std_wh", "soc_end_std"):
+        for flights in ([calm], gusty):
+            spreads = np.array([[getattr(told.forecast, name) for told in flight.told] for flight in flights])
+            assert (spreads > 0).all()
+            first, last = spreads.mean(axis=0)[[0, -1]]
+            assert last < first / 2
+
+
+def test_gusts_make_forecasts_less_sure(calm, gusty):
+    for told, other in zip(calm.told, gusty[0].told, strict=True):
+        assert other.forecast.remaining_std_s > told.forecast.remaining_std_s
+
+
+def test_the_wind_is_found(calm, gusty):
+    assert calm.told[-1].wind_mps == pytest.approx((0, 0), abs=0.2)
+    true = (6 * math.cos(math.radians(30)), 6 * math.sin(math.radians(30)))
+    found = np.array([flight.told[-1].wind_mps for flight in gusty])
+    assert found.mean(axis=0) == pytest.approx(true, abs=0.6)
+    assert np.abs(found - true).max() < 1.5
+
+
+def test_stages_add_up_to_the_rest(calm):
+    for told in calm.told:
+        f = told.forecast
+        assert sum(seconds for seconds, _ in f.stages.values()) == pytest.approx(f.remaining_s)
+        assert sum(energy for _, energy in f.stages.values()) == pytest.approx(f.energy_wh)
+        assert set(f.stages) <= {1, 2, 3, 4}
+
+
+def test_each_stage_takes_its_share(calm):
+    """Time and energy of each of the four stages from the first moment on, all laps together."""
+    begun = [(0.0, 1), *((time_s, i % 4 + 1) for i, time_s in enumerate(calm.outcome.stage_times_s, 1))]
+    first_s = calm.told[0].time_s
+    ends = [*(time_s for time_s, _ in begun[1:]), calm.outcome.duration_s]
+    for stage, (seconds, energy_wh) in calm.told[0].forecast.stages.items():
+        spans = [(max(a, first_s), b) for (a, own), b in zip(begun, ends, strict=True) if own == stage and b > first_s]
+        took_s = sum(b - a for a, b in spans)
+        took_wh = sum(calm.energy_wh(a) - calm.energy_wh(b) for a, b in spans)
+        # triggers fire 20 m early: legs begin and end so much sooner, the first and the last alone are shorter
+        assert seconds == pytest.approx(took_s, abs=6)
+        assert energy_wh == pytest.approx(took_wh, abs=0.1)
+
+
+@pytest.mark.parametrize(("soc_end", "std", "reserve"), [(0.2, 0.1, 0.05), (-0.03, 0.02, 0.05), (0.05, 0.01, 0.05)])
+def test_probabilities_are_those_of_a_normal_distribution(soc_end, std, reserve):
+    f = Forecast(100.0, 1.0, 1.0, 0.1, soc_end, std, reserve, {})
+    # by counting draws
+    ends = soc_end + std * np.random.default_rng(0).standard_normal(100_000)
+    assert f.completes_probability == pytest.approx(np.mean(ends > 0), abs=0.006)
+    assert f.reserve_probability == pytest.approx(np.mean(ends > reserve), abs=0.006)
+
+
+def test_a_forecast_without_a_spread_is_sure():
+    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.1, 0.0, 0.05, {}).reserve_probability == 1
+    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, 0.0, 0.05, {}).reserve_probability == 0
+    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, LEAST_STD / 9, 0.05, {}).completes_probability == 1
+
+
+def test_the_margin_is_z_standard_deviations(calm):
+    """What may be used is the charge less the reserve and a margin of the quantile that is asked for."""
+    inputs = calm.inputs
+    told = []
+    for probability in (0.5, 0.95):
+        ahead = Forecaster(replace(inputs.scenario.planner, reserve_probability=probability), inputs.mission)
+        ahead.assume((0.0, 0.0), 0.0, 1.0)
+        ahead.at(0.0, inputs.mission.start_m, 0.0)
+        prospect = ahead.prospect(ahead.shares)
+        told.append((prospect.available, ahead.forecast(best_at(prospect)).soc_end_std))
+    (even, _), (sure, std) = told
+    assert even == pytest.approx(1.0 - inputs.scenario.planner.reserve_soc)
+    assert even - sure == pytest.approx(SURE * std)
+
+
+# --- home -------------------------------------------------------------------------------------------------------------
+
+
+def test_without_a_home_nothing_is_told_of_it(calm):
+    assert all(told.home == (None, None) for told in calm.told)
+
+
+def test_home_is_reached_until_the_point_of_no_return():
+    """A battery that is drained below what the way home takes, and the moment when it still was enough."""
+    moments_s = tuple(range(10, 200, 10))
+    flight = flown(moments_s, **CALM, **{"battery.capacity_ah": 0.2, "home.position_m": [0.0, -2500.0]})
+    mission, reserve = flight.inputs.mission, flight.inputs.scenario.planner.reserve_soc
+    lowest_w = mission.motion_w + min(mission.computing.power_w((-1000.0, 10.0), mission.plan.stages[0].sets), 99)
+    places = {round(step.time_s, 1): (step.x_m, step.y_m) for step in flight.steps}
+    seen = []
+    for told in flight.told:
+        distance = math.dist(places[round(told.time_s, 1)], mission.home_m)
+        volts, ohm = mission.battery.voltage_v, mission.battery.resistance_ohm
+        current = min(np.roots([ohm, -volts, lowest_w]))
+        takes = current * distance / mission.cruise_mps / 3600 / mission.battery.capacity_ah
+        spare = told.soc - reserve
+        reachable, lost_s = told.home
+        if spare > 1.4 * takes:
+            assert (reachable, lost_s) == (True, None)
+        if spare < 0.9 * takes:
+            assert reachable is False
+            assert lost_s == max((each.time_s for each in flight.told if each.home[0]), default=0.0)
+        seen.append(reachable)
+    assert seen == sorted(seen, reverse=True), "once it is too far it stays too far"
+    assert len(set(seen)) == 2
+
+
+def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
+    inputs = inputs_of(**{"home.position_m": [-2000.0, 0.0]})
+    ahead = Forecaster(inputs.scenario.planner, inputs.mission)
+    reached = []
+    for speed in (0.0, 14.0):
+        ahead.assume((speed, 0.0), 0.0, 0.5)
+        ahead.at(0.0, (0.0, 0.0), 0.0)
+        reached.append(ahead.home(best_at(ahead.prospect(ahead.shares)))[0])
+    assert reached == [True, False]
+
+
+# --- ripple -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_ripple_is_the_highest_of_the_harmonics(seed):
+    state = np.random.default_rng(seed).normal(0, 3, 7)
+    turns = np.linspace(0, 2 * math.pi, 20_000)
+    wave = sum(
+        state[2 * k - 1] * np.cos(k * turns) + state[2 * k] * np.sin(k * turns) for k in range(1, len(state) // 2 + 1)
+    )
+    assert ripple_w(state) == pytest.approx(wave.max(), rel=0.02)
+    assert ripple_w(state[:1]) == 0

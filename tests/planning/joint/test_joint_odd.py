@@ -1,0 +1,132 @@
+"""The joint planner on odd plans and in odd states, from its observations alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from common import ROOT
+
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.battery import Battery
+from eadp.models.computing import join_profile
+from eadp.models.profile import Profile
+from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
+
+PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
+SPEED_MPS, MOTION_W = 15.0, 36.0
+FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, crate_per_h=10.0), 0.9
+LINE = "0.1; 90; x\n0, 900\n[2, 10]\n0.1; 90; x\n0, 1800\n[2, 10]\n"
+
+
+def plan_of(text):
+    return read_plan(Text("p", text))[0]
+
+
+def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
+    computing = join_profile(plan, profile)
+    mission = Mission(plan, computing, battery, SPEED_MPS, parameters, start, motion_w=MOTION_W)
+    return JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission)
+
+
+def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
+    """Fly north along x = 0 second by second; decisions as they come."""
+    decisions = []
+    for k in range(1, int(length_m / SPEED_MPS)):
+        y = SPEED_MPS * k
+        stage = int(y // stage_m) + 1
+        seen = Observation(
+            float(k), 0.0, y, stage, stage, MOTION_W + 9.8, soc(k), parameters, None, (0.0, SPEED_MPS), np.pi / 2
+        )
+        decisions.append(pilot.update(seen))
+        parameters = decisions[-1].parameters
+    return decisions
+
+
+@pytest.mark.parametrize("soc", [0.04, 0.001])
+def test_below_the_reserve_the_lowest_configuration_is_flown(soc):
+    decisions = up_a_line(planner_for(plan_of(LINE), (10.0,)), (10.0,), 1800, soc=lambda t: soc)
+    assert decisions[-1].parameters == (2.0,)
+    assert "infeasible since" in decisions[-1].reason
+    assert decisions[-1].record.status == "infeasible"
+
+
+@pytest.mark.parametrize("battery", [Battery(14.8, 0.0, 3.2, crate_per_h=100.0), Battery(14.8, 0.05, 3.2, 1 / 3600)])
+def test_no_resistance_is_a_battery_like_any_other(battery):
+    record = up_a_line(planner_for(plan_of(LINE), (10.0,), battery=battery), (10.0,), 1500)[-1].record
+    assert 0 <= record.soc_end <= PLENTY
+    assert record.remaining_s == pytest.approx(300 / SPEED_MPS, abs=2)
+
+
+def test_a_wind_stronger_than_the_airspeed_is_said():
+    plan = plan_of(LINE)
+    pilot = planner_for(plan, (10.0,))
+    decision = None
+    for k in range(1, 60):  # blown backwards
+        seen = Observation(float(k), 0.0, 100.0 - 3 * k, 1, 1, 46.0, PLENTY, (10.0,), None, (0.0, -3.0), np.pi / 2)
+        decision = pilot.update(seen)
+    assert "cannot be flown" in decision.reason
+    assert decision.parameters == (10.0,)
+    assert pilot.report.infeasible > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "parameters", "profile"),
+    [
+        ("0.1; 90; x\n0, 1800\n", (), None),
+        ("0.1; 90; x - c1\nc1, 1800\n[-3, 3]\n", (0.0,), None),
+        ("0.1; 90; x\n0, 1800\n[0, 0]\n", (0.0,), None),
+    ],
+    ids=["nothing to choose", "no computations", "inhibited"],
+)
+def test_plans_with_little_to_choose(text, parameters, profile):
+    pilot = planner_for(plan_of(text), parameters, profile)
+    decisions = up_a_line(pilot, parameters, 1500, stage_m=1e9)
+    assert decisions[-1].record.remaining_s == pytest.approx(300 / SPEED_MPS, abs=2)
+    assert len(decisions[-1].parameters) == len(parameters)
+
+
+def test_a_plan_without_sets_is_flown():
+    pilot = planner_for(plan_of("0.1; 90; x - c1\nc1, 1800\n"), (0.0,), None)
+    assert up_a_line(pilot, (0.0,), 1500, stage_m=1e9)[-1].parameters == (0.0,)
+
+
+def test_with_plenty_of_charge_the_highest_is_flown_to_the_end():
+    decisions = up_a_line(planner_for(plan_of(LINE), (10.0,)), (10.0,), 1800)
+    assert {decision.parameters for decision in decisions} == {(10.0,)}
+
+
+def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
+    """Half of a single stage at the highest, half at the lowest, for the charge is lost half way."""
+    battery = Battery(14.8, 0.05, 3.2, crate_per_h=100.0)
+    pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
+    decisions = up_a_line(pilot, (10.0,), 5000, stage_m=1e9, soc=lambda t: PLENTY if t < 300 else 0.01)
+    assert decisions[-1].parameters == (2.0,)
+    assert decisions[-1].record.quality_ahead == pytest.approx(0.5, abs=0.02)
+
+
+def test_power_that_the_battery_does_not_allow_is_said():
+    battery = Battery(14.8, 0.05, 3.2, crate_per_h=1.0)  # 24 W at half the charge; flight takes 36 W
+    pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
+    decisions = up_a_line(pilot, (10.0,), 1000, stage_m=1e9, soc=lambda t: 0.5)
+    assert decisions[-1].parameters == (2.0,)
+    assert pilot.report.infeasible > 0
+
+
+def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_course():
+    plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
+    pilot = planner_for(plan, (0.0, 10.0), battery=Battery(capacity_ah=0.6, crate_per_h=20.0), start=(-45.0, 216.0))
+    first = (0.0, 10.0)
+    for k in range(1, 31):
+        stage = 1 + k // 10
+        soc = 1.0 if k < 30 else 0.5
+        pilot.update(Observation(float(k), -40.0, -60.0, min(stage, 3), min(stage, 3), 46.0, soc, first))
+        if k == 20:  # nothing but the loss of charge is to change the path
+            first = pilot.update(Observation(20.5, -40.0, -60.0, 3, 3, 46.0, soc, first)).parameters
+    decided = pilot.update(Observation(30.5, -40.0, -60.0, 3, 3, 46.0, 0.5, first)).parameters
+    assert decided[0] != first[0], "decided in the last moment of stage 3"
+    pilot.update(Observation(31.0, 35.0, 0.0, 4, 4, 46.0, 0.5, first))  # begun with what was in force before
+    ahead = pilot._ahead
+    again = ahead._follower.course(pilot._decision.parameters)
+    assert ahead.course(ahead.shares).parameters == again.parameters

@@ -1,0 +1,335 @@
+"""The joint planner in simulated flights, and what it says of them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from common import ROOT
+from common.recorder import Recorder
+
+from eadp.core.flight.battery import soc_rate_per_s
+from eadp.io.flight.folder import record_row
+from eadp.io.flight.inputs import load_flight
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text
+from eadp.models.battery import Battery
+from eadp.models.computing import join_profile
+from eadp.models.profile import Profile
+from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.joint.knapsack import Steps
+from eadp.planning.joint.planner import JUMPED, NEW_STAGE, TIME, WARM_UP_S
+from eadp.planning.joint.program import Prospect
+from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
+from eadp.simulation.loop import Outcome, fly
+
+RESERVE = 0.05
+CALM = {"wind.speed_mps": 0.0, "faults": []}
+STEP_S = 0.05
+TIGHT = {"battery.capacity_ah": 0.305}
+
+
+class Flight(NamedTuple):
+    """A flight of the survey."""
+
+    inputs: object
+    outcome: Outcome
+    pilot: Recorder
+    steps: list
+
+    @property
+    def records(self):
+        return self.outcome.records
+
+    def mean(self, index):
+        return self.outcome.parameters.mean(index)
+
+    def quality(self):
+        return self.outcome.parameters.quality({})
+
+
+def flown(**overrides):
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"step_s": STEP_S, **overrides},
+    )
+    pilot, outcome = Recorder(inputs.planner()), Outcome()
+    steps = list(fly(inputs.world, pilot, outcome))
+    return Flight(inputs, outcome, pilot, steps)
+
+
+@pytest.fixture(scope="module")
+def dropped():
+    """In wind, with a loss of charge at 93 s that nobody is told of."""
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def tight():
+    """In calm air, with charge for half of what the computations could do."""
+    return flown(**CALM, **TIGHT)
+
+
+# --- the flight -------------------------------------------------------------------------------------------------------
+
+
+def test_flights_complete_and_keep_the_reserve(dropped, tight):
+    for flight in (dropped, tight):
+        assert flight.inputs.scenario.planner.name == "joint", "by default"
+        assert flight.outcome.completed
+        assert flight.outcome.soc_final >= RESERVE
+        assert flight.pilot.report.infeasible <= 2, "but for a moment, where the first forecasts are wide"
+
+
+def test_charge_is_not_left_over_where_it_is_short(tight):
+    assert tight.outcome.soc_final < RESERVE + 0.03
+
+
+def test_a_drop_of_charge_is_answered_at_once(dropped):
+    i = next(i for i, record in enumerate(dropped.records) if record.why == JUMPED)
+    before, after = dropped.records[i - 1], dropped.records[i]
+    assert 93.0 - 1e-6 <= after.time_s <= 93.0 + 0.1 + STEP_S
+    assert after.available_wh < before.available_wh - 0.9 * 0.06 * 0.5 * 14.8
+    assert after.parameters[0] < before.parameters[0]
+    assert after.reserve_probability > 0.9
+    assert sum(record.why == JUMPED for record in dropped.records) == 1
+
+
+def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
+    changed = 0
+    for flight in (dropped, tight):
+        for a, b in itertools.pairwise(flight.pilot.seen):
+            if a.parameters[0] != b.parameters[0]:
+                changed += 1
+                assert b.stages_begun > a.stages_begun
+                assert (b.stages_begun - 1) % 4 == 3, "at the start of stage 4, the first that the next lap needs it in"
+    assert changed > 1
+
+
+def test_the_wind_is_found(dropped, tight):
+    assert dropped.records[-1].wind_mps == pytest.approx((0, 5), abs=0.3)
+    assert tight.records[-1].wind_mps == pytest.approx((0, 0), abs=0.3)
+
+
+def test_dearer_computations_come_first():
+    """The highest is flown first, though the charge but for its margin does not last for it to the end."""
+    flight = flown(**CALM, **{"battery.capacity_ah": 0.29, "battery.crate_per_h": 300})
+    # z is 1.645: all but the margin is planned to be spent
+    short = [r for r in flight.records if r.time_s > 30 and r.soc_end - RESERVE < 1.7 * r.soc_end_std]
+    assert short[0].parameters[1] == 10
+    assert short[0].remaining_s > 200
+    assert any(r.parameters[1] == 2 for r in short)
+    assert flight.outcome.soc_final >= RESERVE
+
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
+    times = [record.time_s for record in dropped.records]
+    assert times == sorted(set(times))
+    assert times[0] == pytest.approx(WARM_UP_S, abs=2 * STEP_S)
+    assert max(later - now for now, later in itertools.pairwise(times)) < 1.0 + 2 * STEP_S
+    for record in dropped.records:
+        row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
+        assert set(row["parameters"]) == {"c1", "c2"}
+        assert row["why"] in (TIME, NEW_STAGE, JUMPED)
+        assert row["reason"]
+        assert -1000 <= row["parameters"]["c1"] <= 0
+        assert 2 <= row["parameters"]["c2"] <= 10
+
+
+def test_records_say_what_came(dropped):
+    """From the loss of charge on, within four of the standard deviations told, or within what a stage's begin takes."""
+    for record in dropped.records:
+        if record.time_s < 100 or record.parameters[0] != dropped.records[-1].parameters[0]:
+            continue
+        late_s = dropped.outcome.duration_s - record.time_s - record.remaining_s
+        assert abs(late_s) < 4 * record.remaining_std_s + 2
+        assert abs(dropped.outcome.soc_final - record.soc_end) < 4 * record.soc_end_std + 0.005
+        assert 0 <= record.reserve_probability <= record.completes_probability <= 1
+        assert record.quality_ahead == pytest.approx(dropped.quality(), abs=0.02)
+
+
+def test_reports_count_what_was_solved(dropped):
+    report = dropped.pilot.report
+    assert report.replans == len(dropped.records) == report.solves
+    assert len(report.solve_ms) == report.replans
+
+
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_gain_below_keep_gain_changes_nothing():
+    first = {"parameters.c1": -700.0, "time_limit_s": 60, **CALM, "battery.capacity_ah": 3.0}
+    eager = flown(**first, **{"planner.keep_gain": 0.0})
+    calm = flown(**first, **{"planner.keep_gain": 1.0})  # more than there is to gain
+    assert {record.parameters[0] for record in calm.records} == {-700.0}
+    assert any(record.reason.startswith("kept: no change gains enough") for record in calm.records)
+    assert eager.records[-1].parameters[0] > -700.0
+    assert eager.records[-1].quality_ahead > calm.records[-1].quality_ahead
+
+
+def test_qps_fly_as_the_closed_form_does(tight):
+    qps = flown(**CALM, **TIGHT, **{"planner.solver": "qp"})
+    assert qps.pilot.report.qps > tight.pilot.report.qps
+    assert qps.outcome.completed
+    assert qps.quality() == pytest.approx(tight.quality(), abs=0.01)
+    assert qps.outcome.soc_final == pytest.approx(tight.outcome.soc_final, abs=0.01)
+
+
+def test_the_objective_total_adds_up_computations(tight):
+    total = flown(**CALM, **TIGHT, **{"planner.objective": "total"})
+    assert total.outcome.completed
+    assert total.outcome.soc_final >= RESERVE
+
+    def added(flight):
+        return flight.mean(1) * flight.outcome.duration_s
+
+    assert added(total) >= added(tight) - 5 * 10
+    assert all(record.quality_ahead is None for record in total.records)
+
+
+def test_levels_and_trade_offs_are_kept():
+    levels = flown(**CALM, **TIGHT, **{"planner.levels": {"c2": [2, 6]}, "time_limit_s": 100})
+    assert {record.parameters[1] for record in levels.records} <= {2.0, 6.0, 10.0}
+    assert levels.records[-1].parameters[1] in (2.0, 6.0)
+    kept = flown(
+        **CALM,
+        **{"battery.capacity_ah": 0.31, "time_limit_s": 150},
+        **{"planner.trade_offs": [{"coefficients": {"c2": 1.0}, "at_least": 6.0}]},
+    )
+    assert all(record.parameters[1] >= 6 for record in kept.records if record.status != "infeasible")
+    assert any(record.status != "infeasible" for record in kept.records)
+
+
+# --- observations alone -----------------------------------------------------------------------------------------------
+
+SPEED_MPS, MOTION_W = 15.0, 36.0
+PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
+LINE = "0.1; 90; x\n0, 4500\n[2, 10]\n"
+OFF_AND_ON = "0.1; 90; x\n0, 2250\n[0, 0]\n0.1; 90; x\n0, 4500\n[2, 10]\n"
+
+
+def planner_of(text, battery, **settings):
+    plan = read_plan(Text("p", text))[0]
+    first = (10.0,)
+    mission = Mission(plan, join_profile(plan, PROFILE), battery, SPEED_MPS, first, (0.0, 0.0), motion_w=MOTION_W)
+    return JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission)
+
+
+def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost=lambda time_s: 0.0):
+    """Fly north along a line second by second, the battery drained by what motion and computations take."""
+    soc = 1.0
+    parameters, decisions = (10.0,), []
+    for k in range(1, seconds):
+        stage = int(SPEED_MPS * k // stage_m) + 1
+        own = max(parameters[0], 2.0) if running(stage) else 0.0
+        power = MOTION_W + (float(np.interp(own, [2, 10], [4.8, 9.8])) if running(stage) else 0.0)
+        soc += soc_rate_per_s(power, battery.voltage_v, battery.resistance_ohm, battery.capacity_ah, battery.k_b_per_s)
+        seen = Observation(
+            float(k), 0.0, SPEED_MPS * k, stage, stage, power, soc - lost(k), (own,), None, (0.0, SPEED_MPS), np.pi / 2
+        )
+        decisions.append(pilot.update(seen))
+        parameters = decisions[-1].parameters
+    return decisions, soc
+
+
+@pytest.mark.parametrize("capacity_ah", [0.26, 0.265, 0.27])
+def test_between_two_configurations_the_dearer_is_flown_first(capacity_ah):
+    battery = Battery(14.8, 0.05, capacity_ah, crate_per_h=1e3)
+    decisions, left = north(planner_of(LINE, battery, levels={"c1": (2.0, 10.0)}), battery, 300)
+    flown_with = [decision.parameters[0] for decision in decisions]
+    assert set(flown_with) == {2.0, 10.0}, "what lasts lies between"
+    assert np.mean(flown_with[:150]) > np.mean(flown_with[150:]) + 0.5
+    assert sum(a != b for a, b in itertools.pairwise(flown_with)) <= 12
+    assert RESERVE <= left < RESERVE + 0.01
+
+
+@pytest.mark.parametrize("capacity_ah", [0.255, 0.275, 0.3])
+def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
+    """The margin shrinks on the way, and with it what is left over beyond the reserve."""
+    battery = Battery(14.8, 0.05, capacity_ah, crate_per_h=1e3)
+    decisions, left = north(planner_of(LINE, battery), battery, 300)
+    assert left >= RESERVE
+    assert left < RESERVE + 0.01 or decisions[-1].parameters == (10.0,)
+
+
+def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_since_when_and_by_how_much():
+    battery = Battery(14.8, 0.05, 0.2, crate_per_h=1e3)
+    decisions, _ = north(planner_of(LINE, battery), battery, 100)
+    told = [(k, decision) for k, decision in enumerate(decisions, 1) if decision.record is not None]
+    first_s = told[0][0]
+    pattern = r"infeasible since (\S+) s: short by (\S+) of the charge, (\S+) Wh; lowest configuration"
+    for k, decision in told:
+        assert decision.parameters == (2.0,)
+        since, short, short_wh = map(float, re.fullmatch(pattern, decision.reason).groups())
+        assert since == first_s
+        assert short_wh == pytest.approx(short * 0.2 * 14.8, abs=0.01)
+        record = decision.record
+        assert record.status == "infeasible"
+        # the charge that lacks is that of the lowest to the end, of the reserve, and of a margin of 1.64 deviations
+        assert short == pytest.approx(RESERVE + 1.645 * record.soc_end_std - record.soc_end, abs=2e-3)
+        assert k - first_s < 1 or record.reserve_probability < 0.05
+
+
+def test_what_is_infeasible_may_become_feasible_again():
+    battery = Battery(14.8, 0.05, 0.45, crate_per_h=1e3)
+    decisions, _ = north(planner_of(LINE, battery), battery, 120, lost=lambda time_s: 0.6 if 40 <= time_s < 80 else 0.0)
+    reasons = {k: decision.reason for k, decision in enumerate(decisions, 1)}
+    assert not reasons[39].startswith("infeasible")
+    assert reasons[40].startswith("infeasible since 40.0 s")
+    assert reasons[79].startswith("infeasible since 40.0 s")
+    assert not reasons[81].startswith("infeasible")
+    assert decisions[40].parameters == (2.0,)
+    assert decisions[-1].parameters == (10.0,)
+
+
+def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
+    battery = Battery(14.8, 0.05, 0.27, crate_per_h=1e3)
+    pilot = planner_of(OFF_AND_ON, battery)
+    decisions, left = north(pilot, battery, 300, stage_m=2250.0, running=lambda stage: stage == 2)
+    record = decisions[20].record
+    # half of the rest at the motion's power alone, half with computations
+    highest_wh = MOTION_W * record.remaining_s / 3600 + 9.8 * 150 / 3600
+    assert record.energy_wh <= highest_wh * 1.02
+    assert np.mean([decision.parameters[0] for decision in decisions[150:]]) > 5
+    assert left >= RESERVE - 0.002
+
+
+@pytest.mark.parametrize("every_s", [0.1, 5.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_it_re_plans_each_second_however_seldom_and_noisy_the_gauge(every_s, noise):
+    flight = flown(**{"estimator.every_s": every_s, "sensors.soc_noise": noise, "time_limit_s": 40.0, "faults": []})
+    times = [record.time_s for record in flight.records]
+    assert [second for second in range(5, 41) if not any(abs(second - time_s) < 1e-6 for time_s in times)] == []
+
+
+def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
+    faults = [{"at_s": 2.0, "soc_drop": 0.06}, {"at_s": 20.0, "soc_drop": 0.06}]
+    flight = flown(**{"planner.start_after_s": 300.0, "time_limit_s": 60.0, "faults": faults})
+    assert [record.why for record in flight.records] == [JUMPED, JUMPED]
+    assert [record.time_s for record in flight.records] == pytest.approx([5.0, 20.0], abs=1.0 + STEP_S)
+    assert len(flight.pilot.seen) < 80
+
+
+def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
+    none = np.zeros(0, dtype=np.intp)
+
+    def outlook(shares):  # a higher share is worth more, and all of them lack a little
+        (p,) = shares
+        steps = Steps(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
+        return Prospect(shares, (1, 2), steps, 0.4995, 0.005)
+
+    pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
+    pilot._ahead = SimpleNamespace(prospect=outlook, shares=(0.0,), open=[0], before_latch=True)
+    answer, looked = pilot._answer(NEW_STAGE)
+    assert looked
+    assert answer.prospect.shares == (0.0,)
+    assert answer.allocation.feasible

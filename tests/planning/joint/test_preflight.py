@@ -1,0 +1,129 @@
+"""What is forecast before take-off against the flight that is then simulated."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import replace
+
+import pytest
+from common import ROOT
+
+from eadp.cli.main import main
+from eadp.io.flight.inputs import load_flight
+from eadp.simulation.loop import Outcome, fly
+
+WIND = {"wind.speed_mps": 5.0, "wind.towards_deg": 60.0}
+
+
+@pytest.fixture(scope="module")
+def meadow(tmp_path_factory):
+    """A plan over a real field."""
+    path = tmp_path_factory.mktemp("plans") / "meadow.plan"
+    out = io.StringIO()
+    field = ["cover", str(ROOT / "plans/meadow.geojson"), "--pattern", "zamboni", "--min-radius", "30", "--swath", "30"]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        assert main([*field, "--profile", str(ROOT / "profiles/pednet-jetson-nano.yaml")]) == 0
+    path.write_text(out.getvalue())
+    return path
+
+
+def inputs_of(plan, planner, **overrides):
+    fixed = {"planner.name": planner, "step_s": 0.05, "faults": [], "wind.speed_mps": 0.0, **overrides}
+    return load_flight(str(plan), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
+
+
+def flown(inputs):
+    outcome = Outcome()
+    for _ in fly(inputs.world, inputs.planner(), outcome):
+        pass
+    return outcome
+
+
+FLIGHTS = [(plan, battery_ah, wind) for plan, battery_ah in (("survey", 0.45), ("meadow", 1.2)) for wind in ({}, WIND)]
+
+
+@pytest.mark.parametrize(("plan", "battery_ah", "wind"), FLIGHTS)
+@pytest.mark.parametrize("planner", ["static", "joint"])
+def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
+    path = ROOT / "plans/survey.plan" if plan == "survey" else meadow
+    more = {"parameters.c1": -1000.0} if plan == "survey" and planner == "static" else {}
+    inputs = inputs_of(path, planner, **wind, **more, **{"battery.capacity_ah": battery_ah})
+    expected = inputs.take_off()
+    assert expected is not None
+    assert expected.feasible
+    told, outcome = expected.forecast, flown(inputs)
+    assert outcome.completed
+    assert told.completes_probability > 0.95
+    assert told.reserve_probability > 0.9
+    quality = outcome.parameters.quality({})
+    if planner == "static":
+        assert outcome.duration_s == pytest.approx(told.remaining_s, rel=0.02)
+        assert abs(outcome.duration_s - told.remaining_s) < 3 * told.remaining_std_s
+        assert abs(outcome.totals.energy_j / 3600 - told.energy_wh) < 3 * told.energy_std_wh
+        assert abs(outcome.soc_final - told.soc_end) < 3 * told.soc_end_std
+        assert [*expected.parameters.values()] == pytest.approx([*inputs.mission.parameters])
+        assert expected.quality == pytest.approx(quality, abs=0.02)
+    else:  # it is sure of more on the way, and spends what it had to save before take-off
+        reserve = inputs.scenario.planner.reserve_soc
+        assert outcome.soc_final >= reserve
+        assert outcome.soc_final < told.soc_end + 2 * told.soc_end_std
+        assert told.remaining_s * 0.98 < outcome.duration_s < told.remaining_s * 1.2
+        assert expected.quality - 0.02 < quality < expected.quality + 0.25
+    assert sum(seconds for seconds, _ in told.stages.values()) == pytest.approx(told.remaining_s)
+    assert sum(energy for _, energy in told.stages.values()) == pytest.approx(told.energy_wh)
+
+
+@pytest.mark.parametrize("planner", ["static", "joint"])
+def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
+    inputs = inputs_of(ROOT / "plans/survey.plan", planner, **{"battery.capacity_ah": 0.15})
+    expected = inputs.take_off()
+    assert not expected.feasible
+    assert expected.forecast.completes_probability < 0.5
+    assert expected.forecast.soc_end < 0
+    assert not flown(inputs).completed
+
+
+def test_joint_is_planned_as_it_would_be_in_the_air():
+    """With charge for all, the highest of both; with less, widest spacing before the least computations or the like."""
+    plenty = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 3.0}).take_off()
+    short = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 0.35}).take_off()
+    assert plenty.parameters["c1"] > -30
+    assert plenty.parameters["c2"] == pytest.approx(10)
+    assert plenty.quality > 0.95
+    assert short.parameters["c1"] < plenty.parameters["c1"]
+    assert short.quality < plenty.quality
+    assert short.feasible
+
+
+def test_a_charge_that_is_replayed_is_not_forecast():
+    inputs = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.prescribed": [[0, 1], [400, 0.2]]})
+    assert inputs.take_off() is None
+
+
+@pytest.mark.parametrize("planner", ["static", "paper", "joint"])
+def test_a_wind_that_cannot_be_flown_in_has_no_forecast(planner):
+    inputs = inputs_of(ROOT / "plans/survey.plan", planner)
+    stormy = replace(inputs, world=replace(inputs.world, wind=replace(inputs.world.wind, speed_mps=40.0)))
+    assert stormy.take_off() is None
+
+
+def test_gusts_make_it_less_sure():
+    stds = [
+        inputs_of(ROOT / "plans/survey.plan", "static", **{"wind.gust_std_mps": gust}).take_off().forecast
+        for gust in (0.0, 2.0)
+    ]
+    assert stds[1].remaining_std_s > stds[0].remaining_std_s
+    assert stds[1].soc_end_std > stds[0].soc_end_std
+
+
+def test_a_plan_without_parameters_has_a_forecast(tmp_path):
+    path = tmp_path / "line.plan"
+    path.write_text("0.1; 90; x\n0, 400\n")
+    inputs = load_flight(str(path))
+    expected = inputs.take_off()
+    assert (expected.parameters, expected.quality) == ({}, None)
+    # from 100 m before the trigger to it at 15 m/s
+    assert expected.forecast.remaining_s == pytest.approx(100 / 15)
+    power_w = inputs.mission.motion_w
+    assert expected.forecast.energy_wh == pytest.approx(power_w * 100 / 15 / 3600, rel=1e-6)

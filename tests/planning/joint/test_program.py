@@ -1,0 +1,382 @@
+"""The mission program against brute force over the path parameters, with the exact best of the computations at each."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from statistics import median
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from eadp.errors import Infeasible, SolverFailed
+from eadp.planning.joint import program as mission_program
+from eadp.planning.joint.knapsack import FULL, Steps, allocation_of
+from eadp.planning.joint.program import (
+    CLOSED_FORM,
+    INFEASIBLE,
+    SCANNED,
+    SOLVED,
+    MissionProgram,
+    Prospect,
+    best_at,
+)
+
+PLACES, PLACES_EACH = 400, 32
+MEDIAN_GAP, WORST_GAP = 1e-4, 1e-2
+QP_GAP = 1e-5
+LP = 1e-8
+SLOPE = 1e-2
+"""Of differences over one step and over two."""
+INSTANCES = {1: 100, 2: 16}
+"""By the number of path parameters."""
+SCAN_GAP = 5e-2
+PAYS = 0.05
+"""What a change has to gain."""
+
+
+class Mission:
+    """Whole laps of a few legs each: how many is a staircase in p, how long they take is smooth on each step."""
+
+    def __init__(self, seed, dimensions, tight=None):
+        rng = np.random.default_rng(seed)
+        self.dimensions = dimensions
+        self.first, self.rise = rng.uniform(3, 7), rng.uniform(1, 12, dimensions)
+        kinds = int(rng.integers(2, 5))
+        self.legs_s = rng.uniform(5, 20, kinds)
+        self.bends = rng.uniform(-0.3, 0.6, (dimensions, kinds))
+        self.motion = rng.uniform(30, 45, kinds)
+        self.powers, self.values = [], []
+        for _ in range(kinds):
+            count = int(rng.integers(0, 5))
+            widths, slopes = rng.uniform(0.2, 3, count), np.sort(rng.uniform(0.02, 1, count))[::-1]
+            self.powers.append(np.cumsum([rng.uniform(0, 4), *widths]))
+            self.values.append(np.cumsum([0, *(widths * slopes)]))
+        top = max(values[-1] for values in self.values) or 1.0
+        self.values = [values / top for values in self.values]
+        self.weight = rng.uniform(0.2, 0.8)
+        self.margin = rng.uniform(0, 0.03, dimensions)
+        least, most = (self.told((end,) * dimensions, 1.0).steps for end in (0.0, 1.0))
+        share = rng.uniform(0.05, 1.05) if tight is None else tight
+        self.available = least.least_use + share * (most.least_use + most.use.sum() - least.least_use)
+
+    def told(self, shares, available):
+        p = np.array(shares)
+        laps = math.ceil(self.first + self.rise @ p - 1e-12)
+        # within a step the last leg shortens, as a plan is cut where it is over
+        over = laps - (self.first + self.rise @ p)
+        times = np.tile(self.legs_s * (1 + (p @ self.bends) ** 2), laps)
+        times[-1] *= 1 - 0.8 * over
+        total = times.sum()
+        kinds = len(self.legs_s)
+        segment, level, use, gain = [], [], [], []
+        least_use = least_value = 0.0
+        for kind in range(kinds):
+            own = times[kind::kinds]
+            powers = (self.motion[kind] + self.powers[kind]) * 1e-5
+            least_use += own.sum() * powers[0]
+            least_value += own.sum() * self.values[kind][0]
+            count = len(powers) - 1
+            segment.append(np.repeat(np.arange(kind, len(times), kinds), count))
+            level.append(np.tile(np.arange(count), laps))
+            use.append(np.outer(own, np.diff(powers)).ravel())
+            gain.append(np.outer(own, np.diff(self.values[kind])).ravel())
+        worth = (1 - self.weight) / total
+        steps = Steps(
+            np.concatenate(segment),
+            np.concatenate(level),
+            np.concatenate(use),
+            np.concatenate(gain) * worth,
+            least_use,
+            least_value * worth + self.weight * float(p.mean()),
+        )
+        return Prospect(tuple(shares), (laps,), steps, available - float(self.margin @ p**2))
+
+    def __call__(self, shares):
+        assert len(shares) == self.dimensions
+        assert all(0 <= share <= 1 for share in shares)
+        return self.told(shares, self.available)
+
+    def by_brute_force(self):
+        """The best value over a fine grid, and None where nothing is feasible."""
+        axis = np.linspace(0, 1, PLACES if self.dimensions == 1 else PLACES_EACH).tolist()
+        found = (best_at(self(place)) for place in itertools.product(axis, repeat=self.dimensions))
+        return max((answer.value for answer in found if answer.allocation.feasible), default=None)
+
+
+@dataclass
+class Compared:
+    """An instance with what brute force finds."""
+
+    mission: Mission
+    best: float | None
+
+
+@pytest.fixture(scope="module")
+def compared():
+    missions = [Mission(seed, dimensions) for dimensions in (1, 2) for seed in range(INSTANCES[dimensions])]
+    return [Compared(mission, mission.by_brute_force()) for mission in missions]
+
+
+def checked(mission, answer):
+    """The answer is what it says: within its boxes and its charge, at its value."""
+    prospect = mission(answer.prospect.shares)
+    x = answer.allocation.shares
+    assert ((x >= 0) & (x <= 1)).all()
+    assert answer.allocation.use <= prospect.available + FULL
+    again = allocation_of(prospect.steps, x)
+    assert answer.value == pytest.approx(again.value)
+    assert answer.short <= FULL
+
+
+def gaps(compared, dimensions, **settings):
+    found = []
+    for each in compared:
+        mission = each.mission
+        if mission.dimensions != dimensions:
+            continue
+        answer = MissionProgram(dimensions, **settings).solve(mission, (0.5,) * dimensions)
+        if each.best is None:
+            continue
+        assert answer.allocation.feasible, "brute force has found something"
+        checked(mission, answer)
+        found.append(each.best - answer.value)
+    assert len(found) > INSTANCES[dimensions] / 2
+    return found
+
+
+@pytest.mark.parametrize(("climb", "worst"), [(True, WORST_GAP), (False, SCAN_GAP)])
+def test_one_path_parameter_against_brute_force(compared, climb, worst):
+    found = gaps(compared, 1, climb=climb)
+    assert median(found) <= MEDIAN_GAP
+    assert max(found) <= worst
+
+
+def test_no_qp_fails_where_there_is_an_answer(compared):
+    failed = [
+        MissionProgram(1).solve(each.mission, (0.5,)).failures
+        for each in compared
+        if each.mission.dimensions == 1 and each.best is not None
+    ]
+    assert sum(failed) == 0
+
+
+@pytest.mark.parametrize("climb", [True, False])
+def test_two_path_parameters_are_never_infeasible_where_brute_force_is_not(compared, climb):
+    assert max(gaps(compared, 2, climb=climb)) < 0.3
+
+
+@pytest.mark.parametrize("climb", [True, False])
+def test_two_path_parameters_against_brute_force(compared, climb):
+    found = gaps(compared, 2, climb=climb)
+    assert median(found) <= 1e-3, "brute force sees a 32nd of each box"
+    assert max(found) <= WORST_GAP
+
+
+def test_climbing_never_loses(compared):
+    for each in compared[::7]:
+        warm = (0.3,) * each.mission.dimensions
+        values = [MissionProgram(len(warm), climb=climb).solve(each.mission, warm).value for climb in (False, True)]
+        assert values[1] >= values[0] - 1e-12
+
+
+def test_the_closed_form_is_the_linear_programs(compared):
+    for each in compared[::7]:
+        prospect = each.mission((0.37,) * each.mission.dimensions)
+        answer = best_at(prospect)
+        if not answer.allocation.feasible or not len(prospect.steps.use):
+            continue
+        spare = prospect.available - prospect.steps.least_use
+        exact = linprog(-prospect.steps.gain, A_ub=prospect.steps.use[None, :] * 100, b_ub=[spare * 100], bounds=(0, 1))
+        assert answer.value == pytest.approx(prospect.steps.least_value - exact.fun, abs=LP)
+        assert answer.status == CLOSED_FORM
+
+
+def test_qps_alone_find_the_computations(compared):
+    program, found = MissionProgram(1), []
+    for each in compared[::3]:
+        prospect = each.mission((0.42,) * each.mission.dimensions)
+        answer, closed = program.allocated(prospect), best_at(prospect)
+        assert answer.allocation.feasible == closed.allocation.feasible
+        if closed.allocation.feasible:
+            assert answer.allocation.use <= prospect.available + FULL
+            found.append(closed.value - answer.value)
+    assert min(found) >= -LP
+    assert median(found) <= QP_GAP
+    assert max(found) <= WORST_GAP
+
+
+def test_from_a_warm_start_few_qps_are_needed(compared):
+    mission = next(each.mission for each in compared if each.best is not None)
+    program = MissionProgram(1)
+    prospect = mission((0.42,) * mission.dimensions)
+    cold = program.allocated(prospect)
+    warm = program.allocated(prospect, cold.allocation.shares)
+    assert warm.passes <= cold.passes
+    assert warm.value == pytest.approx(cold.value, abs=QP_GAP)
+    other = program.allocated(prospect, np.ones(1))  # of another length: left aside
+    assert other.value == pytest.approx(cold.value, abs=QP_GAP)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_slopes_are_those_of_value_and_of_use_less_what_is_available(dimensions):
+    mission, program = feasible_mission(dimensions), MissionProgram(dimensions)
+    mission.margin = np.full(dimensions, 0.2)
+    checked_axes = 0
+    for place in itertools.product((0.13, 0.37, 0.61, 0.88), repeat=dimensions):
+        answer = best_at(mission(place))
+        for axis in range(dimensions):
+            near = [
+                mission(tuple(p + d * (i == axis) for i, p in enumerate(place)))
+                for d in (-2 * mission_program.DIFFERENCE, 0.0)
+            ]
+            if near[0].shape != near[1].shape:
+                continue
+            one, other = (allocation_of(prospect.steps, answer.allocation.shares) for prospect in near)
+            span = 2 * mission_program.DIFFERENCE
+            spare = [near[0].available - one.use, near[1].available - other.use]
+            found = program._slope(mission, answer, axis)
+            assert found[0] == pytest.approx((other.value - one.value) / span, rel=SLOPE, abs=SLOPE)
+            assert found[1] == pytest.approx((spare[0] - spare[1]) / span, rel=SLOPE, abs=SLOPE)
+            checked_axes += 1
+    assert checked_axes > 1
+
+
+# --- what can go wrong ------------------------------------------------------------------------------------------------
+
+
+def feasible_mission(dimensions=1):
+    return Mission(4, dimensions, tight=0.5)
+
+
+@pytest.mark.parametrize("error", [SolverFailed("no"), Infeasible("no")])
+def test_qps_that_fail_are_counted_and_answered_by_the_scan(monkeypatch, error):
+    def fail(*_arguments):
+        raise error
+
+    mission = feasible_mission()
+    scanned = MissionProgram(1, climb=False).solve(mission, (0.5,))
+    monkeypatch.setattr(mission_program.QuadraticProgram, "solve", fail)
+    answer = MissionProgram(1).solve(mission, (0.5,))
+    assert (answer.failures, answer.passes, answer.status) == (1, 0, SCANNED)
+    assert answer.value == scanned.value
+    allocated = MissionProgram(1).allocated(mission((0.5,)))
+    closed = best_at(mission((0.5,)))
+    assert (allocated.failures, allocated.status) == (1, CLOSED_FORM)
+    assert allocated.value == closed.value
+
+
+def test_a_qp_that_fails_later_leaves_what_was_found(monkeypatch):
+    mission, solve, calls = feasible_mission(2), mission_program.QuadraticProgram.solve, []
+
+    def sometimes(self, *arguments):
+        calls.append(1)
+        if len(calls) > 1:
+            raise SolverFailed("now")
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(mission_program.QuadraticProgram, "solve", sometimes)
+    answer = MissionProgram(2).solve(mission, (0.5, 0.5))
+    assert answer.failures == 1
+    assert answer.passes == 1
+    checked(mission, answer)
+
+
+def test_a_plan_that_cannot_be_flown_anywhere():
+    with pytest.raises(Infeasible, match="at any path parameters"):
+        MissionProgram(1).solve(lambda shares: None, (0.5,))
+
+
+@pytest.mark.parametrize("until", [0.05, 0.45, 0.95])
+@pytest.mark.parametrize("warm", [0.0, 0.5, 1.0])
+def test_a_plan_that_cannot_be_flown_at_some_parameters(until, warm):
+    mission = Mission(5, 1, tight=0.9)
+
+    def outlook(shares):
+        return mission(shares) if shares[0] <= until else None
+
+    answer = MissionProgram(1).solve(outlook, (warm,))
+    axis = [place for place in np.linspace(0, 1, 1000).tolist() if place <= until]
+    best = max(found.value for place in axis if (found := best_at(mission((place,)))).allocation.feasible)
+    assert best - answer.value <= WORST_GAP
+
+
+def test_too_little_charge_everywhere_says_what_lacks_least():
+    mission = Mission(6, 1, tight=-0.5)
+    answer = MissionProgram(1).solve(mission, (0.7,))
+    assert answer.status == INFEASIBLE
+    assert not answer.allocation.feasible
+    shorts = [best_at(mission((place,))).short for place in np.linspace(0, 1, 1000).tolist()]
+    assert answer.short == pytest.approx(min(shorts), abs=1e-3)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.004, 0.02])
+def test_of_plans_that_lack_alike_the_best_is_taken(tolerance):
+    mission = Mission(6, 1, tight=-0.5)
+
+    def outlook(shares):
+        return replace(mission(shares), tolerance=tolerance)
+
+    answer = MissionProgram(1).solve(outlook, (0.7,))
+    least = MissionProgram(1).solve(mission, (0.7,))
+    assert answer.short <= least.short + tolerance
+    places = [best_at(mission((place,))) for place in np.linspace(0, 1, 13).tolist()]
+    for other in places:
+        assert other.short > least.short + tolerance or other.value <= answer.value
+    assert (answer.value > least.value) == (tolerance > 0)
+
+
+def test_without_path_parameters_the_closed_form_is_the_answer():
+    mission = feasible_mission()
+    answer = MissionProgram(0).solve(lambda shares: mission((0.5,)), ())
+    assert answer.status == CLOSED_FORM
+    assert answer.value == best_at(mission((0.5,))).value
+
+
+def test_a_step_that_is_feasible_at_its_edge_alone():
+    """Charge that is enough below 0.31 only, where the path is worth the more the higher p."""
+    none = np.zeros(0)
+
+    def outlook(shares):
+        (p,) = shares
+        places = none.astype(np.intp)
+        return Prospect(shares, (int(p * 5),), Steps(places, places, none, none, 0.4 + (p > 0.31), p), 0.9)
+
+    answer = MissionProgram(1).solve(outlook, (1.0,))
+    assert answer.value == pytest.approx(0.31, abs=5e-4)
+
+
+def test_status_tells_how_it_was_found():
+    mission = feasible_mission()
+    answer = MissionProgram(1).solve(mission, (0.5,))
+    assert answer.passes > 0
+    assert answer.status == SOLVED
+    assert MissionProgram(1, climb=False).solve(mission, (0.5,)).status == SCANNED
+
+
+def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
+    looked = {True: 0, False: 0}
+    decided = 0
+    for each in compared:
+        mission, here = each.mission, best_at(each.mission((0.5,) * each.mission.dimensions))
+        if mission.dimensions != 1 or not here.allocation.feasible:
+            continue
+        found = {}
+        for bounded in (False, True):
+
+            def outlook(shares, mission=mission, bounded=bounded):
+                looked[bounded] += 1
+                return mission(shares)
+
+            least = here.value + PAYS if bounded else -math.inf
+            found[bounded] = MissionProgram(1).solve(outlook, (0.5,), least)
+        best, useful = found[False].value, found[True].value
+        if abs(best - here.value - PAYS) > WORST_GAP / 10:
+            decided += best > here.value + PAYS
+            assert (useful > here.value + PAYS) == (best > here.value + PAYS)
+        if useful > here.value + PAYS:
+            assert useful == pytest.approx(best, abs=MEDIAN_GAP)
+    assert decided > 10
+    assert looked[True] < looked[False]

@@ -1,0 +1,306 @@
+"""Planners from their observations alone: what they decide, when, and what they fall back to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from common import ROOT
+from scipy.integrate import solve_ivp
+
+from eadp.errors import EadpError, Infeasible, SolverFailed
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.battery import Battery
+from eadp.models.computing import join_profile
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+from eadp.models.profile import Profile
+from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.paper.horizon import Horizon
+from eadp.planning.registry import (
+    JointPlanner,
+    Mission,
+    Observation,
+    PaperPlanner,
+    PlannerSettings,
+    StaticPlanner,
+    make_planner,
+)
+
+PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
+PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
+BATTERY = Battery(14.8, 0.0012, 3.2, 0.00183, 1.0, 10.0)
+SETTINGS = PlannerSettings(
+    name="paper", min_periods=0, longest_s=705.96, shortest_s=270.15, reserve_soc=0.0, delta={"c1": 500}
+)
+
+
+def mission(plan=PLAN, profile=PROFILE, battery=BATTERY, parameters=(0.0, 10.0)):
+    return Mission(plan, join_profile(plan, profile), battery, 15.0, parameters, (-100.0, 220.0))
+
+
+def planner(settings=SETTINGS, **changes):
+    return make_planner(settings, EstimatorSettings(), mission(**changes))
+
+
+def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), stage=1, begun=1):
+    return Observation(time_s, 0.0, 0.0, stage, begun, power_w, soc, parameters)
+
+
+def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0):
+    """Observations at steady power; decisions with their times, where they change."""
+    changes, last = [], None
+    for k in range(round(seconds / step_s)):
+        time_s = start_s + k * step_s
+        decision = pilot.update(observation(time_s, soc(time_s), power_w, last or (0.0, 10.0)))
+        if decision.parameters != last:
+            last = decision.parameters
+            changes.append((round(time_s, 6), last))
+    return changes
+
+
+def test_names():
+    assert isinstance(planner(replace(SETTINGS, name="static")), StaticPlanner)
+    assert isinstance(planner(), PaperPlanner)
+    assert isinstance(planner(replace(SETTINGS, name="joint")), JointPlanner)
+    with pytest.raises(EadpError, match="unknown planner greedy"):
+        planner(replace(SETTINGS, name="greedy"))
+
+
+def test_static_never_changes_and_forecasts():
+    pilot = planner(replace(SETTINGS, name="static"))
+    assert run(pilot, 30, soc=lambda t: 1 - t / 40) == [(0.1, (0.0, 10.0))]
+    decision = pilot.update(observation(31.0))
+    assert decision.power_forecast_w == pytest.approx(36.0, abs=0.05)
+    assert pilot.report.replans == 0
+
+
+def test_it_replans_every_so_often_from_when_it_may_start():
+    pilot = planner(replace(SETTINGS, every_s=2.0, start_after_s=5.0))
+    run(pilot, 20.05)
+    assert pilot.report.replans == 1 + len([6, 8, 10, 12, 14, 16, 18, 20])
+    assert pilot.report.solves == pilot.report.replans
+
+
+def test_it_waits_for_its_periods():
+    pilot = planner(replace(SETTINGS, min_periods=2))
+    for lap in range(3):
+        for stage in range(1, 5):
+            pilot.update(observation(10.0 * (4 * lap + stage), stage=stage, begun=4 * lap + stage))
+        assert (pilot.report.replans > 0) == (lap == 2)
+
+
+def test_a_jump_of_the_charge_is_answered_at_once():
+    pilot = planner(replace(SETTINGS, every_s=60.0))
+    soc = lambda t: 1.0 if t < 30.05 else 0.60  # noqa: E731
+    changes = run(pilot, 40, soc=soc)
+    assert changes[-1][0] == pytest.approx(30.1)
+    assert changes[-1][1][0] == -500.0
+    assert pilot.report.replans == 2
+
+
+def test_time_to_an_empty_battery_is_the_integral_of_the_model():
+    """Against solve_ivp on ḃ = −k_b I(y)/Q_c with the power as told: the horizon's, then its last."""
+    pilot = planner(replace(SETTINGS, reserve_soc=0.1))
+    run(pilot, 20)
+    o = observation(20.0, soc=0.8)
+    b = BATTERY
+
+    def rate(_t, _b):
+        y = 36.0
+        return [
+            -b.k_b_per_s
+            * (b.voltage_v - np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * y))
+            / (2 * b.resistance_ohm * b.capacity_ah)
+        ]
+
+    def empty(_t, y):
+        return y[0] - 0.1
+
+    empty.terminal = True
+    solved = solve_ivp(rate, (0, 5000), [0.8], events=empty, rtol=1e-10, atol=1e-12)
+    assert pilot._time_to_reserve_s(o) == pytest.approx(solved.t_events[0][0], rel=2e-3)
+    assert pilot._time_to_reserve_s(o._replace(soc=0.1)) == 0.0
+
+
+def test_time_to_an_empty_battery_follows_a_periodic_power():
+    """Readings of a level and a harmonic of the lap's period: the closed form against a plain sum of seconds."""
+    pilot = planner()
+    period = pilot.period_s
+    power = lambda t: 30 + 4 * np.sin(2 * np.pi * t / period)  # noqa: E731
+    for k in range(1, 2000):
+        pilot.update(observation(0.1 * k, power_w=float(power(0.1 * k)) + 9.75462))
+    o = observation(199.9, soc=0.7)
+    t, soc = 199.9, 0.7
+    while soc > 0:
+        y = power(t + 0.005) + pilot._ahead_w[-1]
+        soc -= BATTERY.k_b_per_s * BATTERY.current_a(float(y)) / BATTERY.capacity_ah * 0.01
+        t += 0.01
+    assert pilot._time_to_reserve_s(o) == pytest.approx(t - 199.9, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("rule", "time_s", "c1", "expected"),
+    [
+        ("corrected", 100.0, 0.0, 705.96 - 100),
+        ("published", 100.0, 0.0, 705.96 - 100),
+        ("corrected", 100.0, -1000.0, 270.15 - 100),
+        ("published", 100.0, -1000.0, 270.15 / 705.96 * (705.96 - 100)),
+        ("corrected", 488.055, -500.0, 0.0),
+        ("published", 488.055, -500.0, 488.055 / 705.96 * (705.96 - 488.055)),
+    ],
+)
+def test_remaining_time(rule, time_s, c1, expected):
+    pilot = planner(replace(SETTINGS, remaining_time=rule))
+    assert pilot._remaining_s((c1, 10.0), time_s) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_path_is_lowered_by_delta_while_time_is_short_and_raised_while_there_is_some_to_spare():
+    # 711 s of battery at 36.4 W; what is planned takes 705.96 s
+    down = planner(replace(SETTINGS, raise_path=False))
+    changes = run(down, 6, soc=lambda t: 0.5)
+    assert [values[0] for _, values in changes] == [-500.0, -1000.0]
+    up = planner(replace(SETTINGS, raise_path=True), parameters=(-1000.0, 10.0))
+    assert [values[0] for _, values in run(up, 6)] == [-1000.0 + 500, 0.0]
+    still = planner(replace(SETTINGS, raise_path=False), parameters=(-1000.0, 10.0))
+    assert [values[0] for _, values in run(still, 6)] == [-1000.0]
+
+
+def test_the_largest_path_that_fits_just_fits():
+    pilot = planner(replace(SETTINGS, path_search="largest"))
+    for k in range(1, 100):
+        decision = pilot.update(observation(0.1 * k, soc=0.8))
+    o = observation(10.0, soc=0.8)
+    decision = pilot.update(o)
+    t_b = pilot._time_to_reserve_s(o)
+    assert -1000 < decision.parameters[0] < 0
+    assert pilot._remaining_s(decision.parameters, 10.0) == pytest.approx(t_b, abs=0.01)
+
+
+def test_largest_without_raising_only_lowers():
+    settings = replace(SETTINGS, path_search="largest", raise_path=False)
+    assert [v[0] for _, v in run(planner(settings, parameters=(-900.0, 10.0)), 5)] == [-900.0]
+
+
+def test_nothing_fits_takes_the_lowest():
+    pilot = planner(replace(SETTINGS, path_search="largest"))
+    assert run(pilot, 3, soc=lambda t: 0.05)[-1][1][0] == -1000.0
+
+
+def test_the_output_constraint_limits_the_computations():
+    battery = replace(BATTERY, crate_per_h=1.0)
+    pilot = planner(battery=battery)
+    # b Q_c V = 0.76 · 47.36 = 36.0 W allows what is flown; 0.70 allows 33.2 W: a motion of 26.2 W leaves 6.9 W
+    for k in range(1, 60):
+        decision = pilot.update(observation(0.1 * k, soc=0.70, parameters=(0.0, 10.0)))
+    motion = 36.0 - 9.75462
+    g = PROFILE.power_w_at((decision.parameters[1],))
+    nxt = PROFILE.power_w_at((decision.parameters[1] + 1,))
+    assert motion + g <= 0.70 * 47.36 + 0.1
+    assert motion + nxt > 0.70 * 47.36 - 0.3
+
+
+def test_nothing_admissible_is_the_lowest_counted_and_said():
+    pilot = planner(battery=replace(BATTERY, crate_per_h=1.0))
+    decision = None
+    for k in range(1, 30):
+        decision = pilot.update(observation(0.1 * k, soc=0.3))
+    assert decision.parameters[1] == 2.0
+    assert decision.reason.startswith("infeasible")
+    assert pilot.report.infeasible == pilot.report.solves > 0
+    assert pilot.report.failures == 0
+
+
+def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
+    def failing(self, outlook):
+        raise SolverFailed("OSQP: maximum iterations reached")
+
+    monkeypatch.setattr(Horizon, "solve", failing)
+    pilot = planner(replace(SETTINGS, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, crate_per_h=1.0))
+    for k in range(1, 30):
+        decision = pilot.update(observation(0.1 * k, soc=0.70))
+    assert pilot.report.failures == pilot.report.solves > 0
+    assert decision.reason.startswith("fallback, lowered by δ: OSQP")
+    assert decision.parameters[1] == 4.0, "10, then 7, then 4, which fits 6.9 W"
+
+
+def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(monkeypatch):
+    monkeypatch.setattr(Horizon, "solve", lambda self, outlook: (_ for _ in ()).throw(SolverFailed("x")))
+    monkeypatch.setattr(Horizon, "lowered", lambda *args: (_ for _ in ()).throw(Infeasible("y")))
+    pilot = planner()
+    decision = pilot.update(observation(0.1))
+    assert decision.parameters[1] == 2.0
+    assert decision.reason.startswith("fallback, lowest")
+
+
+def test_inhibited_computations_are_not_solved_for():
+    text = "0.1; 90; x\n0, 400\n[0, 0]\n0.1; 90; x\n0, 800\n[2, 10]\n"
+    plan, _ = read_plan(Text("p", text))
+    pilot = make_planner(
+        replace(SETTINGS, longest_s=None, shortest_s=None), EstimatorSettings(), mission(plan, parameters=(10.0,))
+    )
+    for k in range(1, 30):
+        decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0))
+    assert pilot.report.solves == 0
+    assert pilot.report.replans > 0
+    assert decision.parameters == (10.0,), "what was decided waits for the stage that runs it"
+    for k in range(30, 60):
+        decision = pilot.update(observation(0.1 * k, parameters=(10.0,), stage=2, begun=2))
+    assert pilot.report.solves > 0
+
+
+def test_levels_of_the_settings_are_kept_to():
+    pilot = planner(replace(SETTINGS, levels={"c2": (2.0, 5.0)}))
+    assert run(pilot, 3)[-1][1][1] == 5.0
+
+
+def test_trade_offs_between_computations_and_the_path_are_kept():
+    """c2 may be at most 10 + c1/200: rows R c − r ≥ 0 over all parameters."""
+    row = ({"c1": 1 / 200, "c2": -1.0}, -10.0)
+    settings = replace(SETTINGS, trade_offs=(row,), raise_path=False)
+    pilot = planner(settings, parameters=(-900.0, 10.0))
+    decision = None
+    for k in range(1, 20):
+        decision = pilot.update(observation(0.1 * k, parameters=(-900.0, 10.0)))
+    assert decision.parameters[1] == 5.0, "10 − 4.5, and whole"
+
+
+@pytest.mark.parametrize("cost", ["control", "power", "quadratic", "output"])
+@pytest.mark.parametrize("horizon_s", [6.0, None])
+def test_every_cost_and_horizon_takes_what_is_free(cost, horizon_s):
+    pilot = planner(replace(SETTINGS, cost=cost, horizon_s=horizon_s))
+    assert run(pilot, 3)[-1][1][1] == 10.0
+    assert pilot.report.failures == 0
+
+
+def test_a_sensor_without_readings_is_lived_with():
+    pilot = planner()
+    for k in range(1, 50):
+        power = 36.0 if k < 20 else None
+        decision = pilot.update(observation(0.1 * k, power_w=power))
+    assert decision.power_forecast_w == pytest.approx(36.0, abs=0.1)
+
+
+def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
+    from eadp.models.plan.trace import nominal_legs
+
+    pilot = planner(replace(SETTINGS, longest_s=None, shortest_s=None))
+    lengths = [sum(leg.distance_m for leg in nominal_legs(PLAN, (c1, 10.0), (-100.0, 220.0))) for c1 in (-1000.0, 0.0)]
+    assert pilot._times == pytest.approx([length / 15 for length in lengths])
+    # flown, triggers fire 20 m early and cut the corners: 717 s at the highest, 5 % less
+    assert pilot._times[1] == pytest.approx(717.35 * 1.06, rel=0.02)
+
+
+def test_a_fit_is_what_the_estimator_starts_from():
+    fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
+    pilot = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
+    estimator = pilot._estimator
+    assert estimator.state_w == pytest.approx(fitted.state_w(3))
+    assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
+    assert estimator.disturbance == (0.3, 7.0)
+    assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
+    white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
+    assert white._estimator.disturbance == (0.5, 5.0)
+    mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
+    assert mean._estimator.state_w.tolist() == [31.0]

@@ -1,0 +1,121 @@
+"""Engines make what they are given; runs here are calls, made by `operator.call` in whatever process."""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+import os
+import signal
+
+import pytest
+
+from eadp.errors import EadpError, InputError
+from eadp.simulation.sweep.engines import Cluster, Here, Pool, cores
+
+DEATH = functools.partial(os._exit, 3)
+
+
+def product(i):
+    """A run whose result is i!; its process and the order do not matter."""
+    return functools.partial(math.factorial, i)
+
+
+def made(engine, runs):
+    """Results by run, at most as many under way as the engine has room for."""
+    results, waiting = {}, list(runs)
+    while waiting or engine.busy:
+        while waiting and engine.room > 0:
+            engine.submit(waiting.pop())
+        for run, result in engine.finished():
+            assert (*run.args, run.func) not in results
+            results[*run.args, run.func] = result
+    return results
+
+
+def expected(runs):
+    return {(*run.args, run.func): run() for run in runs}
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+RUNS = [product(i) for i in range(30)]
+
+
+def test_here():
+    engine = Here(operator.call)
+    assert made(engine, RUNS) == expected(RUNS)
+
+
+def test_a_pool_makes_every_run_and_leaves_no_process():
+    engine = Pool(operator.call, 2)
+    assert made(engine, RUNS) == expected(RUNS)
+    pids = list(made(engine, [functools.partial(os.getpid)]).values())
+    assert pids != [os.getpid()]
+    engine.close()
+    assert not any(map(alive, pids))
+
+
+def test_a_run_that_kills_its_process_is_given_back_and_the_rest_is_made():
+    engine = Pool(operator.call, 2)
+    runs = [*RUNS[:6], DEATH, *RUNS[6:]]
+    results = made(engine, runs)
+    engine.close()
+    assert results == {**expected(RUNS), (3, os._exit): None}
+
+
+def test_a_pool_closes_in_the_middle_of_a_run():
+    engine = Pool(operator.call, 1)
+    ((pid,),) = [list(made(engine, [functools.partial(os.getpid)]).values())]
+    engine.submit(functools.partial(signal.pause))  # a run without an end
+    engine.close()
+    assert not alive(pid)
+
+
+def test_there_are_cores():
+    assert 1 <= cores() <= (os.cpu_count() or 1)
+
+
+def test_no_scheduler_is_an_error_at_the_option(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("eadp.simulation.sweep.engines.CLUSTER_WAIT_S", 0.2)
+    with pytest.raises(InputError, match="--scheduler:1:1: error: no scheduler answers"):
+        Cluster(operator.call, "tcp://127.0.0.1:1")
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """The address of a scheduler with two workers on this machine."""
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", memory_limit=0
+    )
+    with cluster:
+        yield cluster.scheduler_address
+
+
+def test_a_cluster(scheduler):
+    engine = Cluster(operator.call, scheduler)
+    assert engine.workers == 2
+    assert made(engine, RUNS) == expected(RUNS)
+    engine.close()
+
+
+def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
+    engine = Cluster(operator.neg, scheduler)
+    engine.submit(RUNS[0])
+    with pytest.raises(EadpError, match="makes no runs: TypeError: bad operand"):
+        engine.finished()
+    engine.close()
+
+
+def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
+    engine = Cluster(operator.call, scheduler)
+    assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
+    engine.close()

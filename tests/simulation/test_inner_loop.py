@@ -1,0 +1,184 @@
+"""Flights in stretches: compiled beside plain, and whatever the stretches are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from common import ROOT
+from common.plans import PARTS
+
+from eadp.core import compiled
+from eadp.io.flight.inputs import load_flight
+from eadp.simulation.loop import Outcome, fly, step_at
+
+SURVEY, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
+SAME = 1e-9
+"""How far compiled flights may be from plain ones, relative to each number or 1. Where numba calls the C library that
+Python calls they are the same to the last bit, but for what the estimator forecasts."""
+
+CURVED = """\
+0.05; 90; y - 20*sin(x/40)
+-300, 20*sin(-300/40)
+0.05; 270; x + 300
+-300, -200
+"""
+
+
+@pytest.fixture
+def no_longer_compiled():
+    """Leaves the process as it found it."""
+    yield
+    compiled.switch_on(False)
+
+
+fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+
+
+class EveryStep:
+    """A planner that is asked at every step, as a stream of telemetry would."""
+
+    def __init__(self, planner):
+        self._planner = planner
+        self.report = planner.report
+        self.asked = 0
+
+    reading_every_s = math.inf
+    next_look_s = 0.0
+
+    @property
+    def period_s(self):
+        return self._planner.period_s
+
+    def update(self, observation):
+        self.asked += 1
+        return self._planner.update(observation)
+
+    def listen(self, readings):
+        raise AssertionError("readings are seen in observations")
+
+
+def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False):
+    inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
+    compiled.switch_on(on)
+    outcome = Outcome()
+    steps = list(fly(inputs.world, wrapped(inputs.planner()), outcome))
+    return outcome, steps
+
+
+def numbers(outcome, steps):
+    """All numbers of a flight."""
+    rows = [(*step[:-1], *step.parameters) for step in steps]
+    totals = outcome.totals
+    sums = (totals.energy_j, totals.distance_m, totals.power_min_w, totals.power_max_w, outcome.soc_final)
+    return np.array([value for row in rows for value in row] + [*sums, *outcome.stage_times_s])
+
+
+def same(one, other, within=SAME):
+    (a, _), (b, _) = one, other
+    assert (a.completed, a.reason, a.duration_s) == (b.completed, b.reason, b.duration_s)
+    assert numbers(*one) == pytest.approx(numbers(*other), rel=within, abs=within)
+    assert [r.history for r in a.parameters.records] == [r.history for r in b.parameters.records]
+
+
+def drawn(seed):
+    """A scenario at random: vehicle, wind, gusts, losses, sensors, rules."""
+    rng = np.random.default_rng(seed)
+    sensors = {
+        "sensors.power_noise_w": float(rng.choice([0, 0.4])),
+        "sensors.position_noise_m": float(rng.choice([0, 1.0])),
+        "sensors.soc_noise": float(rng.choice([0, 0.001])),
+        "sensors.delay_s": float(rng.choice([0, 0.05, 0.3])),
+        "sensors.drop_out_share": float(rng.choice([0, 0.2])),
+    }
+    return {
+        **(sensors if rng.random() < 0.6 else {}),
+        "vehicle.model": str(rng.choice(["paper", "fixed-wing"])),
+        "wind.speed_mps": float(rng.uniform(0, 9)),
+        "wind.towards_deg": float(rng.uniform(0, 360)),
+        "wind.gust_std_mps": float(rng.choice([0, 0.7])),
+        "battery.capacity_ah": float(rng.uniform(0.15, 0.45)),
+        "battery.voltage_empty_v": [None, 12.5][int(rng.integers(2))],
+        "faults": [{"at_s": float(rng.uniform(0, 150)), "soc_drop": 0.1} for _ in range(int(rng.integers(3)))],
+        "guidance.normalised": bool(rng.random() < 0.3),
+        "guidance.wind_corrected": bool(rng.random() < 0.7),
+        "parameter_changes": str(rng.choice(["latched", "live"])),
+        "estimator.every_s": float(rng.choice([0.03, 0.1, 0.25])),
+        "planner.name": str(rng.choice(["static", "paper", "joint"])),
+        "planner.every_s": float(rng.choice([0.5, 1.0, 1.7])),
+        "planner.min_periods": 1,
+        "log_every_s": float(rng.choice([0.1, 3.0, 1e9])),
+        "time_limit_s": 260.0,
+        "step_s": float(rng.choice([0.01, 0.02, 0.05])),
+        "seed": seed,
+    }
+
+
+@fast
+@pytest.mark.parametrize("seed", range(24))
+def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
+    same(flown(drawn(seed), on=True), flown(drawn(seed)))
+
+
+@fast
+@pytest.mark.parametrize("scenario", ["paper-I-static", "paper-i-dynamic", "paper-ii-dynamic", "paper-drained"])
+def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
+    file = str(ROOT / f"scenarios/{scenario}.yaml")
+    same(*(flown({"time_limit_s": 300.0}, scenario=file, on=on) for on in (True, False)))
+
+
+@fast
+@pytest.mark.parametrize("text", [PARTS, CURVED])
+@pytest.mark.parametrize("vehicle", ["paper", "fixed-wing"])
+def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compiled):
+    path = tmp_path / "a.plan"
+    path.write_text(text)
+    overrides = {"vehicle.model": vehicle, "wind.gust_std_mps": 0.5, "battery.capacity_ah": 3.0, "faults": []}
+    one, other = (flown(overrides, str(path), on=on) for on in (True, False))
+    assert one[0].completed
+    same(one, other)
+
+
+@pytest.mark.parametrize("seed", range(100, 112))
+def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
+    overrides = drawn(seed)
+    if overrides["planner.name"] == "paper":  # it would see other jumps in the noise when it looks at every step
+        overrides["sensors.soc_noise"] = 0.0
+    asked = []
+
+    def wrapped(planner):
+        asked.append(EveryStep(planner))
+        return asked[0]
+
+    often = flown(overrides, wrapped=wrapped)
+    assert asked[0].asked >= len(often[1])
+    same(flown(overrides), often)
+
+
+def test_what_is_logged_does_not_change_the_flight():
+    every, never = (flown({**drawn(3), "log_every_s": every_s}) for every_s in (0.01, 1e9))
+    assert every[0].totals == never[0].totals
+    assert every[0].stage_times_s == never[0].stage_times_s
+    assert every[1][-1] == never[1][-1]
+
+
+def test_a_path_without_a_value_ends_the_flight(tmp_path):
+    path = tmp_path / "a.plan"
+    path.write_text("0.05; 270; y - 5*sqrt(x)\n400, 100\n")
+    overrides = {"planner.name": "static", "start.position_m": [5, 60], "start.heading_deg": 180}
+    outcome, steps = flown(overrides, str(path))
+    assert "has no value at" in outcome.reason
+    assert steps[-1].time_s == outcome.duration_s
+
+
+@pytest.mark.parametrize(
+    ("time_s", "step_s", "step"),
+    [(0.0, 0.01, 1), (0.01, 0.01, 1), (0.1, 0.01, 10), (0.11, 0.01, 11), (92.64, 0.01, 9264), (0.1, 0.03, 4)],
+)
+def test_the_step_at_a_time(time_s, step_s, step):
+    assert step_at(time_s, step_s, 1 << 40) == step
+
+
+def test_never_is_the_last_step():
+    assert step_at(math.inf, 0.01, 700) == 700
