@@ -30,11 +30,11 @@ import numpy as np
 import shapely
 
 from eadp.core.geometry.polygons import signed_area_m2
-from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, Request, cover, same_lines
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover, same_lines
 from eadp.coverage.line_order import best_order, exact_order
 from eadp.coverage.plan_builder import plan_of
 from eadp.coverage.report import covered_lines
-from eadp.coverage.swaths import Motion
+from eadp.coverage.swaths import MotionLimits
 from eadp.errors import Infeasible
 from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.text import plan_text, read_plan
@@ -135,9 +135,11 @@ def flown_share(plan: str, field: Field, swath_m: float, wind_deg: float | None,
     return outcome.completed, 1 - rest.area / field.area_m2
 
 
-def measure(field: Field, motion: Motion, pattern: str, seconds: float, fly_too: bool) -> dict[str, object] | None:
+def measure(
+    field: Field, motion: MotionLimits, pattern: str, seconds: float, fly_too: bool
+) -> dict[str, object] | None:
     """A field covered by a pattern."""
-    request = Request(field, motion, pattern)
+    request = CoverageRequest(field, motion, pattern)
     begin = time.process_time()
     try:
         solution = cover(request)
@@ -187,7 +189,7 @@ def main() -> None:
     groups = {"generated": generated()} | ({"outlines": outlines(arguments.outlines)} if arguments.outlines else {})
     print(f"seed {SEED}; ratio: flight time at the lowest c1 / best Dubins order of the same lines")
     for (group, fields), (swath, radius) in itertools.product(groups.items(), sizes):
-        motion = Motion(float(swath), float(radius), 1.5 * radius, 0.5 * swath)
+        motion = MotionLimits(float(swath), float(radius), 1.5 * radius, 0.5 * swath)
         for pattern in arguments.patterns.split(","):
             rows = []
             for field in fields:

@@ -13,8 +13,7 @@ and with much (10 dB); `floor` is a forecast that knows the harmonics. Flights: 
 lift that makes its power periodic. Both have laps: the last one is the period of every method, and before there is one
 ours starts from a lap that is 3 % too long. Logs have none, nor has the simulation "without laps": there the period is
 what `eadp.core.signals.spectrum` finds in the readings so far, looked for again whenever there is a tenth more, and
-none
-where it finds none.
+none where it finds none.
 
 Where a method has no period, or less than two, it tells the mean (seasonal naive: the last reading). Holt-Winters
 (additive, without a trend) and ARIMA (1, 0, 1), the latter also with the period's Fourier terms as regressors, are

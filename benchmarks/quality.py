@@ -38,7 +38,7 @@ sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(
 
 from eadp.core.compiled import switch_on  # noqa: E402
 from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.models.plan.route import Follower  # noqa: E402
+from eadp.models.plan.route import RoutePredictor  # noqa: E402
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
 from eadp.planning.joint.forecaster import Forecaster  # noqa: E402
 from eadp.planning.joint.planner import JointPlanner  # noqa: E402
@@ -223,7 +223,7 @@ class LapBudget(TrackingPlanner):
 
     def __init__(self, settings: PlannerSettings, estimator: Any, mission: Mission) -> None:
         super().__init__(settings, estimator, mission)
-        self._follower = Follower(mission.plan, mission.parameters, mission.start_m or (0, 0), mission.rules)
+        self._follower = RoutePredictor(mission.plan, mission.parameters, mission.start_m or (0, 0), mission.rules)
         self._energy_j = self._metres = 0.0
         self._last: Observation | None = None
         self._lap = -1
@@ -416,7 +416,7 @@ def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
             "seed": int(rng.integers(1 << 30)),
         }
         tasks.append(keys)
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with multiprocessing.get_context("spawn").PoolEngine(jobs) as pool:
         ends = list(pool.imap_unordered(_end, tasks, chunksize=4))
     completed = [end for end in ends if end[0]]
     violated = sum(end[1] < RESERVE for end in completed)
@@ -508,7 +508,7 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
                 "seed": int(rng.integers(1 << 30)),
             }
         )
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with multiprocessing.get_context("spawn").PoolEngine(jobs) as pool:
         scores = np.array([row for row in pool.imap_unordered(_scores, tasks, chunksize=4) if row is not None])
     print(f"seed {seed}, {len(scores)} of {count} flights completed; share that ends below the forecast less z std [%]")
     wanted = (0.8, 0.9, 0.95, 0.99)
@@ -569,7 +569,7 @@ def main() -> None:
             work, missions = run, cases(given.missions, given.seed, found)
         if given.only:
             missions = [missions[i] for i in given.only]
-        with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+        with multiprocessing.get_context("spawn").PoolEngine(given.jobs) as pool:
             results = []
             for result in pool.imap_unordered(work, [(found, mission) for mission in missions]):
                 results.append(result)

@@ -31,7 +31,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
-from eadp.planning.paper.horizon import Outlook, Plan
+from eadp.planning.paper.horizon import HorizonForecast, HorizonSolution
 from eadp.planning.registry import Mission, Observation, PaperPlanner, PlannerSettings
 
 try:
@@ -115,7 +115,7 @@ class Ours:
         self._planner._estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
         return self._observation._replace(soc=instance.soc)
 
-    def solve(self, observation: Observation) -> tuple[Outlook, Plan]:
+    def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:
         """Re-plan: what is timed."""
         outlook = self._planner._outlook(observation, self._steps)
         return outlook, self._horizon.solve(outlook)
@@ -274,7 +274,7 @@ def worth(c: np.ndarray) -> float:
     return float(np.sum((LOW_W + SLOPE_W * (c - LOW)) ** 2))
 
 
-def excess_w(c: np.ndarray, outlook: Outlook) -> float:
+def excess_w(c: np.ndarray, outlook: HorizonForecast) -> float:
     """The most that any step's power is above its limit [W], stepped through independently of `eadp`."""
     soc, most = outlook.soc, -np.inf
     for limit, mean, power in zip(

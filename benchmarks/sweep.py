@@ -49,13 +49,13 @@ from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.io.sweep.results import Results
 from eadp.io.sweep.run import FlyRun, KeptFiles
 from eadp.io.sweep.sweep_file import Sweep, read_sweep
-from eadp.models.plan.executor import ENDS, FIRES_IN, PASSED_BY, TRIGGER, Itinerary
+from eadp.models.plan.executor import ENDS, FIRES_IN, PASSED_BY, TRIGGER, PlanExecutor
 from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.simulation.aircraft import constants_of, state_of
-from eadp.simulation.inner_loop import Stretches
+from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, World, fly
 from eadp.simulation.sweep.design import Result, Run, make_runs
-from eadp.simulation.sweep.engines import Cluster, Here, Make, Pool
+from eadp.simulation.sweep.engines import DaskEngine, Make, PoolEngine, SerialEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
@@ -137,7 +137,7 @@ def swept(sweep: Sweep, make: Make, jobs: int, out: Path | None) -> list[Result]
     with contextlib.closing(Results(None if out is None else str(out))) as results:
         runs = [sweep.run(index) for index in range(len(sweep.design))]
         results.expect(run.key for run in runs)
-        engine = Pool(make, jobs) if jobs else Here(make)
+        engine = PoolEngine(make, jobs) if jobs else SerialEngine(make)
         try:
             return [result for _, result in make_runs(runs, engine, results)]
         finally:
@@ -218,8 +218,8 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
     runs = [sweep.run(index) for index in range(count)]
     kind = type(sweep.kept.load(runs[0]).planner())
     parts: dict[str, list[tuple[type, str]]] = {
-        "stretches": [(Stretches, "run")],
-        "stages": [(Itinerary, "follow"), (Itinerary, "decide"), (Stretches, "along")],
+        "stretches": [(InnerLoop, "run")],
+        "stages": [(PlanExecutor, "follow"), (PlanExecutor, "decide"), (InnerLoop, "along")],
         "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "listen") if name in vars(owner)],
         "estimator": [(ExactEstimator, name) for name in ("observe", "observe_all", "lap", "begin_lap", "forecast")],
         "inputs": [(KeptFiles, "load"), (FlightInputs, "planner")],
@@ -244,13 +244,13 @@ def trigger_share(world: World, fast: bool) -> float:
     steps, spent = 100_000 if fast else 10_000, {}
     for _ in range(3):
         for watching in (True, False):
-            itinerary = Itinerary(world.plan, world.parameters, world.start_m, world.rules)
+            itinerary = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
             if watching:  # of a trigger that does not fire: a circle without end, a disc of no size
                 itinerary.watch[PASSED_BY + 4], itinerary.watch[TRIGGER + 3] = math.inf, -1.0
             else:
                 itinerary.watch[FIRES_IN] = itinerary.watch[ENDS] = 0.0
             begin = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
-            stretches = Stretches(
+            stretches = InnerLoop(
                 state_of(world.vehicle, *begin),
                 constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
                 replace(world.battery, capacity_ah=1e6),
@@ -361,7 +361,7 @@ def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
         return {}
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
         walls = {}
-        engine = Cluster(make, cluster.scheduler_address)
+        engine = DaskEngine(make, cluster.scheduler_address)
         try:
             for name in ("cluster, first flights", "cluster, once it is warm"):
                 begun = time.perf_counter()

@@ -20,7 +20,7 @@ if os.environ.get("CI"):
 
 
 @dataclass
-class Answer:
+class Solution:
     """What a command line answered."""
 
     code: int
@@ -33,10 +33,10 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Run a command line in the repository's root."""
     monkeypatch.chdir(ROOT)
 
-    def run(*arguments: str) -> Answer:
+    def run(*arguments: str) -> Solution:
         code = main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
-        return Answer(code, captured.out, captured.err)
+        return Solution(code, captured.out, captured.err)
 
     return run
 

@@ -9,12 +9,11 @@ import os
 import sys
 from pathlib import Path
 
-from common import ROOT
-
 from eadp.errors import InputError
 from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import read_text
 
+ROOT = Path(__file__).resolve().parent.parent
 BAD = Path("tests", "bad")
 
 

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from eadp.core.geometry.curves import Point
-    from eadp.coverage.cover import Solution
-    from eadp.coverage.plan_builder import Sensors
-    from eadp.coverage.report import Flown, Power
-    from eadp.coverage.swaths import Motion, Way
+    from eadp.coverage.cover import CoverageSolution
+    from eadp.coverage.plan_builder import FieldComputations
+    from eadp.coverage.report import PathReport, PowerDraw
+    from eadp.coverage.swaths import CoveragePath, MotionLimits
     from eadp.errors import Fault
     from eadp.io.scenario.scenario_file import Scenario
     from eadp.models.computing import Computing
@@ -104,7 +104,7 @@ def command(
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
-    from eadp.coverage.cover import Request, cover
+    from eadp.coverage.cover import CoverageRequest, cover
     from eadp.coverage.plan_builder import plan_of
     from eadp.coverage.report import flown
     from eadp.errors import Fault, Infeasible
@@ -118,7 +118,7 @@ def command(
     motion = _motion(setting, min_radius, swath, radius, spacing, wind, airspeed)
     text = read_text(file)
     field, mended = read_field(text, metres=metres, feature=feature)
-    request = Request(
+    request = CoverageRequest(
         field,
         motion,
         pattern.value,
@@ -205,22 +205,22 @@ def _profile(path: str | None, setting: Scenario) -> AnyProfile | None:
     return profile
 
 
-def _sensors(profile: AnyProfile | None, turns_off: bool) -> Sensors:
+def _sensors(profile: AnyProfile | None, turns_off: bool) -> FieldComputations:
     """The computations that a profile measures, over what it measures in whole numbers."""
     import math
 
-    from eadp.coverage.plan_builder import Sensors
+    from eadp.coverage.plan_builder import FieldComputations
     from eadp.models.plan.plan import Box
 
     if profile is None:
-        return Sensors()
+        return FieldComputations()
     sets = []
     for name in profile.names:
         lo, hi = profile.range_of(name)
         lo = max(lo, 0.0)  # computations' sets begin at 0 or more
         whole = Box(float(math.ceil(lo)), float(math.floor(hi))) if math.ceil(lo) <= math.floor(hi) else Box(lo, hi)
         sets.append(whole)
-    return Sensors(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), turns_off)
+    return FieldComputations(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), turns_off)
 
 
 def _motion(
@@ -231,8 +231,8 @@ def _motion(
     spacing: float | None,
     wind: str | None,
     airspeed: float | None,
-) -> Motion:
-    from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, Motion
+) -> MotionLimits:
+    from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 
     ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
@@ -253,7 +253,7 @@ def _motion(
     if speed_of_wind >= speed:
         message = f"a wind of {speed_of_wind:g} m/s, no slower than the aircraft"
         raise usage_fault("--wind", wind or "", message, f"less than its {speed:g} m/s")
-    return Motion(swath, min_radius, ideal, apart, speed, blowing)
+    return MotionLimits(swath, min_radius, ideal, apart, speed, blowing)
 
 
 def _wind_mps(raw: str) -> Point:
@@ -313,9 +313,9 @@ def _two(option: str, raw: str, expected: str) -> Point:
     return first, second
 
 
-def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: Sensors) -> Power | None:
+def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: FieldComputations) -> PowerDraw | None:
     """The power drawn with every computation at its highest; None where no profile says what that is."""
-    from eadp.coverage.report import Power
+    from eadp.coverage.report import PowerDraw
     from eadp.errors import EadpError, InputError
     from eadp.models.computing import join_profile
 
@@ -328,14 +328,14 @@ def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: S
         drawn = [computing.power_w(highest, [*path, *sensors.sets_for(sensing)]) for sensing in (True, False)]
     except EadpError as error:
         raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
-    return Power(setting.vehicle.cruise_power_w, *drawn)
+    return PowerDraw(setting.vehicle.cruise_power_w, *drawn)
 
 
 # --- what is printed --------------------------------------------------------------------------------------------------
 
 
 def _document(
-    solution: Solution, ends: Sequence[Flown], mended: Sequence[str], plan: str, origin_deg: Point | None
+    solution: CoverageSolution, ends: Sequence[PathReport], mended: Sequence[str], plan: str, origin_deg: Point | None
 ) -> dict[str, Any]:
     """`eadp.cover/1`."""
     import math
@@ -368,7 +368,7 @@ def _document(
     return document
 
 
-def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
+def _titled(solution: CoverageSolution, ends: Sequence[PathReport]) -> dict[str, CoveragePath]:
     """The way at each end of c1 under its title."""
     from eadp.core.expressions.expression import number_text
 
@@ -379,7 +379,7 @@ def _titled(solution: Solution, ends: Sequence[Flown]) -> dict[str, Way]:
     }
 
 
-def _comments(name: str, solution: Solution, motion: Motion, ends: Sequence[Flown]) -> list[str]:
+def _comments(name: str, solution: CoverageSolution, motion: MotionLimits, ends: Sequence[PathReport]) -> list[str]:
     import math
 
     from eadp.core.expressions.expression import number_text
@@ -398,7 +398,9 @@ def _comments(name: str, solution: Solution, motion: Motion, ends: Sequence[Flow
     return lines
 
 
-def _text(solution: Solution, motion: Motion, ends: Sequence[Flown], field: Field, out: str | None) -> str:
+def _text(
+    solution: CoverageSolution, motion: MotionLimits, ends: Sequence[PathReport], field: Field, out: str | None
+) -> str:
     """A summary for people."""
     import math
 

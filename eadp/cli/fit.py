@@ -14,7 +14,7 @@ from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eadp.io.log.fit_inputs import Fit
+    from eadp.io.log.fit_inputs import LogFit
     from eadp.models.energy import EnergyModel
 
 AIRSPEED_MPS = 15.0
@@ -152,7 +152,7 @@ def command(
     return 0 if model.periodic else 1
 
 
-def _document(fit: Fit) -> dict[str, Any]:
+def _document(fit: LogFit) -> dict[str, Any]:
     """The model's document; beside it, what was judged and what was left out."""
     from eadp.io.energy.model_file import energy_document
 
@@ -221,7 +221,7 @@ def _with_std(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def _refusal(fit: Fit) -> list[str]:
+def _refusal(fit: LogFit) -> list[str]:
     """What was found instead of a period."""
     from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 

@@ -35,14 +35,22 @@ class Options:
 def measure_command(command: list[str], options: Options, output: str) -> int:
     """Measure and write the CSV, whole or not at all; what was found is told on stderr."""
     from eadp.io.profile.configurations import configurations_to_measure
-    from eadp.io.profile.measuring import RealClock, Settings, check_command, launched, measure, measurements_csv, told
+    from eadp.io.profile.measuring import (
+        MeasurementSettings,
+        RealClock,
+        check_command,
+        launched,
+        measure,
+        measurements_csv,
+        told,
+    )
     from eadp.io.profile.power_sensor import choose_sensor
     from eadp.io.text.streams import write_text
 
     configurations = configurations_to_measure(options.config or [], options.sweep or [])
     check_command(command, configurations[0].names)
     accuracy, relative = _accuracy(options.accuracy or "0.05")
-    settings = Settings(
+    settings = MeasurementSettings(
         warm_up_s=_seconds("--warmup", options.warmup, 5.0),
         interval_s=_seconds("--interval", options.interval, 0.2, SHORTEST_INTERVAL_S),
         accuracy=accuracy,

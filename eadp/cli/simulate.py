@@ -62,7 +62,7 @@ def command(
         check_new_folder(out, force=force)
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
-    world, pilot, outcome, expected = inputs.world, inputs.planner(), Outcome(), inputs.take_off()
+    world, pilot, outcome, expected = inputs.world, inputs.planner(), Outcome(), inputs.preflight()
     progress = Progress("flying")
     steps = []
     for step in fly(world, pilot, outcome):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import Sweep
     from eadp.simulation.sweep.design import Result
-    from eadp.simulation.sweep.engines import Cluster, Here, Pool
+    from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine
 
 PROGRESS_S = 60.0
 """Between two lines of progress where there is no terminal [s]."""
@@ -202,15 +202,17 @@ def _make(
         pace.close()
 
 
-def _engine(sweep: Sweep, count: int, jobs: int | None, scheduler: str | None) -> Here | Pool | Cluster:
+def _engine(
+    sweep: Sweep, count: int, jobs: int | None, scheduler: str | None
+) -> SerialEngine | PoolEngine | DaskEngine:
     from eadp.io.sweep.run import FlyRun
-    from eadp.simulation.sweep.engines import Cluster, Here, Pool, cores
+    from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine, cores
 
     make = FlyRun(sweep.kept)
     if scheduler is not None:
-        return Cluster(make, scheduler)
+        return DaskEngine(make, scheduler)
     processes = min(jobs or cores(), count)
-    return Pool(make, processes) if processes > 1 else Here(make)
+    return PoolEngine(make, processes) if processes > 1 else SerialEngine(make)
 
 
 class _Pace:

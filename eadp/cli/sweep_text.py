@@ -14,7 +14,7 @@ from eadp.cli.output import emit
 from eadp.errors import printable
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
-from eadp.simulation.sweep.statistics import Flight, Group, Table, label_of, marginal, table, totals
+from eadp.simulation.sweep.statistics import Group, SweepFlight, Table, label_of, marginal, table, totals
 
 SHOWN = 10
 """Runs that a dry run shows, and kinds of errors that an answer lists."""
@@ -66,16 +66,16 @@ def _head(sweep: Sweep, index: int) -> dict[str, Any]:
 # --- a row for each run
 
 
-def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[Flight]:
+def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[SweepFlight]:
     """All runs with what came of them."""
     points = map(sweep.design.point, indices)
     return [
-        Flight(point.index, point.values, sweep.seed(point), **row)
+        SweepFlight(point.index, point.values, sweep.seed(point), **row)
         for point, row in zip(points, results.rows(), strict=True)
     ]
 
 
-def print_csv(sweep: Sweep, all_flights: Iterable[Flight]) -> None:
+def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
     """A row for each run; text cells of values that are no single ones are JSON."""
     names = _varied(sweep)
 
@@ -115,7 +115,7 @@ def _print_line(document: dict[str, Any]) -> None:
 # --- answers
 
 
-def print_answer(sweep: Sweep, all_flights: Sequence[Flight], out: str | None) -> None:
+def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | None) -> None:
     """Counts, the share that completes, and what each varied key has to do with it."""
     whole = totals(all_flights)
     lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
@@ -132,7 +132,7 @@ def print_answer(sweep: Sweep, all_flights: Sequence[Flight], out: str | None) -
     emit("\n".join(lines))
 
 
-def _errors(all_flights: Sequence[Flight]) -> list[str]:
+def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
     """The kinds of errors, with the first run of each."""
     first: dict[str, int] = {}
     for flight in all_flights:
@@ -154,7 +154,7 @@ def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
 
 
 def print_table(
-    sweep: Sweep, all_flights: Sequence[Flight], keys: tuple[str, str], value: str, format_: str, plot: str | None
+    sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str, plot: str | None
 ) -> None:
     """Means by two keys, and their picture."""
     means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})

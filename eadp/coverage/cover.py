@@ -21,8 +21,8 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, lengths_m, ordered, times_s
 from eadp.core.geometry.polygons import strip_extents
 from eadp.coverage.line_order import best_order, quick_order
-from eadp.coverage.swaths import Frame, Leg, Motion, Way, frame_of, half_circle, straight
-from eadp.coverage.zamboni import Block, Shape, Sides, Sketch, block_of, shapes, sketch
+from eadp.coverage.swaths import CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle, straight
+from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, BlockSummary, block_of, shapes, sketch
 from eadp.errors import Infeasible
 from eadp.models.field import Field
 
@@ -56,7 +56,7 @@ Problem = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Request:
+class CoverageRequest:
     """What is to be covered, and how.
 
     `heading_rad` None is for any, `start_m` and `home_m` None for none. Lines flown in an order lie `order_spacing_m`
@@ -64,7 +64,7 @@ class Request:
     """
 
     field: Field
-    motion: Motion
+    motion: MotionLimits
     pattern: str = AUTO
     heading_rad: float | None = None
     start_m: Point | None = None
@@ -73,15 +73,15 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Section:
+class PathSection:
     """A stretch of the way: legs flown as they are, or a block flown lap by lap."""
 
-    legs: tuple[Leg, ...] = ()
+    legs: tuple[CoverageLeg, ...] = ()
     block: Block | None = None
 
 
 @dataclass(frozen=True)
-class Solution:
+class CoverageSolution:
     """A way that covers a field.
 
     `time_s` is at the lowest c1, `access_s` what of it the ways from the start and home take. `other_share` says how
@@ -90,14 +90,14 @@ class Solution:
 
     pattern: str
     heading_rad: float
-    sections: tuple[Section, ...]
+    sections: tuple[PathSection, ...]
     time_s: float
     other_share: float | None = None
     access_s: float = 0.0
 
-    def way(self, c1: float) -> Way:
+    def way(self, c1: float) -> CoveragePath:
         """All legs at a fixed parameter."""
-        way = Way()
+        way = CoveragePath()
         for section in self.sections:
             if section.block is None:
                 way.legs += section.legs
@@ -116,7 +116,7 @@ class Solution:
         return min((block.lowest_c1 for block in self.blocks), default=0.0)
 
 
-def cover(request: Request) -> Solution:
+def cover(request: CoverageRequest) -> CoverageSolution:
     """The quickest way found that covers a field.
 
     Raises
@@ -186,17 +186,17 @@ class _Corner:
     """A block of a shape, the `index`-th across the field, flown from one of its four corners."""
 
     heading_rad: float
-    shape: Shape
+    shape: BlockLayout
     index: int
     towards: int
     hand: int
 
-    def frame(self) -> Frame:
+    def frame(self) -> StripFrame:
         """The block's frame."""
         return frame_of(self.heading_rad, self.towards, self.hand)
 
 
-def _best_zamboni(request: Request, headings: Sequence[float]) -> Solution | None:
+def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
     """The quickest Zamboni-like way of some headings; None where the field is too narrow in all."""
     found = [way for heading in headings for way in _zamboni_at(request, heading)]
     if not found:
@@ -204,31 +204,33 @@ def _best_zamboni(request: Request, headings: Sequence[float]) -> Solution | Non
     least = min(time_s for time_s, _ in found)
     corners = next(corners for time_s, corners in found if time_s <= least * (1 + 1e-9))
     blocks = [_built(request, corner) for corner in corners]
-    sections: list[Section] = []
+    sections: list[PathSection] = []
     at: Pose | None = None
     for block in blocks:
         before = _entry(request, block.start()) if at is None else _transit(request.motion, at, block.start())
-        sections += [Section(tuple(before))] if before else []
-        sections.append(Section(block=block))
+        sections += [PathSection(tuple(before))] if before else []
+        sections.append(PathSection(block=block))
         at = block.end()
     assert at is not None
     home = _exit(request, at)
-    sections += [Section(tuple(home))] if home else []
+    sections += [PathSection(tuple(home))] if home else []
     access = [leg.piece for leg in (*_entry(request, blocks[0].start()), *home)]
-    solution = Solution(ZAMBONI, corners[0].heading_rad, tuple(sections), 0.0, access_s=request.motion.time_s(access))
+    solution = CoverageSolution(
+        ZAMBONI, corners[0].heading_rad, tuple(sections), 0.0, access_s=request.motion.time_s(access)
+    )
     return replace(solution, time_s=request.motion.time_s(solution.way(solution.lowest_c1).pieces))
 
 
-def _built(request: Request, corner: _Corner) -> Block:
+def _built(request: CoverageRequest, corner: _Corner) -> Block:
     frame, shape = corner.frame(), corner.shape
     points = frame.into(np.array(request.field.outline))
     first = float(points[:, 0].min())
     index = corner.index if corner.towards == 1 else shape.blocks - 1 - corner.index
     first += (index * shape.lines + 0.5) * shape.pitch_m
-    return block_of(frame, Sides(points), first, shape, request.motion)
+    return block_of(frame, BlockBounds(points), first, shape, request.motion)
 
 
-def _zamboni_at(request: Request, heading: float) -> Iterator[tuple[float, list[_Corner]]]:
+def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[float, list[_Corner]]]:
     """Ways over blocks at a heading, each from its best corner: the time at the lowest c1 [s], and the corners."""
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
@@ -236,7 +238,7 @@ def _zamboni_at(request: Request, heading: float) -> Iterator[tuple[float, list[
     splits = shapes(width, motion)
     if not splits:
         return
-    sides = Sides(points)
+    sides = BlockBounds(points)
     paces = {
         (towards, hand): _Pace.of(frame_of(heading, towards, hand), motion) for towards in (1, -1) for hand in (1, -1)
     }
@@ -269,7 +271,7 @@ class _Pace:
     second_turn_s: float
 
     @classmethod
-    def of(cls, frame: Frame, motion: Motion) -> _Pace:
+    def of(cls, frame: StripFrame, motion: MotionLimits) -> _Pace:
         """In the motion's wind."""
         up = frame.pose_out(0.0, 0.0, math.pi / 2)
         down = frame.pose_out(0.0, 0.0, -math.pi / 2)
@@ -280,7 +282,7 @@ class _Pace:
             motion.time_s([half_circle(down, 1.0, -frame.hand)]),
         )
 
-    def time_s(self, block: Sketch) -> float:
+    def time_s(self, block: BlockSummary) -> float:
         """Time of a block at its lowest c1 [s]."""
         return (
             block.up_m * self.up_s
@@ -290,7 +292,9 @@ class _Pace:
         )
 
 
-def _chain(request: Request, rows: Sequence[Sequence[tuple[_Corner, Sketch, float]]]) -> tuple[float, list[_Corner]]:
+def _chain(
+    request: CoverageRequest, rows: Sequence[Sequence[tuple[_Corner, BlockSummary, float]]]
+) -> tuple[float, list[_Corner]]:
     """The corner of each block, in a given order of blocks, that makes the whole quickest."""
     starts = [[_start_of(*pair) for pair in row] for row in rows]
     ends = [[_end_of(*pair) for pair in row] for row in rows]
@@ -309,11 +313,11 @@ def _chain(request: Request, rows: Sequence[Sequence[tuple[_Corner, Sketch, floa
     return float(total.min()), chosen[::-1]
 
 
-def _start_of(corner: _Corner, block: Sketch, _: float) -> Pose:
+def _start_of(corner: _Corner, block: BlockSummary, _: float) -> Pose:
     return corner.frame().pose_out(*block.start_m, math.pi / 2)
 
 
-def _end_of(corner: _Corner, block: Sketch, _: float) -> Pose:
+def _end_of(corner: _Corner, block: BlockSummary, _: float) -> Pose:
     return corner.frame().pose_out(*block.end_m, math.pi / 2 if block.ends_up else -math.pi / 2)
 
 
@@ -328,17 +332,17 @@ class _Lines:
     ends: tuple[tuple[Point, Point], ...]
     gaps_m: tuple[tuple[tuple[float, float], ...], ...] = ()
 
-    def leg(self, way: int) -> Leg:
+    def leg(self, way: int) -> CoverageLeg:
         """A directed line as it is flown."""
         line, backward = divmod(way, 2)
         begin, end = self.ends[line]
         gaps = self.gaps_m[line] if self.gaps_m else ()
         if not backward:
-            return Leg(straight(begin, end), True, gaps)
+            return CoverageLeg(straight(begin, end), True, gaps)
         piece = straight(end, begin)
-        return Leg(piece, True, tuple((piece.length_m - b, piece.length_m - a) for a, b in reversed(gaps)))
+        return CoverageLeg(piece, True, tuple((piece.length_m - b, piece.length_m - a) for a, b in reversed(gaps)))
 
-    def problem(self, request: Request) -> Problem:
+    def problem(self, request: CoverageRequest) -> Problem:
         """Costs as `line_order` has them [s]: between directed lines, of each, from the start and to home."""
         motion = request.motion
         starts, stops, own = [], [], []
@@ -354,7 +358,7 @@ class _Lines:
         return between, alone, before, after
 
 
-def _best_in_order(request: Request, headings: Sequence[float]) -> Solution:
+def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution:
     """The quickest order of lines at some headings."""
     looked_at: list[tuple[float, int, _Lines, Problem]] = []
     best = math.inf
@@ -380,10 +384,10 @@ def _best_in_order(request: Request, headings: Sequence[float]) -> Solution:
     over = [i for i, leg in enumerate(legs) if leg.sensing]
     access = [leg.piece for leg in (*legs[: over[0]], *legs[over[-1] + 1 :])]
     time_s, access_s = (request.motion.time_s(pieces) for pieces in ([leg.piece for leg in legs], access))
-    return Solution(DUBINS, lines.heading_rad, (Section(tuple(legs)),), time_s, access_s=access_s)
+    return CoverageSolution(DUBINS, lines.heading_rad, (PathSection(tuple(legs)),), time_s, access_s=access_s)
 
 
-def _lines_at(request: Request, heading: float) -> Iterator[_Lines]:
+def _lines_at(request: CoverageRequest, heading: float) -> Iterator[_Lines]:
     """Lines over the whole field; where bays or holes part them, also as lines of their own."""
     motion, field = request.motion, request.field
     frame = _own_frame(field, heading)
@@ -406,7 +410,7 @@ def _lines_at(request: Request, heading: float) -> Iterator[_Lines]:
         yield _lines(frame, heading, parted)
 
 
-def _own_frame(field: Field, heading: float) -> Frame:
+def _own_frame(field: Field, heading: float) -> StripFrame:
     """The frame of a heading whose axes point to where more of the field is: the same for a field moved or mirrored."""
     points = frame_of(heading).into(np.array(field.outline))
     u, v = points.T
@@ -420,7 +424,7 @@ def _own_frame(field: Field, heading: float) -> Frame:
     return frame_of(heading, across, across * along)
 
 
-def _lines(frame: Frame, heading: float, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> _Lines:
+def _lines(frame: StripFrame, heading: float, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> _Lines:
     """Lines at places across, each over parts of the field and the gaps between them."""
     ends, gaps = [], []
     for u, parts in spans:
@@ -431,9 +435,9 @@ def _lines(frame: Frame, heading: float, spans: Sequence[tuple[float, list[tuple
     return _Lines(heading, tuple(ends), tuple(gaps))
 
 
-def _legs_in_order(request: Request, lines: _Lines, order: Sequence[int]) -> list[Leg]:
+def _legs_in_order(request: CoverageRequest, lines: _Lines, order: Sequence[int]) -> list[CoverageLeg]:
     """The legs of lines flown in an order of directed lines."""
-    legs: list[Leg] = []
+    legs: list[CoverageLeg] = []
     at: Pose | None = None
     for way in order:
         leg = lines.leg(way)
@@ -444,7 +448,7 @@ def _legs_in_order(request: Request, lines: _Lines, order: Sequence[int]) -> lis
     return legs + _exit(request, at)
 
 
-def same_lines(request: Request, solution: Solution, c1: float) -> Problem:
+def same_lines(request: CoverageRequest, solution: CoverageSolution, c1: float) -> Problem:
     """A way's lines as a problem of their order, with the tightest turns between them.
 
     Parameters
@@ -473,17 +477,17 @@ def _across(ends: tuple[tuple[Point, Point], ...], heading: float) -> tuple[tupl
 # --- between lines ----------------------------------------------------------------------------------------------------
 
 
-def _costs(motion: Motion, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+def _costs(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
     """Times of the quickest turns from each pose to each [s]."""
     if motion.calm:
         return lengths_m(ends, starts, motion.min_radius_m) / motion.airspeed_mps
     return times_s(ends, starts, motion.min_radius_m, motion.airspeed_mps, motion.wind_mps)
 
 
-def _transit(motion: Motion, end: Pose, start: Pose) -> list[Leg]:
+def _transit(motion: MotionLimits, end: Pose, start: Pose) -> list[CoverageLeg]:
     """The quickest turn from a pose to another."""
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
-    return [Leg(piece) for piece in path.pieces]
+    return [CoverageLeg(piece) for piece in path.pieces]
 
 
 def _fan(point: Point) -> list[Pose]:
@@ -491,19 +495,19 @@ def _fan(point: Point) -> list[Pose]:
     return [(*point, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
 
 
-def _to_start(request: Request, starts: Sequence[Pose]) -> FloatArray:
+def _to_start(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     if request.start_m is None:
         return np.zeros(len(starts))
     return np.asarray(_costs(request.motion, _fan(request.start_m), starts).min(axis=0))
 
 
-def _to_home(request: Request, ends: Sequence[Pose]) -> FloatArray:
+def _to_home(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     if request.home_m is None:
         return np.zeros(len(ends))
     return np.asarray(_costs(request.motion, ends, _fan(request.home_m)).min(axis=1))
 
 
-def _entry(request: Request, start: Pose) -> list[Leg]:
+def _entry(request: CoverageRequest, start: Pose) -> list[CoverageLeg]:
     """The way from the start point to a pose, from the best heading."""
     if request.start_m is None:
         return []
@@ -512,7 +516,7 @@ def _entry(request: Request, start: Pose) -> list[Leg]:
     return _transit(request.motion, headings[int(_costs(request.motion, headings, [start])[:, 0].argmin())], start)
 
 
-def _exit(request: Request, end: Pose) -> list[Leg]:
+def _exit(request: CoverageRequest, end: Pose) -> list[CoverageLeg]:
     """The way from a pose to the home point, arriving at the best heading."""
     if request.home_m is None:
         return []

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from eadp.core.expressions.expression import Expression, number_text, read_expression
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece
-from eadp.core.geometry.envelope import Levels
-from eadp.coverage.cover import Solution
-from eadp.coverage.swaths import Frame, Leg
+from eadp.core.geometry.envelope import PiecewiseLinear
+from eadp.coverage.cover import CoverageSolution
+from eadp.coverage.swaths import CoverageLeg, StripFrame
 from eadp.coverage.zamboni import END_M, Block
 from eadp.models.plan.plan import Box, Plan, PointExpression, Stage
-from eadp.models.plan.segments import Part, Quantity
+from eadp.models.plan.segments import LoopVariable, Segment
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -33,7 +33,7 @@ _DIGITS = 9
 
 
 @dataclass(frozen=True)
-class Sensors:
+class FieldComputations:
     """The computations that run over the field: names with units, their sets, and whether they rest on turns."""
 
     computations: tuple[tuple[str, str], ...] = ()
@@ -46,10 +46,10 @@ class Sensors:
 
 
 def plan_of(
-    solution: Solution,
+    solution: CoverageSolution,
     *,
     name: str = "",
-    sensors: Sensors | None = None,
+    sensors: FieldComputations | None = None,
     min_radius_m: float | None = None,
     origin_deg: Point | None = None,
 ) -> Plan:
@@ -67,20 +67,20 @@ def plan_of(
     origin_deg : (float, float), optional
         Latitude and longitude of the local frame's origin [°].
     """
-    return _Writer(solution, sensors or Sensors()).plan(name, min_radius_m, origin_deg)
+    return _Writer(solution, sensors or FieldComputations()).plan(name, min_radius_m, origin_deg)
 
 
 class _Writer:
-    def __init__(self, solution: Solution, sensors: Sensors) -> None:
+    def __init__(self, solution: CoverageSolution, sensors: FieldComputations) -> None:
         self._solution = solution
         self._sensors = sensors
         self._lowest_c1 = solution.lowest_c1
         self._stages: list[Stage] = []
-        self._parts: list[Part] = []
+        self._parts: list[Segment] = []
         self._shortest_m = math.inf
 
     def plan(self, name: str, min_radius_m: float | None, origin_deg: Point | None) -> Plan:
-        loose: list[Leg] = []
+        loose: list[CoverageLeg] = []
         for section in self._solution.sections:
             if section.block is None:
                 loose += section.legs
@@ -112,7 +112,7 @@ class _Writer:
 
     # --- stages flown once
 
-    def _once(self, legs: Sequence[Leg]) -> None:
+    def _once(self, legs: Sequence[CoverageLeg]) -> None:
         first = len(self._stages)
         if self._sensors.off_on_turns:
             legs = [part for leg in legs for part in leg.split()]
@@ -123,7 +123,7 @@ class _Writer:
             path, rotation, gain = _piece_path(leg.piece)
             trigger = (_expression(_number(leg.piece.end[0])), _expression(_number(leg.piece.end[1])))
             self._stage(gain, rotation, path, trigger, self._sets(leg.sensing, self._lowest_c1))
-        self._parts.append(Part(first, len(self._stages) - first))
+        self._parts.append(Segment(first, len(self._stages) - first))
 
     def _stage(self, gain: float, rotation: int, path: str, trigger: PointExpression, sets: tuple[Box, ...]) -> None:
         index = len(self._stages) + 1
@@ -161,7 +161,7 @@ class _Writer:
         for gain, rotation, path, (x, y), sets in stages:
             self._stage(float(f"{gain:.4g}"), rotation, path, (_expression(x), _expression(y)), sets)
         end = (_expression("s"), _expression(_number(block.travel_m - END_M)))
-        part = Part(first, 4, tuple(_quantities(block)), end)
+        part = Segment(first, 4, tuple(_quantities(block)), end)
         self._stages[first:] = [_with_part(stage, part) for stage in self._stages[first:]]
         self._parts.append(part)
         places = block.places_m(0.0)
@@ -169,45 +169,45 @@ class _Writer:
             self._shortest_m = min(self._shortest_m, float(block.top.at(here)) - block.low(here, next_))
 
 
-def _with_part(stage: Stage, part: Part) -> Stage:
+def _with_part(stage: Stage, part: Segment) -> Stage:
     return Stage(stage.index, stage.line, stage.gain, stage.rotation_deg, stage.path, stage.trigger, stage.sets, part)
 
 
-def _lead(block: Block) -> Leg:
+def _lead(block: Block) -> CoverageLeg:
     """The begin of a block's first line, for a plan that begins with the block."""
     line = block.legs(0.0)[0].piece
     share = min(START_M, line.length_m / 2)
-    return Leg(Piece(0, line.start, line.pose_at(share), share, None), True)
+    return CoverageLeg(Piece(0, line.start, line.pose_at(share), share, None), True)
 
 
-def _with_start(legs: Sequence[Leg]) -> Iterator[Leg]:
+def _with_start(legs: Sequence[CoverageLeg]) -> Iterator[CoverageLeg]:
     """Legs of which the first ends where the usual start is its begin: 100 m on a line, a quarter of a circle."""
     piece = legs[0].piece
     share = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
     if share < piece.length_m:
         middle = piece.pose_at(share)
-        yield Leg(Piece(piece.turn, piece.start, middle, share, piece.centre_m), legs[0].sensing)
+        yield CoverageLeg(Piece(piece.turn, piece.start, middle, share, piece.centre_m), legs[0].sensing)
         rest = Piece(piece.turn, middle, piece.end, piece.length_m - share, piece.centre_m)
-        yield Leg(rest, legs[0].sensing)
+        yield CoverageLeg(rest, legs[0].sensing)
     else:
         yield legs[0]
     yield from legs[1:]
 
 
-def _quantities(block: Block) -> Iterator[Quantity]:
+def _quantities(block: Block) -> Iterator[LoopVariable]:
     radius = _number(block.radius_m)
     step = f"{_number(block.spacing_m)} + 2*({radius} - sqrt({radius}^2 + c1))"
     if block.lowest_c1 == 0:
         step = _number(block.spacing_m)
-    yield Quantity("s", _expression("0"), _expression("next - s"))
-    yield Quantity("next", _expression(f"min(s + {step}, {_number(block.travel_m)})"))
-    yield Quantity("top", _expression(_levels_text(block.top, "s")))
+    yield LoopVariable("s", _expression("0"), _expression("next - s"))
+    yield LoopVariable("next", _expression(f"min(s + {step}, {_number(block.travel_m)})"))
+    yield LoopVariable("top", _expression(_levels_text(block.top, "s")))
     second, first = _levels_text(block.low_second, "s"), _levels_text(block.low_first, "next")
-    yield Quantity("low", _expression(second if second == first else f"min({second}, {first})"))
-    yield Quantity("r2", _expression(f"{_number(block.circle_m)} - (next - s)/2"))
+    yield LoopVariable("low", _expression(second if second == first else f"min({second}, {first})"))
+    yield LoopVariable("r2", _expression(f"{_number(block.circle_m)} - (next - s)/2"))
 
 
-def _levels_text(levels: Levels, name: str) -> str:
+def _levels_text(levels: PiecewiseLinear, name: str) -> str:
     """Levels as a straight line and its bends: v0 + m0 s + Σ (m_i − m_i−1) max(0, s − s_i)."""
     places, values = levels.places_m, levels.levels_m
     slopes = [(b - a) / (t - s) for s, t, a, b in zip(places, places[1:], values, values[1:], strict=False)]
@@ -226,12 +226,12 @@ def _term(factor: float, text: str) -> str:
     return f" {'-' if rounded < 0 else '+'} {number}{text}"
 
 
-def _moving_line(frame: Frame, first_m: float) -> str:
+def _moving_line(frame: StripFrame, first_m: float) -> str:
     """u − (first + s), in x and y."""
     return f"{_linear(frame.across)} - ({_shifted(first_m, 's')})"
 
 
-def _moving_circle(frame: Frame, first_m: float, moves: str, level: str, radius: str) -> str:
+def _moving_circle(frame: StripFrame, first_m: float, moves: str, level: str, radius: str) -> str:
     x, y = _place(frame, first_m, moves, level)
     return f"{_square('x', x)} + {_square('y', y)} - {radius}^2"
 
@@ -240,7 +240,7 @@ def _square(axis: str, centre: str) -> str:
     return f"({axis} - ({centre}))^2"
 
 
-def _place(frame: Frame, first_m: float, moves: str, level: str) -> tuple[str, str]:
+def _place(frame: StripFrame, first_m: float, moves: str, level: str) -> tuple[str, str]:
     """The point (first + moves, level) of a frame, in x and y."""
     across = _shifted(first_m, moves)
     x, y = (_sum(_scaled(u, across), _scaled(v, level)) for u, v in zip(frame.across, frame.along, strict=True))

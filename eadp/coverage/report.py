@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eadp.core.geometry.polygons import covered_share
-from eadp.coverage.cover import Solution
-from eadp.coverage.swaths import Motion, Way
+from eadp.coverage.cover import CoverageSolution
+from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
 
 @dataclass(frozen=True)
-class Power:
+class PowerDraw:
     """Power drawn over the field and on turns [W]: of the motion in level flight, and of the computations."""
 
     motion_w: float
@@ -20,7 +20,7 @@ class Power:
 
 
 @dataclass(frozen=True)
-class Flown:
+class PathReport:
     """A way at one value of c1.
 
     `energy_wh` is None where nothing is known of the power.
@@ -35,7 +35,9 @@ class Flown:
     energy_wh: float | None
 
 
-def flown(solution: Solution, field: Field, motion: Motion, c1: float, power: Power | None = None) -> Flown:
+def flown(
+    solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float, power: PowerDraw | None = None
+) -> PathReport:
     """What a way amounts to at a fixed c1.
 
     Parameters
@@ -58,10 +60,10 @@ def flown(solution: Solution, field: Field, motion: Motion, c1: float, power: Po
         joules = power.motion_w * time_s + power.computing_w * over_s + power.computing_on_turns_w * (time_s - over_s)
         energy = joules / 3600
     coverage = covered_lines(way, field, motion.swath_m)
-    return Flown(c1, coverage, way.length_m, time_s, way.lines, way.min_radius_m, energy)
+    return PathReport(c1, coverage, way.length_m, time_s, way.lines, way.min_radius_m, energy)
 
 
-def covered_lines(way: Way, field: Field, swath_m: float) -> float:
+def covered_lines(way: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a way cover; its turns cover nothing."""
     lines = [(leg.piece.start[:2], leg.piece.end[:2]) for leg in way.legs if leg.sensing]
     return covered_share(field.outline, field.holes, lines, swath_m)

@@ -26,7 +26,7 @@ RADIUS_SHARE = 1.5
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionLimits:
     """What the lines must obey.
 
     `spacing_m` is the distance of the lines at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and
@@ -59,7 +59,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Frame:
+class StripFrame:
     """A frame whose u runs across the lines and whose v along them, maybe seen in a mirror.
 
     `across` is u's unit vector; v is a quarter turn counter-clockwise from it for `hand` +1, clockwise for −1.
@@ -90,10 +90,10 @@ class Frame:
         return x, y, math.atan2(dy, dx)
 
 
-def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> Frame:
+def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> StripFrame:
     """The frame of lines of a heading: across them to the right (`towards` +1) or to the left (−1)."""
     across = (towards * _unit(math.sin(heading_rad)), towards * _unit(-math.cos(heading_rad)))
-    return Frame(across, hand)
+    return StripFrame(across, hand)
 
 
 def _unit(value: float) -> float:
@@ -103,7 +103,7 @@ def _unit(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class Leg:
+class CoverageLeg:
     """A piece of the way over a field; `sensing` where it is flown to cover ground.
 
     `gaps_m` says from where to where along it there is none of the field below [m].
@@ -113,27 +113,27 @@ class Leg:
     sensing: bool = False
     gaps_m: tuple[tuple[float, float], ...] = ()
 
-    def split(self) -> list[Leg]:
+    def split(self) -> list[CoverageLeg]:
         """The leg cut at its gaps, over which nothing is sensed."""
         if not self.gaps_m:
             return [self]
         cuts = [0.0, *(end for gap in self.gaps_m for end in gap), self.piece.length_m]
         piece = self.piece
         return [
-            Leg(Piece(piece.turn, piece.pose_at(a), piece.pose_at(b), b - a, piece.centre_m), i % 2 == 0)
+            CoverageLeg(Piece(piece.turn, piece.pose_at(a), piece.pose_at(b), b - a, piece.centre_m), i % 2 == 0)
             for i, (a, b) in enumerate(itertools.pairwise(cuts))
         ]
 
 
 @dataclass
-class Way:
+class CoveragePath:
     """Legs in the order flown."""
 
-    legs: list[Leg] = field(default_factory=list)
+    legs: list[CoverageLeg] = field(default_factory=list)
 
     def add(self, pieces: Sequence[Piece], sensing: bool = False) -> None:
         """Go on along pieces."""
-        self.legs += [Leg(piece, sensing) for piece in pieces]
+        self.legs += [CoverageLeg(piece, sensing) for piece in pieces]
 
     @property
     def pieces(self) -> list[Piece]:

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.geometry.dubins import Pose
-from eadp.core.geometry.envelope import Envelope, Levels, levels_above, upper_envelope
-from eadp.coverage.swaths import Frame, Leg, Motion, half_circle, straight
+from eadp.core.geometry.envelope import Envelope, PiecewiseLinear, levels_above, upper_envelope
+from eadp.coverage.swaths import CoverageLeg, MotionLimits, StripFrame, half_circle, straight
 from eadp.errors import Infeasible
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +47,7 @@ UP = math.pi / 2
 
 
 @dataclass(frozen=True)
-class Shape:
+class BlockLayout:
     """How a width is split: into `blocks` of equal width, each of at least `lines` lines, then `pitch_m` apart.
 
     The first line of a block lies half a pitch inside it. Of the lines the first `firsts` belong to the laps' first
@@ -78,12 +78,12 @@ class Shape:
         """How far the laps move in all [m]."""
         return (self.firsts - 1) * self.pitch_m
 
-    def spacing_m(self, motion: Motion) -> float:
+    def spacing_m(self, motion: MotionLimits) -> float:
         """x_d: how far the lines move from lap to lap at c1 = 0 [m], a whole part of the travel."""
         wanted = motion.spacing_m * self.pitch_m / motion.swath_m
         return self.travel_m / math.ceil(self.travel_m / wanted - 1e-9)
 
-    def widest_m(self, motion: Motion) -> float:
+    def widest_m(self, motion: MotionLimits) -> float:
         """How far the lines may move from lap to lap at most [m]: no gap is left, and r2 is no less than allowed.
 
         A pitch or more, so that a lap is spared before the lowest c1 is reached. The last second line of an odd number
@@ -103,14 +103,14 @@ class Block:
     reaches by itself.
     """
 
-    frame: Frame
-    shape: Shape
+    frame: StripFrame
+    shape: BlockLayout
     spacing_m: float
     widest_m: float
     first_m: float
-    top: Levels
-    low_first: Levels
-    low_second: Levels
+    top: PiecewiseLinear
+    low_first: PiecewiseLinear
+    low_second: PiecewiseLinear
     last_top_m: float
 
     @property
@@ -184,44 +184,46 @@ class Block:
             return self.frame.pose_out(u + 2 * self.circle_m, float(self.low_second.at(self.travel_m)), -UP)
         return self.frame.pose_out(u, self.last_top_m, UP)
 
-    def legs(self, c1: Sequence[float] | float) -> list[Leg]:
+    def legs(self, c1: Sequence[float] | float) -> list[CoverageLeg]:
         """The block flown at a fixed parameter, or at one for each lap in turn, the last one kept."""
         values = [c1] if isinstance(c1, float | int) else list(c1)
-        legs: list[Leg] = []
+        legs: list[CoverageLeg] = []
         here, lap, low = 0.0, 0, float(self.low_first.at(0.0))
         while here < self.travel_m - END_M:
             next_ = self.next_m(here, self.spacing_at(values[min(lap, len(values) - 1)]))
             end = self.low(here, next_)
             legs += self._lap(here, low, end)
-            legs.append(Leg(half_circle(legs[-1].piece.end, self.circle_m - (next_ - here) / 2, -self.frame.hand)))
+            legs.append(
+                CoverageLeg(half_circle(legs[-1].piece.end, self.circle_m - (next_ - here) / 2, -self.frame.hand))
+            )
             here, lap, low = next_, lap + 1, end
         return legs + self._last_lap(low)
 
-    def last_lap(self) -> list[Leg]:
+    def last_lap(self) -> list[CoverageLeg]:
         """The lap at the block's end but for where its first line begins, which the lap before decides.
 
         It is given from where the line must be flown at the latest.
         """
         return self._last_lap(float(self.low_first.at(self.travel_m)))
 
-    def _last_lap(self, low_m: float) -> list[Leg]:
+    def _last_lap(self, low_m: float) -> list[CoverageLeg]:
         here = self.travel_m
         if self.ends_on_second:
             return self._lap(here, low_m, float(self.low_second.at(here)))
         u = self.first_m + here
-        return [Leg(straight(self.frame.out(u, low_m), self.frame.out(u, self.last_top_m)), True)]
+        return [CoverageLeg(straight(self.frame.out(u, low_m), self.frame.out(u, self.last_top_m)), True)]
 
-    def _lap(self, here_m: float, low_m: float, end_m: float) -> list[Leg]:
+    def _lap(self, here_m: float, low_m: float, end_m: float) -> list[CoverageLeg]:
         """Line, circle and line of a lap that begins at a level and ends at another [m]."""
         u, top = self.first_m + here_m, float(self.top.at(here_m))
         first = straight(self.frame.out(u, low_m), self.frame.out(u, top))
         turn = half_circle(self.frame.pose_out(u, top, UP), self.circle_m, -self.frame.hand)
         across = u + 2 * self.circle_m
         second = straight(self.frame.out(across, top), self.frame.out(across, end_m))
-        return [Leg(first, True), Leg(turn), Leg(second, True)]
+        return [CoverageLeg(first, True), CoverageLeg(turn), CoverageLeg(second, True)]
 
 
-def shapes(width_m: float, motion: Motion) -> list[Shape]:
+def shapes(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
     """Ways to split a width into blocks of equal width; empty where it is too small.
 
     Looked at are the number of blocks that keeps the second circle's radius at or below the ideal one, and one fewer;
@@ -233,7 +235,7 @@ def shapes(width_m: float, motion: Motion) -> list[Shape]:
     for blocks in (most, most - 1):
         least = max(2, math.ceil(width_m / (max(blocks, 1) * motion.swath_m) - 1e-9))
         for lines in (least, least + 1) if blocks else ():
-            shape = Shape(blocks, lines, width_m / (blocks * lines))
+            shape = BlockLayout(blocks, lines, width_m / (blocks * lines))
             if shape.least_radius_m >= motion.min_radius_m - 1e-9 and shape.firsts > 1:
                 found.append(shape)
     for shape in found:
@@ -243,7 +245,7 @@ def shapes(width_m: float, motion: Motion) -> list[Shape]:
     return found
 
 
-class Sides:
+class BlockBounds:
     """What blocks need of a polygon whose vertices are given in their frame: its upper boundary, and its lower one.
 
     The lower one upside down.
@@ -255,7 +257,7 @@ class Sides:
 
 
 @dataclass(frozen=True)
-class Sketch:
+class BlockSummary:
     """A block at its lowest c1 as metres flown: along its lines up and down, and its turns' radii summed up [m].
 
     `start_m` and `end_m` are where it begins and ends in its frame; it ends heading up or down the lines.
@@ -270,7 +272,7 @@ class Sketch:
     ends_up: bool
 
 
-def sketch(shape: Shape, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray) -> Sketch:
+def sketch(shape: BlockLayout, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray) -> BlockSummary:
     """What a block takes, from the lines that it has at the lowest c1.
 
     Parameters
@@ -291,7 +293,7 @@ def sketch(shape: Shape, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray) 
         down, end = float((tops - np.append(turns, second_low[-1:])).sum()), (float(u_m[-1]), float(second_low[-1]))
     else:
         down, end = float((tops[:-1] - turns).sum()), (float(u_m[laps - 1]), float(tops[-1]))
-    return Sketch(
+    return BlockSummary(
         float((tops - begins).sum()),
         down,
         seconds * shape.circle_m,
@@ -302,7 +304,7 @@ def sketch(shape: Shape, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray) 
     )
 
 
-def block_of(frame: Frame, sides: Sides, first_m: float, shape: Shape, motion: Motion) -> Block:
+def block_of(frame: StripFrame, sides: BlockBounds, first_m: float, shape: BlockLayout, motion: MotionLimits) -> Block:
     """The block whose first line is at u = `first_m` of a frame, over a polygon's two sides."""
     travel = shape.travel_m
     second = first_m + 2 * shape.circle_m
@@ -314,11 +316,11 @@ def block_of(frame: Frame, sides: Sides, first_m: float, shape: Shape, motion: M
     knots = sorted({*top.places_m, *low_first.places_m, *low_second.places_m})
     floor = np.maximum(low_first.at(knots), low_second.at(knots)) + SHORTEST_LINE_M
     if np.any(top.at(knots) < floor):
-        top = Levels(tuple(knots), tuple(np.maximum(top.at(knots), floor).tolist()))
+        top = PiecewiseLinear(tuple(knots), tuple(np.maximum(top.at(knots), floor).tolist()))
     last_low = float(low_first.at(travel))
     last_top = max(float(sides.above.over(first_m + travel, reach)[0]), last_low + SHORTEST_LINE_M)
     return Block(frame, shape, shape.spacing_m(motion), reach, first_m, top, low_first, low_second, last_top)
 
 
-def _negated(levels: Levels) -> Levels:
-    return Levels(levels.places_m, tuple(-level for level in levels.levels_m))
+def _negated(levels: PiecewiseLinear) -> PiecewiseLinear:
+    return PiecewiseLinear(levels.places_m, tuple(-level for level in levels.levels_m))

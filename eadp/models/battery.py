@@ -86,7 +86,7 @@ class Battery:
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class BatteryFault:
     """A sudden loss of charge."""
 
     at_s: float

@@ -28,7 +28,7 @@ LARGEST_RATIO = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class EnergyFit:
     """A model, what it was found from, and what was left out.
 
     Attributes
@@ -56,7 +56,7 @@ def fit_energy(
     order: int | None = None,
     period_prior_s: float | None = None,
     keep_spikes: bool = False,
-) -> Fitted:
+) -> EnergyFit:
     """Fit an energy model to samples.
 
     Parameters
@@ -80,7 +80,7 @@ def fit_energy(
     spectrum = analyse(times, power, order=order, period_prior_s=period_prior_s)
     model = energy_model(spectrum)
     model = replace(model, disturbance=_disturbance(times, power, model))
-    return Fitted(model, spectrum, times, power, np.flatnonzero(out))
+    return EnergyFit(model, spectrum, times, power, np.flatnonzero(out))
 
 
 def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -> Disturbance | None:

@@ -36,7 +36,7 @@ def _none() -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ProfileFinding:
     """Something odd about the measurements; `point` is the index of the configuration where it shows."""
 
     point: int
@@ -44,7 +44,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class LeaveOneOutError:
     """How far the other configurations miss the power of one that is left out, over those that they enclose.
 
     `points` is their number, `rms_w` the root mean square of the errors [W], `largest_w` the largest of them, without
@@ -154,7 +154,7 @@ class Profile:
         return left_out(self.configurations, self.power_w, self.interpolation)
 
     @property
-    def leave_one_out(self) -> LeftOut | None:
+    def leave_one_out(self) -> LeaveOneOutError | None:
         """The error of leaving one configuration out; None where no configuration is enclosed by the others."""
         errors = np.abs(self.left_out_w - self.power_w)
         known = np.flatnonzero(np.isfinite(errors))
@@ -162,7 +162,7 @@ class Profile:
             return None
         worst = int(known[np.argmax(errors[known])])
         rms_w = math.sqrt(float(np.mean(errors[known] ** 2)))
-        return LeftOut(len(known), rms_w, float(errors[worst]), worst)
+        return LeaveOneOutError(len(known), rms_w, float(errors[worst]), worst)
 
     def effective_samples(self, point: int) -> float:
         """How many independent samples tell as much of a configuration's power as its samples do; never more."""
@@ -265,7 +265,7 @@ class Profile:
             raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
 
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[ProfileFinding, ...]:
         """What is odd: power that rises and falls along a parameter, the others held; few samples. Nothing is repaired.
 
         Returns
@@ -277,7 +277,7 @@ class Profile:
         turns = [found for axis in range(len(self.names)) for found in self._turns(axis)[:1]]
         return (*turns, *self._few())
 
-    def _few(self) -> list[Finding]:
+    def _few(self) -> list[ProfileFinding]:
         if self.samples.max() <= 1:  # averages, of which nothing more is known
             return []
         few = [i for i in range(len(self.samples)) if self.effective_samples(i) < FEW]
@@ -286,14 +286,14 @@ class Profile:
         told = [f"{self.effective_samples(i):.2g} of {self.samples[i]} at {self.named(i)}" for i in few[:SHOWN]]
         more = f", and so at {len(few) - SHOWN} more" if len(few) > SHOWN else ""
         what = f"fewer than {FEW} independent samples: {', '.join(told)}{more}"
-        return [Finding(few[0], f"{what}; their standard errors are rough")]
+        return [ProfileFinding(few[0], f"{what}; their standard errors are rough")]
 
     def named(self, point: int) -> str:
         """A measured configuration by its index, as in `fps=2, keysize=32`."""
         values = zip(self.names, self.configurations[point].tolist(), strict=True)
         return ", ".join(f"{name}={value:.10g}" for name, value in values)
 
-    def _turns(self, axis: int) -> list[Finding]:
+    def _turns(self, axis: int) -> list[ProfileFinding]:
         """Every line of configurations along one parameter in which power turns."""
         lines: dict[tuple[float, ...], list[int]] = defaultdict(list)
         for point, configuration in enumerate(self.configurations.tolist()):
@@ -306,14 +306,14 @@ class Profile:
                 found.append(self._turn_finding(axis, others, points[turn], rising))
         return found
 
-    def _turn_finding(self, axis: int, others: tuple[float, ...], point: int, rising: bool) -> Finding:
+    def _turn_finding(self, axis: int, others: tuple[float, ...], point: int, rising: bool) -> ProfileFinding:
         name, value, turn_w = self.names[axis], self.configurations[point, axis], self.power_w[point]
         rest = [other for other in self.names if other != name]
         held = ", ".join(f"{other}={at:g}" for other, at in zip(rest, others, strict=True))
         where = f" at {held}" if held else ""
         first, then = ("rises", "falls") if rising else ("falls", "rises")
         what = f"it {first} to {turn_w:g} W at {name}={value:g} and {then} after it"
-        return Finding(point, f"power is not monotone in {name}{where}: {what}; kept as measured")
+        return ProfileFinding(point, f"power is not monotone in {name}{where}: {what}; kept as measured")
 
 
 def _first_turn(values: Sequence[float]) -> tuple[int, bool]:

@@ -81,11 +81,11 @@ class Decision(NamedTuple):
     parameters: Vector
     power_forecast_w: float
     reason: str = ""
-    record: Record | None = None
+    record: DecisionRecord | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class DecisionRecord:
     """One re-planning, as `decisions.jsonl` holds it.
 
     Attributes

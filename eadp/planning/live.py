@@ -1,6 +1,6 @@
 """A planner on a real flight: from telemetry to observations, from decisions to advice. No files, no clock.
 
-A `Screen` judges which fixes can be believed, a `LiveFlight` follows the plan through those that are and asks the
+A `OutlierGate` judges which fixes can be believed, a `LiveFlight` follows the plan through those that are and asks the
 planner. Both depend on what they are given alone, so that a flight is restored by giving them the same fixes again.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.models.plan.executor import Itinerary, Vector
-from eadp.planning.base import Decision, Mission, Observation, Planner, Record, next_multiple
-from eadp.planning.outlook import End, Outlook
+from eadp.models.plan.executor import PlanExecutor, Vector
+from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
+from eadp.planning.outlook import EndForecast, Outlook
 
 GAP_S, GAP_STEPS = 5.0, 3.0
 """A gap: this long [s], and so many times as long as the step before."""
@@ -44,7 +44,7 @@ RECENT_S = 10.0
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 
 
-class Fix(NamedTuple):
+class Sample(NamedTuple):
     """One line of telemetry.
 
     Attributes
@@ -77,7 +77,7 @@ class Fix(NamedTuple):
     parameters: Mapping[str, float] = {}
 
 
-class Remark(NamedTuple):
+class Notice(NamedTuple):
     """Something odd about a fix: about which key, what, and what was expected."""
 
     key: str
@@ -121,7 +121,7 @@ class Advice(NamedTuple):
     reason: str
 
 
-class Screen:
+class OutlierGate:
     """Judges fixes before they are used: those that are late are not, and outliers are not at first.
 
     Parameters
@@ -132,12 +132,12 @@ class Screen:
 
     def __init__(self, cruise_mps: float) -> None:
         self._reach_mps = FASTEST * cruise_mps
-        self._last: Fix | None = None
+        self._last: Sample | None = None
         self._step_s = 0.0
-        self._doubted: Fix | None = None
+        self._doubted: Sample | None = None
         self._agreeing = 0
 
-    def judge(self, fix: Fix) -> tuple[bool, Remark | None]:
+    def judge(self, fix: Sample) -> tuple[bool, Notice | None]:
         """Whether a fix can be used, and what is odd about it; one that can be is to be kept."""
         last = self._last
         if last is None:
@@ -145,7 +145,7 @@ class Screen:
         step_s = fix.time_s - last.time_s
         if step_s <= 0:
             what = f"late: {fix.time_s:.15g} s is not after {last.time_s:.15g} s"
-            return False, Remark("time_s", what, "a time after the last line's")
+            return False, Notice("time_s", what, "a time after the last line's")
         doubt = self._doubt(last, fix)
         if doubt is not None:
             agrees = (
@@ -158,24 +158,24 @@ class Screen:
             if self._agreeing < BELIEVED:
                 return False, doubt
         if step_s > GAP_S and step_s > GAP_STEPS * self._step_s:
-            return True, Remark("time_s", f"a gap of {step_s:.6g} s", "lines more often")
+            return True, Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
         return True, None
 
-    def keep(self, fix: Fix) -> None:
+    def keep(self, fix: Sample) -> None:
         """A fix is used: later ones are judged by it."""
         if self._last is not None:
             self._step_s = fix.time_s - self._last.time_s
         self._last, self._doubted, self._agreeing = fix, None, 0
 
-    def _doubt(self, before: Fix, fix: Fix) -> Remark | None:
+    def _doubt(self, before: Sample, fix: Sample) -> Notice | None:
         step_s = fix.time_s - before.time_s
         if step_s > LONGEST_GAP_S:
             expected = f"{LONGEST_GAP_S:g} s or less, or {BELIEVED} lines in a row that agree"
-            return Remark("time_s", f"{step_s:.6g} s after the last line", expected)
+            return Notice("time_s", f"{step_s:.6g} s after the last line", expected)
         distance_m = math.dist((before.x_m, before.y_m), (fix.x_m, fix.y_m))
         if distance_m > self._reach_mps * step_s + SLACK_M:
             expected = f"a position that can be reached, or {BELIEVED} lines in a row that agree"
-            return Remark("x_m", f"{distance_m:.6g} m from the last line's position, {step_s:.6g} s before", expected)
+            return Notice("x_m", f"{distance_m:.6g} m from the last line's position, {step_s:.6g} s before", expected)
         return None
 
 
@@ -205,7 +205,7 @@ class LiveFlight:
         self._make = make
         self._every_s = every_s
         self._planner: Planner
-        self._itinerary: Itinerary | None = None
+        self._itinerary: PlanExecutor | None = None
         self._outlook: Outlook
         self._ground = _Ground(mission.cruise_mps)
         self._origin_s = 0.0
@@ -216,12 +216,12 @@ class LiveFlight:
         self._told_back: int | None = None
         self._failed = ""
         self._reasons: list[str] = []
-        self._remarks: list[Remark] = []
+        self._remarks: list[Notice] = []
         self._remarked: set[str] = set()
         self.complete = False
         self.forecast_completes = False
 
-    def take(self, fix: Fix) -> tuple[Advice | None, tuple[Remark, ...]]:
+    def take(self, fix: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Take a fix whose time is after the last one's; return advice, where there is any, and what is odd."""
         self._remarks, self._reasons = [], []
         itinerary = self._itinerary or self._begin(fix)
@@ -258,7 +258,7 @@ class LiveFlight:
 
     # --- the flight through its plan
 
-    def _begin(self, fix: Fix) -> Itinerary:
+    def _begin(self, fix: Sample) -> PlanExecutor:
         """The first fix: where and when the flight begins."""
         mission = self._mission
         known = 0 <= fix.time_s <= CLOCK_STARTS_S
@@ -270,12 +270,12 @@ class LiveFlight:
         mission = replace(mission, start_m=start)
         self._planner = self._make(mission)
         self._outlook = Outlook(mission)
-        self._itinerary = Itinerary(mission.plan, mission.parameters, start, mission.rules)
+        self._itinerary = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
         self._last = (min(0.0, elapsed_s), start, fix.soc)
         self._reasons.append(TAKE_OFF)
         return self._itinerary
 
-    def _follow(self, fix: Fix, itinerary: Itinerary) -> None:
+    def _follow(self, fix: Sample, itinerary: PlanExecutor) -> None:
         """Go through the plan along the straight line from the last fix; stages that are told are believed."""
         if self._lost:
             return
@@ -305,7 +305,7 @@ class LiveFlight:
         except EadpError as error:
             self._lose(error)
 
-    def _stages_ahead(self, fix: Fix, itinerary: Itinerary) -> int | None:
+    def _stages_ahead(self, fix: Sample, itinerary: PlanExecutor) -> int | None:
         """How many stages to go on to the one that is told; None where positions are to tell."""
         told, now = fix.stage, itinerary.stage.index
         count = len(self._mission.plan.stages)
@@ -314,7 +314,7 @@ class LiveFlight:
         if told > count:
             if f"stage {told}" not in self._remarked and len(self._remarked) < 100:
                 self._remarked.add(f"stage {told}")
-                self._remarks.append(Remark("stage", f"there is no stage {told}; ignored", f"one of 1 to {count}"))
+                self._remarks.append(Notice("stage", f"there is no stage {told}; ignored", f"one of 1 to {count}"))
             return None
         to = itinerary.stages_to(told)
         if told == now:
@@ -327,13 +327,13 @@ class LiveFlight:
             if self._told_back != told:
                 self._told_back = told
                 self._remarks.append(
-                    Remark("stage", f"stage {told} is before stage {now}, which is flown; ignored", "a stage ahead")
+                    Notice("stage", f"stage {told} is before stage {now}, which is flown; ignored", "a stage ahead")
                 )
             return None
         self._told_back = None
         return to
 
-    def _in_force(self, fix: Fix, itinerary: Itinerary) -> Vector:
+    def _in_force(self, fix: Sample, itinerary: PlanExecutor) -> Vector:
         """Parameters in force: as told, else as the plan has it."""
         if not fix.parameters or self._lost:
             return itinerary.parameters
@@ -345,14 +345,14 @@ class LiveFlight:
                     self._remarked.add(name)
                     expected = f"one of {', '.join(self._names) or 'none'}"
                     what = f"the plan has no parameter {printable(name, 40)}; ignored"
-                    self._remarks.append(Remark("parameters", what, expected))
+                    self._remarks.append(Notice("parameters", what, expected))
                 continue
             i = self._names.index(name)
             clipped = sets[i].clip(value) if sets else value
             if clipped != value and f"{name} outside" not in self._remarked:
                 self._remarked.add(f"{name} outside")
                 expected = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
-                self._remarks.append(Remark("parameters", f"{name} = {value:g} is outside its set; clipped", expected))
+                self._remarks.append(Notice("parameters", f"{name} = {value:g} is outside its set; clipped", expected))
             values[i] = clipped
         try:
             itinerary.believe(values, (fix.x_m, fix.y_m))
@@ -363,11 +363,11 @@ class LiveFlight:
     def _lose(self, error: EadpError) -> None:
         """The plan cannot be followed any more: its stage and parameters stay."""
         self._lost = True
-        self._remarks.append(Remark("x_m", f"the plan cannot be followed on from here: {error}"))
+        self._remarks.append(Notice("x_m", f"the plan cannot be followed on from here: {error}"))
 
     # --- the planner
 
-    def _observation(self, time_s: float, position: Point, soc: float, itinerary: Itinerary) -> Observation:
+    def _observation(self, time_s: float, position: Point, soc: float, itinerary: PlanExecutor) -> Observation:
         """What is known at any moment, between two fixes as well."""
         return Observation(
             time_s,
@@ -379,7 +379,7 @@ class LiveFlight:
             itinerary.parameters,
         )
 
-    def _ask(self, seen: Observation, itinerary: Itinerary) -> None:
+    def _ask(self, seen: Observation, itinerary: PlanExecutor) -> None:
         """Give the planner an observation, and the plan what it decides."""
         before = self._decision
         try:
@@ -389,7 +389,7 @@ class LiveFlight:
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
             if what != self._failed:
                 self._failed = what
-                self._remarks.append(Remark("time_s", what))
+                self._remarks.append(Notice("time_s", what))
             return
         if self._decision.parameters is before.parameters:
             return
@@ -403,12 +403,12 @@ class LiveFlight:
 
     # --- advice
 
-    def _advise(self, fix: Fix, seen: Observation, itinerary: Itinerary) -> Advice:
+    def _advise(self, fix: Sample, seen: Observation, itinerary: PlanExecutor) -> Advice:
         decision, record = self._decision, self._decision.record
         if not _recent(record, seen.time_s, self._every_s):
             record = None
         if record is not None:
-            end = End(_finite(record.soc_end), _finite(record.remaining_s))
+            end = EndForecast(_finite(record.soc_end), _finite(record.remaining_s))
         else:
             end = self._outlook.end(seen, decision.parameters)
         if decision.reason not in self._reasons and not (self._reasons and decision.reason.startswith(KEPT)):
@@ -427,11 +427,11 @@ class LiveFlight:
             reason="; ".join(reason for reason in self._reasons if reason) or KEPT,
         )
 
-    def _done(self, fix: Fix, itinerary: Itinerary) -> Advice:
+    def _done(self, fix: Sample, itinerary: PlanExecutor) -> Advice:
         self.complete = self.forecast_completes = True
         return self._last_words(fix, itinerary, COMPLETED, fix.soc, 1.0)
 
-    def _run_empty(self, fix: Fix, itinerary: Itinerary) -> Advice | None:
+    def _run_empty(self, fix: Sample, itinerary: PlanExecutor) -> Advice | None:
         """The battery is told to be empty: there is nothing to decide until it is told not to be."""
         self.forecast_completes = False
         if self._empty:
@@ -440,7 +440,7 @@ class LiveFlight:
         self._next_s = -math.inf
         return self._last_words(fix, itinerary, EMPTY, 0.0, 0.0)
 
-    def _last_words(self, fix: Fix, itinerary: Itinerary, reason: str, soc: float, probability: float) -> Advice:
+    def _last_words(self, fix: Sample, itinerary: PlanExecutor, reason: str, soc: float, probability: float) -> Advice:
         return Advice(
             time_s=fix.time_s,
             stage=itinerary.stage.index,
@@ -466,7 +466,7 @@ class _Ground:
         self._most_mps = FASTEST * cruise_mps
         self._fixes: deque[tuple[float, float, float]] = deque()
 
-    def observe(self, fix: Fix) -> Point | None:
+    def observe(self, fix: Sample) -> Point | None:
         """The velocity at a fix [m/s]; None where nothing tells it.
 
         Source: the least-squares parabola through the positions, its slope at the last one, so that turns do not lag.
@@ -489,7 +489,7 @@ class _Ground:
         return (vx, vy) if math.hypot(vx, vy) <= self._most_mps else None
 
 
-def _recent(record: Record | None, time_s: float, every_s: float) -> bool:
+def _recent(record: DecisionRecord | None, time_s: float, every_s: float) -> bool:
     return record is not None and time_s - record.time_s <= max(RECENT_S, 3 * every_s)
 
 

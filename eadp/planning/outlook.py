@@ -11,13 +11,13 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError
 from eadp.models.plan.executor import Vector
-from eadp.models.plan.route import Course, Follower, left_m
+from eadp.models.plan.route import Route, RoutePredictor, left_m
 from eadp.planning.base import Mission, Observation
 
 POWER_TIME_S = 60.0
 
 
-class End(NamedTuple):
+class EndForecast(NamedTuple):
     """A flight's end as forecast: state of charge, and time until then [s]; None where it cannot be told."""
 
     soc: float | None
@@ -34,14 +34,14 @@ class Outlook:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
-        self._follower = Follower(mission.plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
+        self._follower = RoutePredictor(mission.plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
         self._decided = mission.parameters
         self._begun = 1
         self._stage_since_s = 0.0
         self._power_w: float | None = None
         self._read_s = 0.0
         self._wind: Point = (0.0, 0.0)
-        self._course: Course | None = None
+        self._course: Route | None = None
         self._lost = False
 
     def observe(self, o: Observation) -> None:
@@ -61,7 +61,7 @@ class Outlook:
             known = self._power_w or 0.0
             self._power_w, self._read_s = known + share * (o.power_w - known), o.time_s
 
-    def end(self, o: Observation, decided: Vector) -> End:
+    def end(self, o: Observation, decided: Vector) -> EndForecast:
         """The end as it looks from an observation, with parameters that have been decided.
 
         Source: Rint battery (letter, Sec. III-C) under a constant power; wind triangle.
@@ -69,13 +69,13 @@ class Outlook:
         try:
             remaining_s = self._remaining_s(o, decided)
         except EadpError:
-            return End(None, None)
+            return EndForecast(None, None)
         if remaining_s is None or not math.isfinite(remaining_s) or self._power_w is None:
-            return End(None, None)
+            return EndForecast(None, None)
         battery = self._mission.battery
         # half of what is left is used on average
         volts = max(battery.voltage_at(min(max(o.soc / 2, 0.0), 1.0)), 1e-3)
-        return End(o.soc - float(battery.drain_per_s(self._power_w, volts)) * remaining_s, remaining_s)
+        return EndForecast(o.soc - float(battery.drain_per_s(self._power_w, volts)) * remaining_s, remaining_s)
 
     def _remaining_s(self, o: Observation, decided: Vector) -> float | None:
         if self._lost:

@@ -17,7 +17,7 @@ import numpy as np
 from eadp.core import compiled
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.models.battery import Battery
-from eadp.models.plan.executor import WATCHING, CurveProgress, Itinerary, watched
+from eadp.models.plan.executor import WATCHING, CurveProgress, PlanExecutor, watched
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AIRCRAFT_CONSTANTS,
@@ -177,7 +177,7 @@ def drain_constants(battery: Battery, step_s: float) -> list[float]:
     return [empty_v, rise_v, 4 * battery.resistance_ohm, 2 * battery.k_b_per_s * step_s / battery.capacity_ah]
 
 
-class Stretches:
+class InnerLoop:
     """One flight's numbers, and the function that takes them from stretch to stretch."""
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
@@ -213,7 +213,7 @@ class Stretches:
         """The next sudden loss of charge."""
         self._c[FAULT_AT], self._c[DROP] = step, drop
 
-    def along(self, itinerary: Itinerary, computing_w: float) -> None:
+    def along(self, itinerary: PlanExecutor, computing_w: float) -> None:
         """Go on along the stage that an itinerary is at."""
         c, stage, (ox, oy) = self._c, itinerary.stage, itinerary.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w

@@ -13,17 +13,17 @@ import numpy as np
 from eadp.core.flight.battery import undeliverable
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.battery import Battery, Fault
+from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import Computing
-from eadp.models.plan.executor import Itinerary, Rules, Vector
+from eadp.models.plan.executor import PlanExecutor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
 from eadp.models.weather import Wind
-from eadp.planning.registry import Observation, Planner, Readings, Record
+from eadp.planning.registry import DecisionRecord, Observation, Planner, Readings
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
-from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, Stretches
-from eadp.simulation.metrics import ParameterLog, Totals
+from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, InnerLoop
+from eadp.simulation.metrics import FlightTotals, ParameterLog
 from eadp.simulation.sensors import SensorSuite
 
 COMPLETED = "final point reached"
@@ -42,7 +42,7 @@ class World:
     guidance: Guidance
     wind: Wind
     battery: Battery
-    faults: tuple[Fault, ...]
+    faults: tuple[BatteryFault, ...]
     start_m: Point
     heading_rad: float
     altitude_m: float
@@ -78,10 +78,10 @@ class Outcome:
     reason: str = ""
     duration_s: float = 0.0
     soc_final: float = 0.0
-    totals: Totals = field(default_factory=Totals)
+    totals: FlightTotals = field(default_factory=FlightTotals)
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
-    records: list[Record] = field(default_factory=list)
+    records: list[DecisionRecord] = field(default_factory=list)
 
 
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
@@ -96,23 +96,23 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         If the first path cannot be evaluated where the flight starts.
     """
     step_s, log_every = world.step_s, max(1, round(world.log_every_s / world.step_s))
-    itinerary = Itinerary(world.plan, world.parameters, world.start_m, world.rules)
+    itinerary = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
     steady_mps = world.wind.steady_mps
-    stretches = Stretches(
+    stretches = InnerLoop(
         state_of(world.vehicle, steady_mps, world.start_m, world.heading_rad, world.altitude_m),
         constants_of(world.vehicle, world.guidance, world.wind, step_s),
         world.battery,
         world.wind,
         np.random.default_rng(world.seed),
     )
-    watcher = _Watcher(world, planner, stretches)
+    watcher = _SensorBridge(world, planner, stretches)
     losses = _losses(world)
     alarms = [step + watcher.late for step, _ in losses]
     parameters, stage = itinerary.parameters, itinerary.stage
     log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets)
     stretches.along(itinerary, world.computing.power_w(parameters, stage.sets))
     decided: Vector | None = None
-    recorded: Record | None = None
+    recorded: DecisionRecord | None = None
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason = TIME_LIMIT
     k, look, last_logged = 0, 1, -1
@@ -178,10 +178,10 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, number(SOC)
 
 
-class _Watcher:
+class _SensorBridge:
     """What goes from the sensors to the planner, and what it has decided."""
 
-    def __init__(self, world: World, planner: Planner, stretches: Stretches) -> None:
+    def __init__(self, world: World, planner: Planner, stretches: InnerLoop) -> None:
         self._step_s = world.step_s
         self._planner = planner
         self._stretches = stretches
@@ -192,9 +192,9 @@ class _Watcher:
         stretches.sense(step_at(planner.reading_every_s, world.step_s, MOST_STEPS), self.late)
         self.forecast_w = 0.0
         self.parameters: Vector | None = None
-        self.record: Record | None = None
+        self.record: DecisionRecord | None = None
 
-    def look(self, k: int, itinerary: Itinerary) -> None:
+    def look(self, k: int, itinerary: PlanExecutor) -> None:
         """Show the planner what is known after step `k`."""
         self.listen(k - 1)
         x, y, power_w, soc, vx, vy, heading = self._stretches.told(k)
@@ -259,7 +259,7 @@ def _losses(world: World) -> list[tuple[int, float]]:
     return sorted(losses.items(), reverse=True)
 
 
-def _failure(seen: int, world: World, stretches: Stretches, stage: int, k: int) -> str:
+def _failure(seen: int, world: World, stretches: InnerLoop, stage: int, k: int) -> str:
     """Why a flight ends early.
 
     Raises

@@ -11,7 +11,7 @@ from eadp.models.plan.plan import Box, Plan
 
 
 @dataclass
-class Totals:
+class FlightTotals:
     """Sums over a flight, added to at every step and at every change of parameters."""
 
     energy_j: float = 0.0

@@ -21,7 +21,7 @@ import numpy as np
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import Place, Walk
+from eadp.models.plan.cursor import PlanCursor, StageVisit
 from eadp.models.plan.executor import shift_at
 from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
 from eadp.models.plan.trace import leg_length_m
@@ -266,9 +266,9 @@ def _walk_along(
     """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
     before: Stage | None = None
     join: Point | None = None
-    place: Place | None = None
+    place: StageVisit | None = None
     try:
-        walk = Walk(plan, parameters)
+        walk = PlanCursor(plan, parameters)
         while not walk.done:
             place = walk.place
             if changed is not None:

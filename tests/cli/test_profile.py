@@ -15,14 +15,14 @@ import pytest
 from common import ROOT
 
 Run = Callable[..., tuple[int, str, str]]
-Measured = Callable[[str], str]
+PowerMeasurement = Callable[[str], str]
 
 PEDNET = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
 PEDNET_MODEL = str(ROOT / "profiles" / "pednet-jetson-nano.yaml")
 
 
 @pytest.fixture
-def measured(tmp_path: Path) -> Measured:
+def measured(tmp_path: Path) -> PowerMeasurement:
     """Write measurements to a file and return its path."""
 
     def write(body: str) -> str:
@@ -57,7 +57,7 @@ def test_power_as_json(run: Run, file: str) -> None:
     }
 
 
-def test_several_parameters_in_any_order(run: Run, measured: Measured) -> None:
+def test_several_parameters_in_any_order(run: Run, measured: PowerMeasurement) -> None:
     file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
     code, out, _ = run("profile", file, "--at", " keysize = 240 ,fps=6", "--format", "json")
     assert code == 0
@@ -110,14 +110,14 @@ def test_configurations_that_are_refused(run: Run, at: str, starts: list[str]) -
     assert all(line.startswith(start) for line, start in zip(found, starts, strict=True))
 
 
-def test_a_value_for_every_parameter(run: Run, measured: Measured) -> None:
+def test_a_value_for_every_parameter(run: Run, measured: PowerMeasurement) -> None:
     file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
     code, out, err = run("profile", file, "--at", "fps=6")
     assert (code, out) == (2, "")
     assert err.startswith("--at:1:1: error: no value for keysize; expected fps=VALUE,keysize=VALUE\n")
 
 
-def test_summary_as_text(run: Run, measured: Measured) -> None:
+def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
     file = measured("# source: the bench\nfps [1/s],power_w\n2,5\n2,5.5\n10,9\n")
     code, out, _ = run("profile", file)
     assert code == 0
@@ -177,7 +177,7 @@ def test_traces_by_option_and_by_name(run: Run, tmp_path: Path) -> None:
     assert [point["at"] for point in json.loads(by_name[1])["points"]] == [[0.5], [10]]
 
 
-def test_computations_added_are_flown(run: Run, measured: Measured, tmp_path: Path) -> None:
+def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
     other = measured("keysize,power_w\n32,1\n448,3\n")
     model = str(tmp_path / "both.yaml")
     code, out, _ = run("profile", PEDNET, "--add", other, "-o", model)
@@ -201,7 +201,7 @@ def test_computations_added_are_flown(run: Run, measured: Measured, tmp_path: Pa
     assert power["1"] - power["2"] == pytest.approx(1.0, abs=0.2)
 
 
-def test_pchip_of_every_part(run: Run, measured: Measured) -> None:
+def test_pchip_of_every_part(run: Run, measured: PowerMeasurement) -> None:
     other = measured("a,b,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
     code, out, err = run("profile", PEDNET, "--add", other, "--interpolation", "pchip")
     assert (code, out) == (2, "")
@@ -252,7 +252,7 @@ def test_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (code, out) == (0, "c=3: 6 W\n")
 
 
-def test_faults_of_the_file(run: Run, measured: Measured, tmp_path: Path) -> None:
+def test_faults_of_the_file(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
     file = measured("fps,power_w\n2,nan\n4,-1\n")
     model = tmp_path / "m.yaml"
     code, out, err = run("profile", file, "-o", str(model), "--format", "json")
@@ -268,7 +268,7 @@ def test_faults_of_the_file(run: Run, measured: Measured, tmp_path: Path) -> Non
     assert not model.exists()
 
 
-def test_warnings_are_on_stderr(run: Run, measured: Measured) -> None:
+def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
     file = measured("fps,power_w\n2,5\n4,7\n6,6\n")
     code, out, err = run("profile", file, "--at", "fps=4", "--format", "json")
     assert code == 0
@@ -296,7 +296,7 @@ def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None
     assert err.startswith(start)
 
 
-def test_pchip_of_two_parameters(run: Run, measured: Measured) -> None:
+def test_pchip_of_two_parameters(run: Run, measured: PowerMeasurement) -> None:
     file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
     code, out, err = run("profile", file, "--interpolation", "pchip")
     assert (code, out) == (2, "")

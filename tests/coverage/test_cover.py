@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import wrap_angle_rad
-from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, Request, cover
-from eadp.coverage.plan_builder import Sensors, plan_of
-from eadp.coverage.report import Power, covered_lines, flown
-from eadp.coverage.swaths import Leg, Motion, straight
+from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
+from eadp.coverage.plan_builder import FieldComputations, plan_of
+from eadp.coverage.report import PowerDraw, covered_lines, flown
+from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
 from eadp.io.flight.inputs import load_flight
@@ -28,7 +28,7 @@ from eadp.models.plan.trace import default_start
 from eadp.simulation.loop import Outcome, fly
 from eadp.validation.check import check_plan
 
-MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
+MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 
 SHAPES = {
     "rectangle": [(0, 0), (420, 60), (380, 340), (-40, 280)],
@@ -61,7 +61,7 @@ def whole(legs):
 def test_every_shape_is_covered(name, pattern):
     field = FIELDS[name]
     try:
-        solution = cover(Request(field, MOTION, pattern))
+        solution = cover(CoverageRequest(field, MOTION, pattern))
     except Infeasible:
         assert pattern == ZAMBONI
         assert name in ("narrow", "small")
@@ -76,8 +76,8 @@ def test_every_shape_is_covered(name, pattern):
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 @pytest.mark.parametrize("name", ["L", "hole", "star"])
 def test_the_plan_passes_its_check_and_reads_back(name, pattern):
-    solution = cover(Request(FIELDS[name], MOTION, pattern, start_m=(-300.0, -200.0), home_m=(-320.0, -180.0)))
-    sensors = Sensors((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
+    solution = cover(CoverageRequest(FIELDS[name], MOTION, pattern, start_m=(-300.0, -200.0), home_m=(-320.0, -180.0)))
+    sensors = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
     text = plan_text(plan_of(solution, sensors=sensors, min_radius_m=30.0))
     plan, findings = read_plan(Text("p", text))
     assert findings == []
@@ -86,8 +86,8 @@ def test_the_plan_passes_its_check_and_reads_back(name, pattern):
 
 
 def test_computations_rest_on_turns_and_over_what_is_no_field():
-    sensors = Sensors((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
-    solution = cover(Request(HOLE, MOTION, DUBINS, heading_rad=0.0))
+    sensors = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
+    solution = cover(CoverageRequest(HOLE, MOTION, DUBINS, heading_rad=0.0))
     plan = plan_of(solution, sensors=sensors)
     gaps = sum(len(leg.gaps_m) for leg in solution.way(0.0).legs)
     for stage in plan.stages:
@@ -98,7 +98,7 @@ def test_computations_rest_on_turns_and_over_what_is_no_field():
 
 
 def test_a_leg_split_at_its_gaps_is_the_leg():
-    leg = Leg(straight((0.0, 0.0), (30.0, 40.0)), True, ((10.0, 20.0), (25.0, 30.0)))
+    leg = CoverageLeg(straight((0.0, 0.0), (30.0, 40.0)), True, ((10.0, 20.0), (25.0, 30.0)))
     parts = leg.split()
     assert [part.sensing for part in parts] == [True, False, True, False, True]
     assert [part.piece.length_m for part in parts] == pytest.approx([10, 10, 5, 5, 20])
@@ -133,7 +133,7 @@ def test_the_way_over_a_field_moved_is_the_way_moved(name, pattern, angle, shift
     corners = np.array(FIELDS[name].outline) + np.array([(0, 0), (13, 4), (-9, 21), (5, -17)])
     field = Field(tuple(map(tuple, corners.tolist())))
     other, place = moved(field, angle, shift, mirror)
-    a, b = (cover(Request(each, MOTION, pattern)).way(0.0) for each in (field, other))
+    a, b = (cover(CoverageRequest(each, MOTION, pattern)).way(0.0) for each in (field, other))
     assert b.length_m == pytest.approx(a.length_m, abs=1e-3)
     ends = [place(leg.piece.end[:2]) for leg in a.legs]
     found = [leg.piece.end[:2] for leg in b.legs]
@@ -143,21 +143,21 @@ def test_the_way_over_a_field_moved_is_the_way_moved(name, pattern, angle, shift
 
 def test_auto_is_not_plainly_longer_than_either():
     for name in ("rectangle", "T", "hole"):
-        times = {pattern: cover(Request(FIELDS[name], MOTION, pattern)).time_s for pattern in (AUTO, DUBINS)}
+        times = {pattern: cover(CoverageRequest(FIELDS[name], MOTION, pattern)).time_s for pattern in (AUTO, DUBINS)}
         assert times[AUTO] <= 1.02 * times[DUBINS]
 
 
 def test_wide_turns_and_close_lines_are_left_to_the_zamboni_like_motion():
     """Lines much closer than a turn is wide: skipping lines costs as much as the laps do, and laps can vary."""
     field = Field(((0.0, 0.0), (1200.0, 0.0), (1200.0, 3000.0), (0.0, 3000.0)))
-    solution = cover(Request(field, Motion(20.0, 75.0, 75.0, 19.0)))
+    solution = cover(CoverageRequest(field, MotionLimits(20.0, 75.0, 75.0, 19.0)))
     assert solution.pattern == ZAMBONI
     assert solution.other_share is not None
 
 
 def test_a_heading_given_is_kept():
     for pattern in (ZAMBONI, DUBINS):
-        solution = cover(Request(FIELDS["rectangle"], MOTION, pattern, heading_rad=1.0))
+        solution = cover(CoverageRequest(FIELDS["rectangle"], MOTION, pattern, heading_rad=1.0))
         for leg in solution.way(0.0).legs:
             if leg.sensing:
                 assert abs(math.remainder(leg.piece.start[2] - 1.0, math.pi)) < 1e-9
@@ -166,7 +166,7 @@ def test_a_heading_given_is_kept():
 def test_the_way_begins_at_the_start_and_ends_at_home():
     start, home = (-250.0, -90.0), (700.0, 20.0)
     for pattern in (ZAMBONI, DUBINS):
-        solution = cover(Request(FIELDS["trapezoid"], MOTION, pattern, start_m=start, home_m=home))
+        solution = cover(CoverageRequest(FIELDS["trapezoid"], MOTION, pattern, start_m=start, home_m=home))
         legs = solution.way(0.0).legs
         assert legs[0].piece.start[:2] == pytest.approx(start)
         assert legs[-1].piece.end[:2] == pytest.approx(home)
@@ -176,9 +176,9 @@ def test_the_way_begins_at_the_start_and_ends_at_home():
 
 
 def test_wind_changes_the_time_as_each_leg_is_flown():
-    motion = Motion(30.0, 30.0, 45.0, 15.0, 15.0, (6.0, 0.0))
+    motion = MotionLimits(30.0, 30.0, 45.0, 15.0, 15.0, (6.0, 0.0))
     for pattern in (ZAMBONI, DUBINS):
-        solution = cover(Request(FIELDS["L"], motion, pattern))
+        solution = cover(CoverageRequest(FIELDS["L"], motion, pattern))
         lowest = solution.lowest_c1
         legs = solution.way(lowest).legs
         # straight legs by hand: the ground speed along a course χ is w·χ + √(v² − (w × χ)²)
@@ -195,19 +195,23 @@ def test_wind_changes_the_time_as_each_leg_is_flown():
 
 def test_a_wind_as_fast_as_the_aircraft_is_refused():
     with pytest.raises(Infeasible, match="wind"):
-        cover(Request(HOLE, Motion(30, 30, 45, 15.0, 15.0, (15.0, 0.0))))
+        cover(CoverageRequest(HOLE, MotionLimits(30, 30, 45, 15.0, 15.0, (15.0, 0.0))))
 
 
 def test_more_lines_than_the_limit_are_refused():
     with pytest.raises(Infeasible, match="lines"):
         cover(
-            Request(Field(((0.0, 0.0), (9000.0, 0.0), (9000.0, 9000.0), (0.0, 9000.0))), Motion(2, 30, 45, 1.5), DUBINS)
+            CoverageRequest(
+                Field(((0.0, 0.0), (9000.0, 0.0), (9000.0, 9000.0), (0.0, 9000.0))),
+                MotionLimits(2, 30, 45, 1.5),
+                DUBINS,
+            )
         )
 
 
 def test_energy_is_power_times_time():
-    solution = cover(Request(FIELDS["L"], MOTION, DUBINS))
-    power = Power(26.0, 10.0, 0.0)
+    solution = cover(CoverageRequest(FIELDS["L"], MOTION, DUBINS))
+    power = PowerDraw(26.0, 10.0, 0.0)
     end = flown(solution, FIELDS["L"], MOTION, 0.0, power)
     over_m = sum(leg.piece.length_m for leg in solution.way(0.0).legs if leg.sensing)
     assert end.energy_wh == pytest.approx((26.0 * end.length_m + 10.0 * over_m) / 15.0 / 3600)
@@ -237,7 +241,7 @@ def flown_share(field, solution, path, wind_deg, c1):
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
     field = FIELDS["trapezoid"]
-    solution = cover(Request(field, MOTION, pattern))
+    solution = cover(CoverageRequest(field, MOTION, pattern))
     c1 = 0.0 if c1_at == "highest" else solution.lowest_c1
     completed, share = flown_share(field, solution, tmp_path / "field.plan", 110, c1)
     assert completed
@@ -251,7 +255,7 @@ def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
     text = Text("field", json.dumps(features[index]))
     field, _ = read_field(text, metres=True)
     for pattern in (AUTO, ZAMBONI):
-        solution = cover(Request(field, MOTION, pattern))
+        solution = cover(CoverageRequest(field, MOTION, pattern))
         for wind_deg in (None, 45 * (index % 8)):
             completed, share = flown_share(field, solution, tmp_path / "field.plan", wind_deg, solution.lowest_c1)
             assert completed

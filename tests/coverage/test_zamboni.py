@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.polygons import covered_share
-from eadp.coverage.cover import ZAMBONI, Request, cover
+from eadp.coverage.cover import ZAMBONI, CoverageRequest, cover
 from eadp.coverage.plan_builder import plan_of
-from eadp.coverage.swaths import Motion, frame_of
-from eadp.coverage.zamboni import Shape, Sides, block_of, shapes
+from eadp.coverage.swaths import MotionLimits, frame_of
+from eadp.coverage.zamboni import BlockBounds, BlockLayout, block_of, shapes
 from eadp.io.plan.text import plan_text, read_plan
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
-from eadp.models.plan.cursor import Walk
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.trace import nominal_legs
 
-MOTION = Motion(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
+MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 rounding = 1e-6
 
 
@@ -33,7 +33,7 @@ def quadrilateral(seed):
 
 
 def solution_of(field, heading=math.pi / 2):
-    return cover(Request(field, MOTION, ZAMBONI, heading))
+    return cover(CoverageRequest(field, MOTION, ZAMBONI, heading))
 
 
 def covered(field, legs):
@@ -43,7 +43,7 @@ def covered(field, legs):
 
 def flown(plan, draw):
     """The legs of a plan whose path parameter is drawn anew at every stage: pieces' ends, and each stage's radius."""
-    walk = Walk(plan, [draw()] * plan.path_count)
+    walk = PlanCursor(plan, [draw()] * plan.path_count)
     places = []
     while not walk.done:
         places.append(walk.place)
@@ -57,9 +57,9 @@ def flown(plan, draw):
 
 @given(st.integers(1, 4), st.integers(5, 40), st.floats(15, 30), st.floats(0, 1))
 def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
-    shape = Shape(blocks, lines, pitch)
+    shape = BlockLayout(blocks, lines, pitch)
     box = np.array([(0.0, 0.0), (lines * pitch, 0.0), (lines * pitch, 300.0), (0.0, 300.0)])
-    block = block_of(frame_of(math.pi / 2), Sides(box), pitch / 2, shape, MOTION)
+    block = block_of(frame_of(math.pi / 2), BlockBounds(box), pitch / 2, shape, MOTION)
     c1 = share * block.lowest_c1
     # two lines and two half circles: over by 2 r1, back by 2 r2(c1); r1 = r + x_d/2
     r2 = math.sqrt(block.radius_m**2 + c1)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, Fix, LiveFlight, Screen
+from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, LiveFlight, OutlierGate, Sample
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -54,7 +54,7 @@ def fixes(seen, every, shift_s=0.0, keys=()):
     """Every so many observations and the last one, as telemetry with some of its optional keys."""
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
-            fix = Fix(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
+            fix = Sample(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
             yield fix._replace(**{key: getattr(o, key) for key in keys})
 
 
@@ -86,7 +86,7 @@ TOLD = ("velocity_mps", "heading_rad")
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
     inputs, recorder = recorded
     step_s = 1 / rate_hz
-    flight, screen = live(inputs), Screen(inputs.mission.cruise_mps)
+    flight, screen = live(inputs), OutlierGate(inputs.mission.cruise_mps)
     stages, decided = [], []
     advice = None
     for fix in fixes(recorder.seen, round(step_s / 0.01), shift_s, keys):
@@ -158,7 +158,7 @@ def test_planners_that_tell_no_forecast_have_a_plain_one(planner):
 
 def start(inputs, time_s=0.0, **changes):
     x, y = inputs.mission.start_m
-    return Fix(time_s, x, y, 36.0, 0.9)._replace(**changes)
+    return Sample(time_s, x, y, 36.0, 0.9)._replace(**changes)
 
 
 def test_an_empty_battery_is_a_no_until_it_is_told_not_to_be(recorded):
@@ -177,7 +177,7 @@ def test_the_first_fix_may_be_anywhere(recorded, place):
     inputs = recorded[0]
     flight = live(inputs)
     for k in range(30):
-        fix = Fix(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
+        fix = Sample(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
         advice, remarks = flight.take(fix)
         assert not any("failed" in remark.message for remark in remarks)
         assert advice is not None
@@ -237,9 +237,9 @@ def test_a_planner_that_fails_is_told_of_and_does_not_end_it(recorded):
 
 def judged(*pairs):
     """Whether fixes of (time, x) are used, and what is odd about them."""
-    screen, answers = Screen(15.0), []
+    screen, answers = OutlierGate(15.0), []
     for time_s, x in pairs:
-        fix = Fix(time_s, x, 0.0, None, 0.5)
+        fix = Sample(time_s, x, 0.0, None, 0.5)
         usable, remark = screen.judge(fix)
         if usable:
             screen.keep(fix)
@@ -273,7 +273,7 @@ def test_outliers_are_not_used_unless_they_stay():
 FINITE = st.floats(-1e7, 1e7)
 PAIR = st.none() | st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
 ANY_FIX = st.builds(
-    Fix,
+    Sample,
     st.floats(-1e11, 1e11),
     FINITE,
     FINITE,
@@ -321,6 +321,6 @@ def test_the_same_fixes_give_the_same_advice(recorded):
 def test_a_mission_without_a_start_begins_at_the_first_fix(recorded):
     inputs = recorded[0]
     flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
-    advice, remarks = flight.take(Fix(3.0, -100.0, 220.0, 36.0, 0.9))
+    advice, remarks = flight.take(Sample(3.0, -100.0, 220.0, 36.0, 0.9))
     assert remarks == ()
     assert advice.stage == 1

@@ -80,7 +80,7 @@ def upper_envelope(points_m: FloatArray) -> Envelope:
 
 
 @dataclass(frozen=True)
-class Levels:
+class PiecewiseLinear:
     """A function of one variable that is straight between knots: levels [m] at places [m]."""
 
     places_m: tuple[float, ...]
@@ -93,7 +93,7 @@ class Levels:
 
 def levels_above(
     envelopes: list[tuple[Envelope, float]], length_m: float, width_m: float, slack_m: float = 0.3
-) -> Levels:
+) -> PiecewiseLinear:
     """Levels that strips moving together never reach beyond, with few knots.
 
     Parameters
@@ -129,7 +129,7 @@ def _filled(places: FloatArray, levels: FloatArray) -> FloatArray:
     return np.interp(places, places[known], levels[known])
 
 
-def _thinned(places: list[float], levels: list[float], slack_m: float) -> Levels:
+def _thinned(places: list[float], levels: list[float], slack_m: float) -> PiecewiseLinear:
     """Leave out knots under the chord of their neighbours, those that cost least first."""
     while len(places) > 2:
         best, least = -1, slack_m
@@ -141,4 +141,4 @@ def _thinned(places: list[float], levels: list[float], slack_m: float) -> Levels
         if best < 0:
             break
         del places[best], levels[best]
-    return Levels(tuple(places), tuple(levels))
+    return PiecewiseLinear(tuple(places), tuple(levels))

@@ -37,7 +37,7 @@ def signed_area_m2(ring: Sequence[Point]) -> float:
 
 
 @dataclass(frozen=True)
-class Tidied:
+class CleanedRing:
     """What is left of a ring: indices of the vertices kept, in order, and how many went for which reason."""
 
     kept: tuple[int, ...]
@@ -46,7 +46,7 @@ class Tidied:
     spikes: int = 0
 
 
-def tidy(ring: Sequence[Point]) -> Tidied:
+def tidy(ring: Sequence[Point]) -> CleanedRing:
     """Drop vertices that say nothing: repeated ones, ones in line with their neighbours, tips of spikes.
 
     Parameters
@@ -90,7 +90,7 @@ def tidy(ring: Sequence[Point]) -> Tidied:
                 after[p], before[q], kept[i] = q, p, False
                 left -= 1
                 todo += [q, p]
-    return Tidied(tuple(i for i in range(n) if kept[i]), **counts)
+    return CleanedRing(tuple(i for i in range(n) if kept[i]), **counts)
 
 
 def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
@@ -119,7 +119,7 @@ def _offset_m(p: Point, v: Point, q: Point) -> float:
 
 
 @dataclass(frozen=True)
-class Flaw:
+class RingDefect:
     """What is wrong with a ring (0 the outline, 1.. the holes), as the end of a sentence, and where [m]."""
 
     ring: int
@@ -127,7 +127,7 @@ class Flaw:
     point_m: Point
 
 
-def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
     """What makes an outline and its holes no field.
 
     Parameters
@@ -153,14 +153,14 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
             return
 
 
-def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
     for i, ring in enumerate((outline, *holes)):
         if complaint := _complaint(ring):
             reason, point = complaint
-            yield Flaw(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
+            yield RingDefect(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
 
 
-def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
     """Each hole beside the outline, then beside the holes before it."""
     if not holes:
         return
@@ -169,7 +169,7 @@ def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -
     shapely.prepare(field)
     for i, well_inside in enumerate(shapely.contains_properly(field, polygons)):
         if not well_inside and (complaint := _complaint(outline, holes[i])):
-            yield Flaw(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
+            yield RingDefect(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
     x, y = zip(*(vertex for hole in holes for vertex in hole), strict=True)
     west, south, east, north = min(x) - 1, min(y) - 1, max(x) + 1, max(y) + 1
     around = ((west, south), (east, south), (east, north), (west, north))
@@ -177,14 +177,14 @@ def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -
     for i, polygon in enumerate(polygons):
         for j in sorted(int(j) for j in tree.query(polygon, predicate="intersects") if j < i):
             if complaint := _complaint(around, holes[j], holes[i]):
-                yield Flaw(i + 1, _relation(complaint[0], holes[j], holes[i], f"hole {j + 1}"), complaint[1])
+                yield RingDefect(i + 1, _relation(complaint[0], holes[j], holes[i], f"hole {j + 1}"), complaint[1])
 
 
-def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[Flaw]:
+def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
     if complaint := _complaint(outline, *holes):
         point = complaint[1]
         nearest = min(range(len(holes)), key=lambda i: min(math.dist(point, vertex) for vertex in holes[i]))
-        yield Flaw(nearest + 1, _CUTS, point)
+        yield RingDefect(nearest + 1, _CUTS, point)
 
 
 _CUTS = "cuts the field into parts"

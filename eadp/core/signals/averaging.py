@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
-class Average(NamedTuple):
+class SampleMean(NamedTuple):
     """The mean of samples [their unit] and what is known of it.
 
     `spread` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is how many
@@ -26,7 +26,7 @@ class Average(NamedTuple):
     effective: float
 
 
-def average(runs: Sequence[ArrayLike]) -> Average:
+def average(runs: Sequence[ArrayLike]) -> SampleMean:
     """Mean of samples, and its standard error with the autocorrelation within each run.
 
     Parameters
@@ -56,7 +56,7 @@ def average(runs: Sequence[ArrayLike]) -> Average:
         raise ValueError("no samples have no mean")
     values = np.concatenate(series)
     if values.min() == values.max():  # exactly what was read, without the rounding of a sum
-        return Average(float(values[0]), 0.0, 0.0, n, float(n))
+        return SampleMean(float(values[0]), 0.0, 0.0, n, float(n))
     mean = math.fsum(values.tolist()) / n
     variance = math.fsum(((values - mean) ** 2).tolist()) / (n - 1)
     lags = _autocovariances([run - mean for run in series], n)
@@ -67,7 +67,7 @@ def average(runs: Sequence[ArrayLike]) -> Average:
     window = max(0, min(2 * len(kept), max(map(len, series))) - 1)
     of_mean = (2 * float(kept.sum()) - float(lags[0])) / n * (1 + (2 * window + 1) / n)
     of_mean = max(of_mean, variance / n)
-    return Average(mean, math.sqrt(variance), math.sqrt(of_mean), n, variance / of_mean)
+    return SampleMean(mean, math.sqrt(variance), math.sqrt(of_mean), n, variance / of_mean)
 
 
 def _autocovariances(runs: Sequence[FloatArray], n: int) -> FloatArray:

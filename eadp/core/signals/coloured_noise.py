@@ -26,7 +26,7 @@ _LARGEST_RATIO = 2.0
 EULER_GAMMA = 0.5772156649015329
 
 
-class Noise(NamedTuple):
+class NoiseModel(NamedTuple):
     """A noise model at its best for some columns: its likelihood, and its covariance in units of `variance`."""
 
     log_likelihood: float
@@ -51,7 +51,7 @@ class _Model(NamedTuple):
     turned: _Turned
 
 
-class Scan(NamedTuple):
+class LikelihoodScan(NamedTuple):
     """Log-likelihoods over noise models and frequencies."""
 
     gain: FloatArray  # (orders, frequencies): best of all noise models, less the best without harmonics
@@ -59,7 +59,7 @@ class Scan(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Bins:
+class TimeBins:
     """Mean times and powers of n bins of equal width, those without a sample left out.
 
     Attributes
@@ -95,7 +95,7 @@ class Bins:
             scaled = math.sqrt(3) * apart / length_s
             yield (1 + scaled) * np.exp(-scaled), length_s
 
-    def best_noise(self, designs: Sequence[FloatArray]) -> list[Noise]:
+    def best_noise(self, designs: Sequence[FloatArray]) -> list[NoiseModel]:
         """For each matrix of columns, the noise model under which the bins are likeliest, coefficients included."""
         best = [(-np.inf, 0.0, 0.0, self._turned[0])] * len(designs)
         for turned in self._turned:
@@ -105,7 +105,7 @@ class Bins:
                     likelihood, variance = _profile(columns, target, part * turned.eigenvalues + (1 - part))
                     if likelihood > best[number][0]:
                         best[number] = likelihood, variance, part, turned
-        return [Noise(likelihood, _mixed(turned, part), variance) for likelihood, variance, part, turned in best]
+        return [NoiseModel(likelihood, _mixed(turned, part), variance) for likelihood, variance, part, turned in best]
 
     def coefficient_covariance(self, columns: FloatArray) -> FloatArray:
         """Covariance of least squares' coefficients, whatever the noise may be.
@@ -162,7 +162,7 @@ class Bins:
                 likelihood = -0.5 * ((n - m) * math.log(error) + float(np.log(spread).sum()) + volume)
                 yield _Model(likelihood, part, error / (n - m), turned)
 
-    def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[Scan]:
+    def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[LikelihoodScan]:
         """Likelihood of every order at every frequency, for each of several powers.
 
         Parameters
@@ -199,7 +199,7 @@ class Bins:
                 marginal = -0.5 * (degrees * np.log(error[:, 1:]) + volume[:, 1:, np.newaxis]) - penalty
                 np.logaddexp(density, marginal, out=density)
         gain -= alone
-        return [Scan(gain[..., i].T, density[..., i].T) for i in range(powers.shape[1])]
+        return [LikelihoodScan(gain[..., i].T, density[..., i].T) for i in range(powers.shape[1])]
 
     def surrogates(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Powers in the bins that have the noise which suits the bins best without any harmonics, shape (n, count)."""
@@ -209,7 +209,7 @@ class Bins:
         return draws
 
 
-def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: float) -> Bins:
+def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: float) -> TimeBins:
     """Averages of samples in bins of a width.
 
     Parameters
@@ -228,7 +228,7 @@ def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: flo
     full = count > 0
     times = np.bincount(bins, times_s)[full] / count[full]
     power = np.bincount(bins, power_w)[full] / count[full]
-    return Bins(times, power, width_s, span_s, float(count[full].mean()))
+    return TimeBins(times, power, width_s, span_s, float(count[full].mean()))
 
 
 def tail(statistic: float, drawn: FloatArray) -> float:

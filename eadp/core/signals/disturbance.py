@@ -105,7 +105,7 @@ def covariance_w2(apart_s: ArrayLike, std_w: float, time_s: float) -> FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Learned:
+class DisturbanceFit:
     """What samples tell: σ [W] and ℓ [s] of the disturbance, the white noise beside it [W], and how likely that is."""
 
     std_w: float
@@ -120,7 +120,7 @@ def learned(
     *,
     columns: ArrayLike | None = None,
     samples: int = SAMPLES,
-) -> Learned:
+) -> DisturbanceFit:
     """The disturbance and the white noise under which a residual is likeliest.
 
     The likelihood is that of the innovations of a Kalman filter with the exact step, so sampling may be irregular. The
@@ -157,12 +157,14 @@ def learned(
     white = _white(series, least)
     span_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
     if len(times) - series.shape[1] + 1 < FEWEST or white[0] <= least:
-        return Learned(0.0, span_s or 1.0, math.sqrt(white[0]), white[1])
+        return DisturbanceFit(0.0, span_s or 1.0, math.sqrt(white[0]), white[1])
     likelihood, variance, log_time, logit = _searched(times, series, least)
     if white[1] >= likelihood:
-        return Learned(0.0, span_s, math.sqrt(white[0]), white[1])
+        return DisturbanceFit(0.0, span_s, math.sqrt(white[0]), white[1])
     share = 1 / (1 + math.exp(-logit))
-    return Learned(math.sqrt(share * variance), math.exp(log_time), math.sqrt((1 - share) * variance), likelihood)
+    return DisturbanceFit(
+        math.sqrt(share * variance), math.exp(log_time), math.sqrt((1 - share) * variance), likelihood
+    )
 
 
 def _kept(count: int, most: int) -> NDArray[np.int64]:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
-from eadp.core.signals.coloured_noise import Bins, Noise, Scan, binned, tail
+from eadp.core.signals.coloured_noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 from eadp.core.signals.harmonics import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 
@@ -528,11 +528,11 @@ def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray
 
 class _Evidence(NamedTuple):
     chance: float  # of this frequency alone
-    bins: Bins
-    noise: Noise  # with the period
+    bins: TimeBins
+    noise: NoiseModel  # with the period
 
 
-def _bins(samples: _Samples, period_s: float, order: int) -> Bins:
+def _bins(samples: _Samples, period_s: float, order: int) -> TimeBins:
     """At most 220 bins, 20 to a period and 3 to a harmonic: the middle of a log that is longer than that."""
     per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
     width_s = max(samples.step_s, period_s / per_period)
@@ -540,7 +540,7 @@ def _bins(samples: _Samples, period_s: float, order: int) -> Bins:
     return binned(samples.times_s[middle], samples.power_w[middle], width_s, samples.span_s)
 
 
-def _evidence(bins: Bins, period_s: float, order: int, part: int = 0) -> _Evidence:
+def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Evidence:
     """Likelihood ratio of harmonics in coloured noise against coloured noise alone.
 
     With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long.
@@ -550,7 +550,7 @@ def _evidence(bins: Bins, period_s: float, order: int, part: int = 0) -> _Eviden
     harmonic = (np.arange(2 * order + 1) + 1) // 2
     granted = harmonic % part == 0 if part else harmonic == 0
     if n <= len(granted) + 1:
-        return _Evidence(1.0, bins, Noise(0.0, np.eye(n), float(np.var(bins.power_w))))
+        return _Evidence(1.0, bins, NoiseModel(0.0, np.eye(n), float(np.var(bins.power_w))))
     alone, periodic = bins.best_noise((columns[:, granted], columns))
     # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
     # samples it is larger by about n/(n − m)
@@ -568,7 +568,7 @@ class _Settled(NamedTuple):
     chance: float | None
 
 
-def _settle(bins: Bins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
+def _settle(bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
     """Search the range again for the frequency under which the bins are likeliest, the noise fitted with it.
 
     Surrogates are judged by the same search: noise of the model that suits the bins best without a period. It sees no
@@ -594,7 +594,7 @@ def _settle(bins: Bins, frequency_hz: float, order: int, low_hz: float, high_hz:
 
 
 def _posterior(
-    bins: Bins, frequency_hz: float, order: int, step_hz: float, low_hz: float, high_hz: float
+    bins: TimeBins, frequency_hz: float, order: int, step_hz: float, low_hz: float, high_hz: float
 ) -> tuple[float, float]:
     """Frequency of the greatest density near a start, and the root mean square of the distance from it [Hz]."""
     low, high = max(low_hz, 0.75 * frequency_hz), min(high_hz, 1.25 * frequency_hz)
@@ -612,7 +612,7 @@ def _posterior(
     return float(grid[at]) + step * _vertex(density, at), max(spread, step / 4)
 
 
-def _mixture(scan: Scan) -> FloatArray:
+def _mixture(scan: LikelihoodScan) -> FloatArray:
     """Logarithm of the density of the frequency, every order counted by how likely it is at its best."""
     orders = np.arange(1, len(scan.gain) + 1)
     weight = scan.gain.max(axis=1) - _WORTH * orders - scan.posterior.max(axis=1)

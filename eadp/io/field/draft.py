@@ -25,7 +25,7 @@ VERTICES_LIMIT = 20_000
 NAMES_SHOWN = 10
 """Most names that a message lists."""
 
-Place = tuple[int, int]
+StageVisit = tuple[int, int]
 """Line and column, from 1."""
 
 
@@ -38,7 +38,7 @@ class Vertex(NamedTuple):
     column: int
 
     @property
-    def place(self) -> Place:
+    def place(self) -> StageVisit:
         """Where it stands."""
         return self.line, self.column
 
@@ -48,11 +48,11 @@ class Ring:
     """The vertices of the outline or of a hole, in the order of the file, and where the ring begins."""
 
     vertices: list[Vertex]
-    place: Place
+    place: StageVisit
 
 
 @dataclass
-class Draft:
+class FieldDraft:
     """What a file says before it is judged.
 
     `rings` are the outline and then the holes; `degrees` is whether they are in degrees and not in metres; `closes` is
@@ -68,7 +68,7 @@ class Draft:
     notes: list[str] = field(default_factory=list)
 
 
-class Source:
+class FieldSource:
     """The text of a file by lines, to name places in."""
 
     def __init__(self, text: Text) -> None:
@@ -79,18 +79,18 @@ class Source:
         """Offsets of the lines; as an array, since a text may be all line ends."""
         return array("q", accumulate((len(line) + 1 for line in self.lines), initial=0))
 
-    def place(self, offset: int) -> Place:
+    def place(self, offset: int) -> StageVisit:
         """Line and column of an offset."""
         line = bisect_right(self.starts, offset, hi=len(self.lines))
         return line, offset - self.starts[line - 1] + 1
 
-    def fault(self, place: Place, message: str, expected: str = "") -> Fault:
+    def fault(self, place: StageVisit, message: str, expected: str = "") -> Fault:
         """A fault at a place, with the line it is in."""
         line, column = place
         source = self.lines[line - 1] if line <= len(self.lines) else ""
         return Fault(self.name, line, column, message, expected, source)
 
-    def error(self, place: Place, message: str, expected: str = "") -> InputError:
+    def error(self, place: StageVisit, message: str, expected: str = "") -> InputError:
         """The error of a single fault at a place, to be raised."""
         return InputError(self.fault(place, message, expected))
 
@@ -98,12 +98,12 @@ class Source:
 class VertexReader:
     """Adds vertices to rings, up to `VERTICES_LIMIT`, and gathers the faults of those that are none."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: FieldSource) -> None:
         self.source = source
         self.faults: list[Fault] = []
         self.count = 0
 
-    def add(self, ring: Ring, x: float, y: float, place: Place) -> None:
+    def add(self, ring: Ring, x: float, y: float, place: StageVisit) -> None:
         """Add a vertex, which stands at a place, to a ring."""
         self._count(place)
         ring.vertices.append(Vertex(x, y, *place))
@@ -113,7 +113,7 @@ class VertexReader:
         self.faults += faults
         self._count((faults[0].line, faults[0].column))
 
-    def _count(self, place: Place) -> None:
+    def _count(self, place: StageVisit) -> None:
         self.count += 1
         if self.count > VERTICES_LIMIT:
             self.finish()
@@ -127,15 +127,15 @@ class VertexReader:
 
 
 @dataclass
-class Candidate:
+class FeatureCandidate:
     """A feature with polygons: where it stands, what it may be called, and its polygons, each with its place.
 
     A polygon is what its reader makes of it.
     """
 
-    place: Place
+    place: StageVisit
     names: list[str]
-    polygons: list[tuple[Any, Place]]
+    polygons: list[tuple[Any, StageVisit]]
 
     @property
     def label(self) -> str:
@@ -143,10 +143,10 @@ class Candidate:
         return printable(self.names[0], 40) if self.names else "without a name"
 
 
-_AnyCandidate = TypeVar("_AnyCandidate", bound=Candidate)
+_AnyCandidate = TypeVar("_AnyCandidate", bound=FeatureCandidate)
 
 
-def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, source: Source) -> _AnyCandidate:
+def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, source: FieldSource) -> _AnyCandidate:
     """The feature that was asked for, by a name or by its number from 1, or the only one.
 
     Raises
@@ -173,7 +173,7 @@ def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, sou
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
 
 
-def only_polygon(chosen: Candidate, source: Source) -> tuple[Any, Place]:
+def only_polygon(chosen: FeatureCandidate, source: FieldSource) -> tuple[Any, StageVisit]:
     """The polygon of a feature and its place; a feature of several is refused at the second."""
     if len(chosen.polygons) > 1:
         message = f"{len(chosen.polygons)} polygons in one feature"

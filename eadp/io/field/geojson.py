@@ -13,11 +13,11 @@ from typing import Any
 from eadp.errors import Fault, printable
 from eadp.io.field.draft import (
     NAMES_SHOWN,
-    Candidate,
-    Draft,
-    Place,
+    FeatureCandidate,
+    FieldDraft,
+    FieldSource,
     Ring,
-    Source,
+    StageVisit,
     VertexReader,
     choose_feature,
     counted,
@@ -30,13 +30,13 @@ _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 
 @dataclass
-class _Feature(Candidate):
+class _Feature(FeatureCandidate):
     """A feature of GeoJSON; `chain` are the objects from the document to its polygons, which may say the units."""
 
     chain: list[JsonObject] = field(default_factory=list)
 
 
-def read_geojson(source: Source, metres: bool, feature: str | None) -> Draft:
+def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
     """Read the polygon of a feature.
 
     Parameters
@@ -67,13 +67,13 @@ def read_geojson(source: Source, metres: bool, feature: str | None) -> Draft:
     in_metres = _says_metres(chosen.chain, metres, source)
     rings = _rings(polygon, place, source)
     remedy = "no --metres" if metres else "a file that does not say that it is in metres"
-    return Draft(rings, not in_metres, True, remedy if in_metres else "--metres", "".join(chosen.names[:1]))
+    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", "".join(chosen.names[:1]))
 
 
 def _collect(
-    source: Source,
+    source: FieldSource,
     node: Any,
-    place: Place,
+    place: StageVisit,
     chain: Sequence[JsonObject],
     found: list[_Feature],
     seen: Counter[str],
@@ -104,14 +104,14 @@ def _collect(
 
 
 def _polygons(
-    source: Source, node: Any, place: Place, seen: Counter[str]
-) -> tuple[list[tuple[Any, Place]], list[JsonObject]]:
+    source: FieldSource, node: Any, place: StageVisit, seen: Counter[str]
+) -> tuple[list[tuple[Any, StageVisit]], list[JsonObject]]:
     """The polygons of a geometry, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
         raise source.error(place, "no geometry", "an object with a type and coordinates")
     if kind == "GeometryCollection":
         geometries = _members(source, node, "geometries", place)
-        polygons: list[tuple[Any, Place]] = []
+        polygons: list[tuple[Any, StageVisit]] = []
         objects = [node]
         for item, offset in zip(geometries, geometries.offsets, strict=True):
             more, way = _polygons(source, item, source.place(offset), seen)
@@ -130,7 +130,7 @@ def _polygons(
     return list(zip(coordinates, places, strict=True)), [node]
 
 
-def _members(source: Source, node: JsonObject, key: str, place: Place) -> JsonList:
+def _members(source: FieldSource, node: JsonObject, key: str, place: StageVisit) -> JsonList:
     value = node.get(key)
     if not isinstance(value, JsonList):
         place = source.place(node.offsets[key]) if key in node else place
@@ -160,7 +160,7 @@ _OTHER_LENGTH = re.compile(
 )
 
 
-def _says_metres(chain: Sequence[JsonObject], metres: bool, source: Source) -> bool:
+def _says_metres(chain: Sequence[JsonObject], metres: bool, source: FieldSource) -> bool:
     """Whether coordinates are in metres: by the option, by `units` that begin with metres, or by a grid's `crs`."""
     properties = [node.get("properties") for node in chain]
     holders = [holder for holder in (*chain, *properties) if isinstance(holder, JsonObject)]
@@ -177,7 +177,7 @@ def _says_metres(chain: Sequence[JsonObject], metres: bool, source: Source) -> b
     return metres
 
 
-def _system(crs: Any, place: Place, metres: bool, source: Source) -> bool:
+def _system(crs: Any, place: StageVisit, metres: bool, source: FieldSource) -> bool:
     """Whether a coordinate reference system is one in metres; one that is not known is what is said elsewhere."""
     properties = crs.get("properties") if isinstance(crs, JsonObject) else None
     said: Any = None
@@ -199,7 +199,7 @@ def _system(crs: Any, place: Place, metres: bool, source: Source) -> bool:
     raise source.error(place, message, "longitude and latitude in degrees (WGS-84), a UTM zone, or --metres")
 
 
-def _rings(polygon: Any, place: Place, source: Source) -> list[Ring]:
+def _rings(polygon: Any, place: StageVisit, source: FieldSource) -> list[Ring]:
     if not isinstance(polygon, JsonList):
         raise source.error(place, f"{_kind(polygon)} where a polygon belongs", "a list of rings")
     if not polygon:
@@ -220,7 +220,7 @@ def _rings(polygon: Any, place: Place, source: Source) -> list[Ring]:
     return rings
 
 
-def _position_faults(position: Any, offset: int, source: Source) -> list[Fault]:
+def _position_faults(position: Any, offset: int, source: FieldSource) -> list[Fault]:
     """What keeps a value from being a position."""
     place = source.place(offset)
     if not isinstance(position, JsonList):

@@ -15,11 +15,11 @@ from itertools import accumulate
 from eadp.errors import InputError, printable
 from eadp.io.field.draft import (
     VERTICES_LIMIT,
-    Candidate,
-    Draft,
-    Place,
+    FeatureCandidate,
+    FieldDraft,
+    FieldSource,
     Ring,
-    Source,
+    StageVisit,
     VertexReader,
     choose_feature,
     number_fault,
@@ -35,11 +35,11 @@ class _RingText:
     """The text of a ring's coordinates in pieces, each with its place; blanks between them are pieces of their own."""
 
     role: str
-    place: Place
-    pieces: list[tuple[str, Place]] = field(default_factory=list)
+    place: StageVisit
+    pieces: list[tuple[str, StageVisit]] = field(default_factory=list)
     blanks: int = 0
 
-    def add(self, text: str, place: Place) -> None:
+    def add(self, text: str, place: StageVisit) -> None:
         """Add a piece; not behind so many that the ring will be refused for its length."""
         if self.blanks > VERTICES_LIMIT:
             return
@@ -53,11 +53,11 @@ class _RingText:
 class _KmlReader:
     """Gathers the Placemarks with polygons. What could refer to other texts, a DTD, is refused."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: FieldSource) -> None:
         self.source = source
-        self.found: list[Candidate] = []
+        self.found: list[FeatureCandidate] = []
         self.path: list[str] = []
-        self.placemark: Candidate | None = None
+        self.placemark: FeatureCandidate | None = None
         self.name: list[str] = []
         self.parser = xml.parsers.expat.ParserCreate()
         self.parser.StartDoctypeDeclHandler = self._doctype
@@ -65,7 +65,7 @@ class _KmlReader:
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
 
-    def document(self) -> list[Candidate]:
+    def document(self) -> list[FeatureCandidate]:
         """The Placemarks with polygons, each a list of the texts of its rings."""
         try:
             self.parser.Parse(self.source.body, True)
@@ -75,7 +75,7 @@ class _KmlReader:
             raise self.source.error(place, f"is not XML: {reason}", "a KML file") from None
         return self.found
 
-    def _place(self) -> Place:
+    def _place(self) -> StageVisit:
         return self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
 
     def _doctype(self, *_: object) -> None:
@@ -87,11 +87,11 @@ class _KmlReader:
         self.path.append(local)
         if local == "Placemark":
             identity = [attributes["id"]] if attributes.get("id") else []
-            self.placemark, self.name = Candidate(self._place(), identity, []), []
+            self.placemark, self.name = FeatureCandidate(self._place(), identity, []), []
         elif local == "Polygon":
             holder = self.placemark
             if holder is None:
-                holder = Candidate(self._place(), [], [])
+                holder = FeatureCandidate(self._place(), [], [])
                 self.found.append(holder)
             elif not holder.polygons:
                 self.found.append(holder)
@@ -117,7 +117,7 @@ class _KmlReader:
             self.placemark = None
 
 
-def read_kml(source: Source, metres: bool, feature: str | None) -> Draft:
+def read_kml(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
     """Read the polygon of a Placemark.
 
     Parameters
@@ -149,7 +149,7 @@ def read_kml(source: Source, metres: bool, feature: str | None) -> Draft:
     reader = VertexReader(source)
     rings = [_ring(ring, reader) for ring in (*outer, *(ring for ring in polygon if ring.role == _INNER))]
     reader.finish()
-    return Draft(rings, True, True, "", "".join(chosen.names[:1]))
+    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]))
 
 
 def _ring(ring: _RingText, reader: VertexReader) -> Ring:

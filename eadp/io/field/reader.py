@@ -15,7 +15,7 @@ from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, capped, printable
-from eadp.io.field.draft import VERTICES_LIMIT, Draft, Source, Vertex, counted
+from eadp.io.field.draft import VERTICES_LIMIT, FieldDraft, FieldSource, Vertex, counted
 from eadp.io.field.geojson import read_geojson
 from eadp.io.field.kml import read_kml
 from eadp.io.field.table import read_table
@@ -78,7 +78,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     InputError
         With the faults of the file, each at its line and column, or of the options.
     """
-    source = Source(text)
+    source = FieldSource(text)
     first = text.body.lstrip()[:1]
     if not first:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
@@ -86,7 +86,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _settled(read(source, metres, feature), source)
 
 
-def _settled(draft: Draft, source: Source) -> tuple[Field, list[str]]:
+def _settled(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
     """The field of a draft, mended and found sound, and what was mended."""
     from eadp.core.geometry.polygons import signed_area_m2
 
@@ -119,7 +119,7 @@ def _settled(draft: Draft, source: Source) -> tuple[Field, list[str]]:
     return result, notes
 
 
-def _check_counts(draft: Draft, source: Source) -> None:
+def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
     """Refuse rings without three vertices, and more holes than there may be."""
     if len(draft.rings) - 1 > HOLES_LIMIT:
         place = draft.rings[HOLES_LIMIT + 1].place
@@ -140,7 +140,7 @@ def _title(ring: int) -> str:
 
 
 def _localised(
-    rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source, notes: list[str]
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
 ) -> tuple[list[list[Vertex]], tuple[float, float]]:
     """Degrees as metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
     _check_degrees(rings, draft, source)
@@ -177,7 +177,7 @@ def _span(values: Sequence[float]) -> tuple[float, float]:
     return min(values), max(values)
 
 
-def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
     """Refuse what cannot be degrees: metres, or longitude and latitude in each other's place."""
     vertices = [vertex for ring in rings for vertex in ring]
     beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
@@ -194,7 +194,7 @@ def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Sour
             raise source.error(vertex.place, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
 
 
-def _check_metres(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
     """Refuse what cannot be metres: numbers without end, and degrees."""
     far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
     if far:
@@ -207,7 +207,7 @@ def _check_metres(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Sourc
         raise source.error(rings[0][0].place, message, _or("a larger field", draft.remedy))
 
 
-def _check_extent(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source) -> None:
+def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
     """Refuse what is too large, at the vertex furthest from the first."""
     vertices = [vertex for ring in rings for vertex in ring]
     (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
@@ -218,7 +218,9 @@ def _check_extent(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Sourc
         raise source.error(furthest.place, message, _or(_SMALLER, draft.remedy))
 
 
-def _mended(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source, notes: list[str]) -> list[list[Vertex]]:
+def _mended(
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
+) -> list[list[Vertex]]:
     """The rings open and without vertices that say nothing; the faults of those that nothing is left of."""
     from eadp.core.geometry.polygons import TOLERANCE_M, tidy
 
@@ -251,7 +253,9 @@ def _mended(rings: Sequence[Sequence[Vertex]], draft: Draft, source: Source, not
     return result
 
 
-def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: Source) -> None:
+def _check_shape(
+    rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: FieldSource
+) -> None:
     """Refuse rings that cross themselves or one another, at the vertex of the ring that is nearest to where."""
     from eadp.core.geometry.polygons import flaws
 

@@ -11,7 +11,7 @@ from functools import partial
 from itertools import accumulate, chain
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import Draft, Ring, Source, VertexReader, counted, number_fault
+from eadp.io.field.draft import FieldDraft, FieldSource, Ring, VertexReader, counted, number_fault
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, split_fields
 
 _ROLES = {
@@ -24,7 +24,7 @@ _ROLES = {
 _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 
-def read_table(source: Source, metres: bool, feature: str | None) -> Draft:
+def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
     """Read a table of vertices.
 
     Parameters
@@ -51,21 +51,21 @@ def read_table(source: Source, metres: bool, feature: str | None) -> Draft:
     if not all(NUMBER.match(text) or NOT_FINITE.match(text) for text in head.fields):
         columns, in_degrees = _header(head, metres)
         rings = _rings(rows, columns, len(head.fields), source)
-        return Draft(rings, in_degrees, False, f"columns called {'x_m and y_m' if in_degrees else 'lon and lat'}")
+        return FieldDraft(rings, in_degrees, False, f"columns called {'x_m and y_m' if in_degrees else 'lon and lat'}")
     if len(head.fields) != 2:
         message = f"{counted(len(head.fields), 'column', 'columns')} without names"
         raise InputError(head.fault(min(2, len(head.fields)), message, f"two, or {_A_HEADER}"))
     rings = _rings(chain([head], rows), (0, 1, -1), 2, source)
     if metres:
-        return Draft(rings, False, False, "a header lon,lat and no --metres")
+        return FieldDraft(rings, False, False, "a header lon,lat and no --metres")
     if all(abs(vertex.x) <= 180 and abs(vertex.y) <= 90 for vertex in rings[0].vertices):
         message = "columns without names, which may be degrees or metres"
         raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
     note = "taken as metres, since there are values beyond the ±180 and ±90 of degrees"
-    return Draft(rings, False, False, "a header lon,lat", notes=[note])
+    return FieldDraft(rings, False, False, "a header lon,lat", notes=[note])
 
 
-def _rows(source: Source) -> Iterator[Row]:
+def _rows(source: FieldSource) -> Iterator[Row]:
     """The rows of a table, their fields apart by what is in the first: semicolons, tabs, commas or blanks."""
     split: Callable[[str], tuple[list[str], list[int]]] | None = None
     for number, line in enumerate(source.lines, 1):
@@ -114,7 +114,7 @@ def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
     return (columns[east], columns[north], columns.get("ring", -1)), degrees
 
 
-def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: Source) -> list[Ring]:
+def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: FieldSource) -> list[Ring]:
     """The rings of a table: the outline, then the holes by their numbers."""
     x, y, ring_column = columns
     rings: dict[int, Ring] = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from eadp.core.signals.spectrum import scores
 from eadp.io.figures.pictures import COLOURS, GREY, picture
-from eadp.models.energy_fit import Fitted
+from eadp.models.energy_fit import EnergyFit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +18,7 @@ POINTS = 4000
 """Most samples drawn; of more, every second, third, … is."""
 
 
-def write_fit_figure(path: str, fitted: Fitted) -> None:
+def write_fit_figure(path: str, fitted: EnergyFit) -> None:
     """Draw a fit.
 
     Parameters
@@ -42,7 +42,7 @@ def write_fit_figure(path: str, fitted: Fitted) -> None:
         figure.suptitle(_headline(fitted), x=0.01, ha="left", fontsize=11, fontweight="bold")
 
 
-def _headline(fitted: Fitted) -> str:
+def _headline(fitted: EnergyFit) -> str:
     model = fitted.model
     if model.period_s is None:
         return f"no period  ·  mean {model.mean_w:.4g} W  ·  spread {model.noise_std_w:.3g} W"
@@ -50,7 +50,7 @@ def _headline(fitted: Fitted) -> str:
     return "  ·  ".join([*parts, f"noise {model.noise_std_w:.3g} W", f"R² {model.cv_r2:.2f} of blocks held out"])
 
 
-def _draw_log(axes: Axes, fitted: Fitted) -> None:
+def _draw_log(axes: Axes, fitted: EnergyFit) -> None:
     every = math.ceil(len(fitted.times_s) / POINTS)
     axes.plot(fitted.times_s[::every], fitted.power_w[::every], color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
     times = np.linspace(0, fitted.times_s[-1], POINTS)
@@ -61,7 +61,7 @@ def _draw_log(axes: Axes, fitted: Fitted) -> None:
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
 
 
-def _draw_residual(axes: Axes, fitted: Fitted) -> None:
+def _draw_residual(axes: Axes, fitted: EnergyFit) -> None:
     every = math.ceil(len(fitted.times_s) / POINTS)
     residual = fitted.power_w - fitted.model.power_w(fitted.times_s)
     axes.plot(fitted.times_s[::every], residual[::every], color=GREY, linewidth=0.7)
@@ -71,7 +71,7 @@ def _draw_residual(axes: Axes, fitted: Fitted) -> None:
     axes.set_title("What the fit leaves", loc="left", fontsize=10)
 
 
-def _draw_scores(axes: Axes, fitted: Fitted) -> None:
+def _draw_scores(axes: Axes, fitted: EnergyFit) -> None:
     period_s, r2 = scores(fitted.times_s, fitted.power_w, fitted.model.order or 1)
     axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
@@ -90,7 +90,7 @@ def _draw_scores(axes: Axes, fitted: Fitted) -> None:
     axes.set_title("Score of a period", loc="left", fontsize=10)
 
 
-def _draw_lap(axes: Axes, fitted: Fitted) -> None:
+def _draw_lap(axes: Axes, fitted: EnergyFit) -> None:
     best_s, counts = fitted.spectrum.period_s, fitted.model.periodic
     axes.set_title("One lap" if counts else "One lap, if the best period were one", loc="left", fontsize=10)
     if not math.isfinite(best_s):

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eadp.core.expressions.expression import number_text
-from eadp.coverage.swaths import Way
+from eadp.coverage.swaths import CoveragePath
 from eadp.errors import InputError, PathUndefined
 from eadp.io.text.streams import write_bytes
 from eadp.models.field import Field
 from eadp.models.plan.plan import COMPUTATION, Plan, point_at
 from eadp.models.plan.trace import Leg, leg_points, nominal_legs
 from eadp.planning.joint.program import INFEASIBLE
-from eadp.planning.registry import Record
+from eadp.planning.registry import DecisionRecord
 from eadp.simulation.loop import Step, World
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _figure(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
 
 
 def draw_flight(
-    path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any], records: Sequence[Record] = ()
+    path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any], records: Sequence[DecisionRecord] = ()
 ) -> None:
     """The path over the field by stage, power with its forecast, state of charge with the reserve, parameters.
 
@@ -174,7 +174,7 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=8)
 
 
-def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[Record]) -> None:
+def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
     """Where and when a re-planning has changed parameters; in grey, the time in which nothing was feasible."""
     times = [step.time_s for step in steps]
     before = [steps[0].parameters, *(record.parameters for record in records)]
@@ -239,7 +239,7 @@ def picture(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
         write_bytes(path, draft.with_suffix(ending).read_bytes())
 
 
-def write_coverage_figure(path: str, field: Field, ways: Mapping[str, Way], swath_m: float) -> None:
+def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:
     """Draw a field and ways that cover it side by side under their titles: ground covered, lines, turns.
 
     Raises
@@ -271,7 +271,7 @@ def _draw_field(axes: Axes, field: Field) -> None:
     axes.add_patch(PathPatch(outline, facecolor="#eef3e6", edgecolor="#6f8f4f", linewidth=1.4, zorder=1, label="field"))
 
 
-def _draw_way(axes: Axes, way: Way, swath_m: float) -> None:
+def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
     """Strips of ground covered, lines and turns over them, arrows on the lines, begin and end."""
     named: set[str] = set()
     pieces = way.pieces

@@ -14,8 +14,8 @@ from typing import Any
 from eadp.io.figures.pictures import draw_flight
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
-from eadp.planning.joint.preflight import TakeOff
-from eadp.planning.registry import Planner, Record
+from eadp.planning.joint.preflight import Preflight
+from eadp.planning.registry import DecisionRecord, Planner
 from eadp.simulation.loop import Outcome, Step, World
 
 SCHEMA = "eadp.flight/1"
@@ -29,7 +29,7 @@ def summarise(
     reserve_soc: float,
     weights: Mapping[str, float],
     name: str,
-    expected: TakeOff | None = None,
+    expected: Preflight | None = None,
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
@@ -85,7 +85,7 @@ def summarise(
     }
 
 
-def _expected(expected: TakeOff) -> dict[str, Any]:
+def _expected(expected: Preflight) -> dict[str, Any]:
     told = expected.forecast
     return {
         "completes": told.completes_probability >= 0.5,
@@ -124,7 +124,7 @@ def write_flight(
     overrides: Sequence[str],
     *,
     force: bool,
-    records: Sequence[Record] = (),
+    records: Sequence[DecisionRecord] = (),
 ) -> None:
     """Write a result folder, whole or not at all; `records` become `decisions.jsonl`, where there are any.
 
@@ -157,8 +157,8 @@ def _write_csv(path: Path, world: World, steps: Sequence[Step]) -> None:
             writer.writerow([round(step.time_s, 9), *step[1:-1], *step.parameters])
 
 
-def record_row(record: Record, names: Sequence[str]) -> dict[str, Any]:
-    """A re-planning's record as a line of `decisions.jsonl`; see `Record` for its keys."""
+def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
+    """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
     row = {field.name: getattr(record, field.name) for field in fields(record)}
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))

@@ -22,7 +22,7 @@ from eadp.models.plan.plan import Finding, Plan, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import FixedWing
-from eadp.planning.joint.preflight import TakeOff, take_off
+from eadp.planning.joint.preflight import Preflight, preflight
 from eadp.planning.registry import Mission, Planner, make_planner
 from eadp.simulation.loop import World
 
@@ -68,10 +68,10 @@ class FlightInputs:
         """A new planner for one flight."""
         return make_planner(self.scenario.planner, self.scenario.estimator, self.mission)
 
-    def take_off(self) -> TakeOff | None:
+    def preflight(self) -> Preflight | None:
         """What is to be expected of the flight before it takes off, its wind as the weather forecast."""
         wind = self.world.wind
-        return take_off(self.scenario.planner, self.mission, wind.steady_mps, wind.gust_std_mps)
+        return preflight(self.scenario.planner, self.mission, wind.steady_mps, wind.gust_std_mps)
 
 
 def load_flight(
@@ -102,7 +102,7 @@ def load_flight(
     plan = _with_sets(plan, plan_text, scenario).laps()
     computing = _computing(plan, plan_text, scenario, profile_path, files, warnings, texts)
     energy = _energy(energy_path, files, texts)
-    parameters = _take_off(plan, scenario)
+    parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
     vehicle = scenario.vehicle
@@ -204,7 +204,7 @@ def _energy(path: str | None, files: Files, texts: dict[str, Text]) -> EnergyMod
     return model
 
 
-def _take_off(plan: Plan, scenario: Scenario) -> Vector:
+def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     """Parameters at take-off: as stated, else each at its maximum."""
     faults = []
     values = []

@@ -14,7 +14,7 @@ from eadp.io.log.power_log import Columns, PowerLog, read_power_log
 from eadp.io.plan.text import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
-from eadp.models.energy_fit import Fitted, fit_energy
+from eadp.models.energy_fit import EnergyFit, fit_energy
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
@@ -37,17 +37,17 @@ class FitOptions:
 
 
 @dataclass(frozen=True)
-class Fit:
+class LogFit:
     """A fit with where its prior is from, what was left out of the log, and warnings."""
 
-    fitted: Fitted
+    fitted: EnergyFit
     prior_s: float | None
     prior_source: str
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
 
 
-def read_fit(path: str, columns: Columns, options: FitOptions) -> Fit:
+def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     """Read a log and fit an energy model to it.
 
     Parameters
@@ -86,10 +86,10 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> Fit:
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
         message = f"{many} left out, the first at {first_s:.6g} s (--keep-spikes fits them, too)"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
-    return Fit(fitted, prior_s, source, counts, warnings)
+    return LogFit(fitted, prior_s, source, counts, warnings)
 
 
-def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> Fitted:
+def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
     try:
         return fit_energy(
             log.times_s, power_w, order=options.order, period_prior_s=prior_s, keep_spikes=options.keep_spikes

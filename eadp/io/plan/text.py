@@ -36,7 +36,7 @@ from eadp.models.plan.plan import (
     ShortForm,
     Stage,
 )
-from eadp.models.plan.segments import Part, Quantity
+from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.structure import find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
@@ -580,15 +580,15 @@ class _Reader:
             return self._with_laps(plan)
         return self._repeating(plan) if self._sectioned else self._structured(plan)
 
-    def _parts(self) -> tuple[Part, ...]:
+    def _parts(self) -> tuple[Segment, ...]:
         """The parts of a plan that has more than the papers' one."""
         if not self._sectioned or (len(self._groups) == 1 and not self._groups[0].conditional):
             return ()
         return tuple(
-            Part(
+            Segment(
                 group.drafts,
                 len(drafts),
-                tuple(Quantity(name, first, shift) for name, (first, shift, _) in group.coordinates.items()),
+                tuple(LoopVariable(name, first, shift) for name, (first, shift, _) in group.coordinates.items()),
                 group.until,
             )
             for group, drafts in self._group_drafts()
@@ -620,7 +620,7 @@ class _Reader:
         )
         self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
 
-    def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Part, ...]) -> Stage:
+    def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
         assert draft.gain is not None
         assert draft.rotation in ROTATIONS
         own = tuple(box for box in draft.sets if box is not None)
@@ -858,7 +858,7 @@ def plan_text(plan: Plan) -> str:
     return "\n".join([*lines, ""])
 
 
-def _part_lines(plan: Plan, part: Part) -> list[str]:
+def _part_lines(plan: Plan, part: Segment) -> list[str]:
     """The sections of a part."""
     lines = []
     if part.repeats or part.quantities:

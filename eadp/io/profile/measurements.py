@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.signals.averaging import Average, average
+from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import Fault, Infeasible, InputError, capped, printable
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, split_fields
 from eadp.io.text.streams import Text
@@ -387,7 +387,7 @@ def _number(row: Row, index: int, faults: list[Fault]) -> float:
     return 0.0
 
 
-def _check_agreement(readings: _Readings, averages: Sequence[Average], layout: _Layout) -> list[Fault]:
+def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout: _Layout) -> list[Fault]:
     """Refuse repeated configurations that disagree: a few readings by their spread, many by their standard error.
 
     Returns warnings of many readings that spread wide, though their mean is known well.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import IO, Protocol
 
-from eadp.core.signals.averaging import Average, average
+from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import CommandError, InputError, printable
 from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.power_sensor import Meter, Sensor
@@ -75,7 +75,7 @@ Launch = Callable[[Sequence[str], Clock], AbstractContextManager[Running]]
 
 
 @dataclass(frozen=True)
-class Settings:
+class MeasurementSettings:
     """How long to measure.
 
     Attributes
@@ -100,18 +100,18 @@ class Settings:
     longest_s: float = 120.0
     idle_s: float = 0.0
 
-    def reached(self, found: Average) -> bool:
+    def reached(self, found: SampleMean) -> bool:
         """Whether a mean is known well enough; not of a sensor that has shown one value only, and may be a slow one."""
         return found.spread > 0 and found.standard_error <= self.accuracy * (found.mean if self.relative else 1.0)
 
 
 @dataclass(frozen=True)
-class Measured:
+class PowerMeasurement:
     """Samples [W] at one configuration, in order; what they add up to, and whether that is as accurate as asked."""
 
     configuration: Configuration
     powers_w: Sequence[float]
-    average: Average
+    average: SampleMean
     accurate: bool
 
 
@@ -119,11 +119,11 @@ def measure(
     command: Sequence[str],
     configurations: Sequence[Configuration],
     sensor: Sensor,
-    settings: Settings,
+    settings: MeasurementSettings,
     clock: Clock,
     launch: Launch,
     report: Callable[[str], None] = lambda _: None,
-) -> tuple[list[Measured], Average | None]:
+) -> tuple[list[PowerMeasurement], SampleMean | None]:
     """Run a command at one configuration after the other, and sample a power sensor meanwhile.
 
     Parameters
@@ -211,10 +211,10 @@ def _measured(
     running: Running,
     configuration: Configuration,
     meter: Meter,
-    settings: Settings,
+    settings: MeasurementSettings,
     clock: Clock,
     report: Callable[[str], None],
-) -> Measured:
+) -> PowerMeasurement:
     """Sample until the mean is known well enough, or for the longest time."""
     report("warming up")
     until_s = clock.now_s() + settings.warm_up_s
@@ -230,10 +230,10 @@ def _measured(
             found = average([powers_w])
             report(f"{found.mean:.4g} W ± {found.standard_error:.2g} W")
             if settings.reached(found):
-                return Measured(configuration, powers_w, found, accurate=True)
+                return PowerMeasurement(configuration, powers_w, found, accurate=True)
             enough = int(LOOK_AGAIN * len(powers_w)) + 1
     found = average([powers_w])
-    return Measured(configuration, powers_w, found, len(powers_w) >= FEWEST and settings.reached(found))
+    return PowerMeasurement(configuration, powers_w, found, len(powers_w) >= FEWEST and settings.reached(found))
 
 
 def _samples(meter: Meter, interval_s: float, longest_s: float, clock: Clock) -> Iterator[float]:
@@ -344,7 +344,11 @@ def _signal_group(group: int, number: int) -> bool:
 
 
 def measurements_csv(
-    measured: Sequence[Measured], idle: Average | None, command: Sequence[str], sensor: Sensor, settings: Settings
+    measured: Sequence[PowerMeasurement],
+    idle: SampleMean | None,
+    command: Sequence[str],
+    sensor: Sensor,
+    settings: MeasurementSettings,
 ) -> str:
     """Samples as a table that `eadp profile` reads: a row for each, those of a configuration in their order.
 
@@ -375,7 +379,7 @@ def measurements_csv(
     return "\n".join(lines) + "\n"
 
 
-def told(found: Average) -> str:
+def told(found: SampleMean) -> str:
     """A mean power in words."""
     effective = f"{found.effective:.3g} independent" if found.samples > 1 else "no spread known"
     return f"{found.mean:.4f} W ± {found.standard_error:.4f} W ({found.samples} samples, {effective})"

@@ -20,8 +20,7 @@ from eadp.errors import Fault, InputError, printable
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
-from eadp.models.battery import Battery
-from eadp.models.battery import Fault as BatteryFault
+from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.executor import Rules
 from eadp.models.plan.plan import Box
 from eadp.models.sensors import Sensors

@@ -20,8 +20,8 @@ from eadp.io.sweep.run import KeptFiles
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
-from eadp.io.text.yaml import Path as Place
-from eadp.simulation.sweep.design import Choice, Design, Normal, Point, Run, Sample, Uniform
+from eadp.io.text.yaml import Path as StageVisit
+from eadp.simulation.sweep.design import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
 
 SCHEMA = "eadp.sweep/1"
 RUNS_LIMIT = 1_000_000
@@ -87,7 +87,7 @@ class Sweep:
     scenarios: Mapping[str, Scenario] = field(repr=False)
     warnings: tuple[Fault, ...] = ()
 
-    def seed(self, point: Point) -> int:
+    def seed(self, point: DesignPoint) -> int:
         """The seed of a run: the design's, else a varied one, else the scenario's own."""
         if point.seed is not None:
             return point.seed
@@ -98,7 +98,7 @@ class Sweep:
         keys = self.scenarios[scenario].keys if scenario else None
         return int(self.overrides.get("seed", keys.seed if keys else 0))
 
-    def _files(self, point: Point) -> dict[str, str]:
+    def _files(self, point: DesignPoint) -> dict[str, str]:
         """The paths of a run's files by kind."""
         files = dict(self.files)
         for kind in FILES:
@@ -190,7 +190,7 @@ def _design(keys: SweepKeys) -> Design:
     sample = None
     if keys.sample:
         laws = {name: _law(drawn) for name, drawn in keys.sample.keys.items()}
-        sample = Sample(keys.sample.runs, laws, keys.sample.seed, keys.sample.method)
+        sample = SampleDesign(keys.sample.runs, laws, keys.sample.seed, keys.sample.method)
     return Design(keys.grid, keys.zip, sample, keys.seeds)
 
 
@@ -202,7 +202,7 @@ def _law(keys: DrawKeys) -> Uniform | Normal | Choice:
     return Choice(tuple(keys.choice or ()))
 
 
-def _places(keys: SweepKeys) -> Iterator[tuple[str, Place]]:
+def _places(keys: SweepKeys) -> Iterator[tuple[str, StageVisit]]:
     """Every varied key with its place in the file."""
     for part in ("grid", "zip"):
         yield from ((name, (part, name)) for name in getattr(keys, part))
@@ -282,7 +282,7 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
 # --- files, and values tried in them
 
 
-def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, Place]]:
+def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, StageVisit]]:
     """Every value that the file gives for a key, with its place; of a range, what stands for it."""
     for part in ("grid", "zip"):
         for name, values in getattr(keys, part).items():
@@ -299,7 +299,7 @@ def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, Place]]:
 
 def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
     """The texts of all files that the sweep file names, by path."""
-    named: list[tuple[Any, Place]] = [(getattr(keys, kind), (kind,)) for kind in files]
+    named: list[tuple[Any, StageVisit]] = [(getattr(keys, kind), (kind,)) for kind in files]
     named += [(value, place) for name, value, place in _listed(keys) if name in FILES]
     texts: dict[str, Text] = {}
     faults = []

@@ -18,7 +18,7 @@ from eadp import __version__
 from eadp.errors import Fault, InputError
 from eadp.io.telemetry.reader import KEYS, TelemetryReader
 from eadp.io.text.streams import Text
-from eadp.planning.live import Fix
+from eadp.planning.live import Sample
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION = "start", "telemetry", "decision"
@@ -29,7 +29,7 @@ SYNC_EVERY_S = 1.0
 class Entry(NamedTuple):
     """A line of telemetry that was used, or, where `fix` is None, that its decision was told."""
 
-    fix: Fix | None
+    fix: Sample | None
 
 
 def hash_of(texts: Mapping[str, Text], overrides: Mapping[str, Any]) -> str:

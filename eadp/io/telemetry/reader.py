@@ -12,10 +12,10 @@ from typing import Annotated, Any, BinaryIO
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import Source
+from eadp.io.field.draft import FieldSource
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.streams import Text
-from eadp.planning.live import Fix
+from eadp.planning.live import Sample
 
 LINE_LIMIT_BYTES = 65_536
 UNKNOWN_KEYS_TOLD = 100
@@ -77,7 +77,7 @@ class TelemetryReader:
         self._name = name
         self._unknown: set[str] = set()
 
-    def read(self, number: int, raw: bytes) -> tuple[Fix | None, JsonObject, list[Fault]]:
+    def read(self, number: int, raw: bytes) -> tuple[Sample | None, JsonObject, list[Fault]]:
         """Read one line; return the fix or None, the object for its places, and warnings.
 
         Parameters
@@ -116,7 +116,7 @@ class TelemetryReader:
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
         try:
-            value = JsonReader(Source(Text(self._name, text))).document()
+            value = JsonReader(FieldSource(Text(self._name, text))).document()
         except InputError as error:
             fault = error.faults[0]
             # the reader knows files, and this is a line of one
@@ -138,14 +138,14 @@ class TelemetryReader:
             warnings.append(self.fault(number, document, key, message, f"one of {', '.join(KEYS)}"))
         return warnings
 
-    def _fix(self, number: int, document: JsonObject) -> Fix:
+    def _fix(self, number: int, document: JsonObject) -> Sample:
         known = {key: value for key, value in document.items() if key in KEYS}
         try:
             line = TelemetryLine.model_validate(known)
         except ValidationError as error:
             raise InputError(self._fault_of(number, document, error)) from None
         heading = line.heading_deg
-        return Fix(
+        return Sample(
             time_s=line.time_s,
             x_m=line.x_m,
             y_m=line.y_m,

@@ -10,7 +10,7 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
-from eadp.planning.live import LiveFlight, Screen
+from eadp.planning.live import LiveFlight, OutlierGate
 from eadp.planning.registry import make_planner
 
 Tell = Callable[[dict[str, Any]], None]
@@ -46,7 +46,7 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     flight = LiveFlight(
         inputs.mission, lambda mission: make_planner(settings, estimator, mission), inputs.scenario.planner.every_s
     )
-    screen = Screen(inputs.mission.cruise_mps)
+    screen = OutlierGate(inputs.mission.cruise_mps)
     known_to_s = _restore(flight, screen, log, tell, warn) if log is not None else None
     reader = TelemetryReader(name)
     used = known_to_s is not None
@@ -87,7 +87,7 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     return flight.forecast_completes
 
 
-def _restore(flight: LiveFlight, screen: Screen, log: ReplanLog, tell: Tell, warn: Warn) -> float | None:
+def _restore(flight: LiveFlight, screen: OutlierGate, log: ReplanLog, tell: Tell, warn: Warn) -> float | None:
     """Fly again what stands in a log; tell what had not been told; return the time of the last line."""
     untold, last_s = None, None
     for entry in log.entries():

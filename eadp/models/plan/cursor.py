@@ -9,14 +9,14 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.plan import COMPUTATION, Plan, Stage
-from eadp.models.plan.segments import Part, State
+from eadp.models.plan.segments import Segment, State
 
 LAP_LIMIT = 10_000
 Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class StageVisit:
     """A stage as it is flown in some lap: with the parameters in force at its start and the state of its part."""
 
     stage: Stage
@@ -33,7 +33,7 @@ class Place:
         return self.stage.trigger_at(self.parameters, self.state)
 
 
-class Walk:
+class PlanCursor:
     """A walk through a plan of parts.
 
     A new computation takes effect at once. A new path parameter waits, in a part flown lap by lap, for the stage before
@@ -56,7 +56,7 @@ class Walk:
         self._part = -1
         self._laps = 0
         self.done = False
-        self.place: Place
+        self.place: StageVisit
         self._enter_part()
 
     def decide(self, parameters: Sequence[float]) -> None:
@@ -67,13 +67,13 @@ class Walk:
             for new, old, parameter in zip(self._decided, self._waiting, self._plan.parameters, strict=True)
         )
         place = self.place
-        self.place = Place(place.stage, self._clipped(place.stage), place.state, place.lap)
+        self.place = StageVisit(place.stage, self._clipped(place.stage), place.state, place.lap)
 
     def believe(self, parameters: Sequence[float]) -> None:
         """Take parameters that are known to be in force, whatever was decided."""
         self._waiting = tuple(parameters)
         place = self.place
-        self.place = Place(place.stage, self._clipped(place.stage), place.state, place.lap)
+        self.place = StageVisit(place.stage, self._clipped(place.stage), place.state, place.lap)
 
     def next(self) -> None:
         """Go on to the next stage, or be done.
@@ -122,7 +122,7 @@ class Walk:
             new if latch in (index, None) else old
             for new, old, latch in zip(self._decided, self._waiting, latches, strict=True)
         )
-        self.place = Place(stage, self._clipped(stage), state, self._laps)
+        self.place = StageVisit(stage, self._clipped(stage), state, self._laps)
 
     def _clipped(self, stage: Stage) -> Vector:
         if not stage.sets:
@@ -130,7 +130,7 @@ class Walk:
         return tuple(box.clip(value) for box, value in zip(stage.sets, self._waiting, strict=True))
 
 
-def _latches(plan: Plan, part: Part) -> list[int | None]:
+def _latches(plan: Plan, part: Segment) -> list[int | None]:
     """For each parameter the stage (from 0) of a part at whose start it takes effect; None for at every start."""
     stages = plan.stages[part.first : part.first + part.count]
     latches: list[int | None] = []

@@ -24,7 +24,7 @@ from eadp.core.geometry.curves import (
     tangent,
 )
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, Walk
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor
 from eadp.models.plan.plan import COMPUTATION, PATH, Plan, Stage, point_at
 from eadp.models.plan.segments import State
 
@@ -45,7 +45,7 @@ class Rules:
     box_triggers: bool = False
 
 
-class Itinerary:
+class PlanExecutor:
     """One flight's way through a plan.
 
     Attributes
@@ -75,7 +75,7 @@ class Itinerary:
     def __init__(self, plan: Plan, parameters: Sequence[float], position: Point, rules: Rules) -> None:
         self._plan = plan
         self._rules = rules
-        self._walk = Walk(plan, parameters) if plan.parts else None
+        self._walk = PlanCursor(plan, parameters) if plan.parts else None
         self._state: State | None = None
         self._latch = [latch_stage(plan, index) for index in range(len(plan.parameters))]
         self._bent = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
@@ -244,7 +244,7 @@ class Itinerary:
 
     # --- from one stage to the next
 
-    def _follow(self, walk: Walk) -> None:
+    def _follow(self, walk: PlanCursor) -> None:
         """Take over where a plan of parts is."""
         self.stage, self._state, self.lap = walk.place.stage, walk.place.state, walk.place.lap
         self.parameters = walk.place.parameters

@@ -10,7 +10,7 @@ from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.expression import Expression
 from eadp.core.geometry.curves import Point, path_kind
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.segments import Part, State
+from eadp.models.plan.segments import Segment, State
 
 PATH, COMPUTATION = "path", "computation"
 TRIGGER_RADIUS_M = 20.0
@@ -69,7 +69,7 @@ class Stage:
     path: Expression
     trigger: PointExpression
     sets: tuple[Box, ...] = ()
-    part: Part | None = None
+    part: Segment | None = None
 
     @cached_property
     def kind(self) -> str:
@@ -179,7 +179,7 @@ class Plan:
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
-    parts: tuple[Part, ...] = ()
+    parts: tuple[Segment, ...] = ()
 
     @property
     def has_sets(self) -> bool:

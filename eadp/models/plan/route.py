@@ -1,6 +1,6 @@
 """What is left of a plan: the stages still to be flown at any parameters, as courses whose times are told in any wind.
 
-A `Follower` keeps the place in the plan as the flight goes through it, told at each new stage; from there it lays out
+A `RoutePredictor` keeps the place in the plan as the flight goes through it, told at each new stage; it lays out
 the rest for parameters that begin where latched ones would, lap by lap to the plan's own end. So the time that remains
 is the staircase of whole laps, not a straight line between two constants.
 """
@@ -22,7 +22,7 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, Walk
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor
 from eadp.models.plan.executor import LIVE, Rules, Vector, latch_stage, reaches, shift_at, shifting_stage
 from eadp.models.plan.plan import COMPUTATION, Plan, Stage, point_at
 from eadp.models.plan.trace import Leg, first_beyond_m, leg_length_m, leg_points
@@ -47,7 +47,7 @@ class Nodes(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Course:
+class Route:
     """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
 
     `parameters` holds for each leg the parameters in force on it; computations there mean nothing.
@@ -123,9 +123,9 @@ class Course:
         members = [np.nonzero(of_leg == place)[0] for place in places.values()]
         return [(int(legs[0]), legs) for legs in members]
 
-    def after(self) -> Course:
+    def after(self) -> Route:
         """The same without its first leg."""
-        return Course(self.legs[1:], self.parameters[1:], self.nodes[1:])
+        return Route(self.legs[1:], self.parameters[1:], self.nodes[1:])
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -138,7 +138,7 @@ class Course:
         return np.array(self.shape, dtype=np.intp)
 
 
-class Follower:
+class RoutePredictor:
     """Where a flight is in its plan, and what is left from there.
 
     Parameters
@@ -160,7 +160,7 @@ class Follower:
         self._plan = plan
         self._live = rules.parameter_changes == LIVE
         self._ends_anywhere = rules.box_triggers
-        self._walk = Walk(plan, parameters) if plan.parts else None
+        self._walk = PlanCursor(plan, parameters) if plan.parts else None
         self._latch = [latch_stage(plan, i) for i in range(len(plan.parameters))]
         self._shifting = [shifting_stage(plan, parameter.name) for parameter in plan.parameters]
         self._index = 0
@@ -261,7 +261,7 @@ class Follower:
         if not self._walk.done:
             self.lap = self._walk.place.lap
 
-    def course(self, parameters: Vector) -> Course:
+    def course(self, parameters: Vector) -> Route:
         """The rest of the plan from the begin of the stage being flown, at parameters decided now.
 
         Raises
@@ -273,7 +273,7 @@ class Follower:
 
     # --- laps moved by a shift, and plans flown once
 
-    def _course_of_laps(self, decided: Vector) -> Course:
+    def _course_of_laps(self, decided: Vector) -> Route:
         plan, n = self._plan, len(self._plan.stages)
         index, base, begin, lap, pending = self._index, self._base, self._begin, self.lap, self._pending
         waiting = decided if self._live and not (plan.repeats and index == n - 1) else self._waiting
@@ -305,11 +305,11 @@ class Follower:
                 leg = Leg(lap, stage, leg.path, offset, begin, end, leg.length_m, over_m)
                 legs.append(leg)
                 nodes.append(_nodes(leg))
-                return Course(tuple(legs), tuple(values), tuple(nodes))
+                return Route(tuple(legs), tuple(values), tuple(nodes))
             legs.append(leg)
             nodes.append(geometry.nodes)
             if last and (not plan.repeats or whole):
-                return Course(tuple(legs), tuple(values), tuple(nodes))
+                return Route(tuple(legs), tuple(values), tuple(nodes))
             if last:
                 base = base if self._live else self._shifted(base, waiting)
                 index, lap = 0, lap + 1
@@ -403,7 +403,7 @@ class Follower:
 
     # --- parts
 
-    def _course_of_parts(self, decided: Vector) -> Course:
+    def _course_of_parts(self, decided: Vector) -> Route:
         assert self._walk is not None
         walk = copy.copy(self._walk)
         walk.decide(decided)
@@ -422,10 +422,10 @@ class Follower:
             nodes.append(known.nodes)
             begin = known.end
             walk.next()
-        return Course(tuple(legs), tuple(values), tuple(nodes))
+        return Route(tuple(legs), tuple(values), tuple(nodes))
 
 
-def _takes(walk: Walk, moved: Vector, rho: int) -> bool:
+def _takes(walk: PlanCursor, moved: Vector, rho: int) -> bool:
     """Whether a walk's next stage takes over path parameters decided now."""
     before = walk.place.parameters[:rho]
     walk.decide(moved)
@@ -486,7 +486,7 @@ def _times_s(
     airspeed_mps: float,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:
-    """`Course.times_s` by the nodes of the legs that differ; in that part of numpy that may be compiled."""
+    """`Route.times_s` by the nodes of the legs that differ; in that part of numpy that may be compiled."""
     speeds, along = ground_speeds_mps(cosine, sine, airspeed_mps, wind_mps)
     forward = speeds > 0.0
     seconds = weights_m / np.where(forward, speeds, 1.0)

@@ -17,7 +17,7 @@ State = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class LoopVariable:
     """A named number of a part: a first value and what is added for each lap; without `shift`, a formula.
 
     Formulas may name parameters, quantities that change from lap to lap and formulas above them; a first value, only
@@ -30,7 +30,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Part:
+class Segment:
     """Stages `first` (from 0) to `first + count`, flown once, or lap by lap until `until` holds.
 
     `until` is (a, b) for a ≥ b; it is looked at before every lap, the first included.
@@ -38,7 +38,7 @@ class Part:
 
     first: int
     count: int
-    quantities: tuple[Quantity, ...] = ()
+    quantities: tuple[LoopVariable, ...] = ()
     until: tuple[Expression, Expression] | None = None
 
     @property

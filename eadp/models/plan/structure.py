@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eadp.core.expressions.expression import Expression, constant, difference, is_zero, scaled, simplified, substituted
 from eadp.errors import EadpError, ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan, PointExpression, Stage
-from eadp.models.plan.segments import Part, Quantity, State
+from eadp.models.plan.segments import LoopVariable, Segment, State
 
 FloatArray = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ def _moved_by(stage: Stage, parameters: Sequence[float], state: State, later: St
     return True
 
 
-def _first_step(part: Part, moving: Quantity) -> Expression | None:
+def _first_step(part: Segment, moving: LoopVariable) -> Expression | None:
     """How far the one changing quantity of a part moves after its first lap, in parameters alone."""
     assert moving.shift is not None
     try:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent, walk
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, Walk
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor
 from eadp.models.plan.executor import beyond, reaches, shift_at
 from eadp.models.plan.plan import Plan, Stage, point_at
 
@@ -90,7 +90,7 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
 def _legs_of_parts(plan: Plan, parameters: Sequence[float], begin: Point) -> list[Leg]:
     """The legs of a plan of parts."""
     legs = []
-    walk = Walk(plan, parameters)
+    walk = PlanCursor(plan, parameters)
     while not walk.done:
         place = walk.place
         path, end = place.path(), place.trigger_m()

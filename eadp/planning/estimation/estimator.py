@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import Learned, learned, rate_per_s, stationary_covariance
+from eadp.core.signals.disturbance import DisturbanceFit, learned, rate_per_s, stationary_covariance
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
@@ -371,7 +371,7 @@ class ExactEstimator:
         if math.isfinite(found.log_likelihood):
             self._relearn(found)
 
-    def _relearn(self, found: Learned) -> None:
+    def _relearn(self, found: DisturbanceFit) -> None:
         """Go on with another noise. A state from readings that were noisier than it was thought is less certain."""
         before = self._density_w2_s()
         if found.std_w >= LEAST_DISTURBANCE_W:

@@ -248,7 +248,7 @@ class ChargeFilter:
         return self._count > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * spread
 
 
-class Flown:
+class ParameterAverages:
     """Parameters flown so far, as shares of their sets: area and time of each while it had a choice."""
 
     def __init__(self, count: int) -> None:

@@ -19,11 +19,11 @@ from eadp.core.flight.wind import GUST_TIME_S, WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.executor import Vector
-from eadp.models.plan.route import MARGIN_M, Course, Follower, left_m
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor, left_m
 from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
-from eadp.planning.estimation.regressions import ChargeFilter, Flown, MotionPower, TimeRatio
-from eadp.planning.joint.program import Answer, Prospect, Shares
-from eadp.planning.joint.terms import Past, Segments, Terms, Terrain
+from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
+from eadp.planning.joint.program import Candidate, Shares, Solution
+from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ OFF_PATH_S, MOST_OFF_PATH_M = 60.0, 10.0
 
 
 class Forecast(NamedTuple):
-    """What a mission's rest takes with given parameters: see `planner.Record`.
+    """What a mission's rest takes with given parameters: see `planner.DecisionRecord`.
 
     `stages` tells time [s] and energy [Wh] of each stage of the plan, all its laps together.
     """
@@ -99,7 +99,7 @@ class Forecaster:
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
-        self.terrain = Terrain(
+        self.terrain = TermBuilder(
             plan,
             mission.computing,
             mission.battery,
@@ -110,7 +110,7 @@ class Forecaster:
         )
         self._z = NormalDist().inv_cdf(settings.reserve_probability)
         self._speed = mission.cruise_mps
-        self._follower = Follower(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
+        self._follower = RoutePredictor(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
         self._least_margin_m = self._margin_m = margin_m
         self._wind = WindFilter(mission.cruise_mps)
         self._wind_used: Point = (0.0, 0.0)
@@ -120,13 +120,13 @@ class Forecaster:
         self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
         self._slope = 0.0
         self._charge = ChargeFilter()
-        self._flown = Flown(len(plan.parameters))
+        self._flown = ParameterAverages(len(plan.parameters))
         self._held_for: tuple[Vector, int] | None = None
         self._decided = mission.parameters
         self.shares = self._shares_of(mission.parameters)
-        self._courses: dict[Shares, Course | None] = {}
+        self._courses: dict[Shares, Route | None] = {}
         self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
-        self._told: dict[Shares, tuple[Terms, Segments] | None] = {}
+        self._told: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._time_s = self._stage_since_s = self._charge_s = 0.0
         self._position: Point = mission.start_m or (0.0, 0.0)
         self._last_s: float | None = None
@@ -312,13 +312,13 @@ class Forecaster:
             values[i] = self._boxes[i].lo + share * (self._boxes[i].hi - self._boxes[i].lo)
         return tuple(values)
 
-    def course(self, shares: Shares) -> Course:
+    def course(self, shares: Shares) -> Route:
         """What is left to fly; only for shares that `prospect` has told of."""
         course = self._courses[shares]
         assert course is not None
         return course
 
-    def _course(self, shares: Shares) -> Course | None:
+    def _course(self, shares: Shares) -> Route | None:
         if shares not in self._courses:
             # what has been decided had the margin then, and is not doubted each time that the margin grows
             self._follower.margin_m = min(0.0, self._margin_m) if shares == self.shares else self._margin_m
@@ -335,7 +335,7 @@ class Forecaster:
         self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
         self._told.clear()
 
-    def told(self, shares: Shares) -> tuple[Terms, Segments] | None:
+    def told(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         """The program's terms and the segments at shares; None where the plan cannot be flown at them."""
         if shares not in self._told:
             course = self._course(shares)
@@ -343,12 +343,12 @@ class Forecaster:
             if course is None or segments is None:
                 self._told[shares] = None
             else:
-                past = Past(*self._flown.until(self._time_s))
+                past = FlownShares(*self._flown.until(self._time_s))
                 terms = self.terrain.terms(course, segments, past, self.soc, self._settings.reserve_soc)
                 self._told[shares] = terms, segments
         return self._told[shares]
 
-    def prospect(self, shares: Shares) -> Prospect | None:
+    def prospect(self, shares: Shares) -> Candidate | None:
         """What the program is to know of the rest at shares: its margin is z standard deviations of the charge."""
         told = self.told(shares)
         if told is None:
@@ -358,9 +358,9 @@ class Forecaster:
         available = self.soc - max(self._settings.reserve_soc, terms.least_soc) - self._z * std
         if terms.beyond_w > 0:
             available = -math.inf
-        return Prospect(shares, self.course(shares).shape, terms.steps, available, ALIKE_STDS * std)
+        return Candidate(shares, self.course(shares).shape, terms.steps, available, ALIKE_STDS * std)
 
-    def forecast(self, answer: Answer) -> Forecast:
+    def forecast(self, answer: Solution) -> Forecast:
         """What the rest takes as planned."""
         told = self.told(answer.prospect.shares)
         assert told is not None
@@ -382,7 +382,7 @@ class Forecaster:
             stages=stages,
         )
 
-    def _segments(self, shares: Shares, course: Course) -> Segments | None:
+    def _segments(self, shares: Shares, course: Route) -> RouteLoad | None:
         """What is left of a course, in time and power of the motion; None where it cannot be flown in this wind."""
         wind = self.wind_mps
         if shares not in self._times:
@@ -396,9 +396,9 @@ class Forecaster:
         )
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(course)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
-        return Segments(times, motion_w, motion_w + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
+        return RouteLoad(times, motion_w, motion_w + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
 
-    def _left(self, course: Course, whole_s: float) -> float:
+    def _left(self, course: Route, whole_s: float) -> float:
         """The share of the first leg that is left: by the position, told apart from other turns by the time."""
         leg = course.legs[0]
         flown = min(1.0, (self._time_s - self._stage_since_s) / max(whole_s * self._ratio.ratio, 1e-9))
@@ -410,7 +410,7 @@ class Forecaster:
         except PathUndefined:
             return 1.0 - flown
 
-    def _wind_share(self, course: Course) -> float:
+    def _wind_share(self, course: Route) -> float:
         """Variance of the logarithm of the time by what is not known of the wind."""
         if self._known_wind is not None:
             return 0.0
@@ -427,12 +427,12 @@ class Forecaster:
         pxx, pyy, pxy = self._wind.covariance
         return max(gx * gx * pxx + 2 * gx * gy * pxy + gy * gy * pyy, 0.0)
 
-    def _soc_std(self, terms: Terms, segments: Segments) -> float:
+    def _soc_std(self, terms: KnapsackTerms, segments: RouteLoad) -> float:
         """Standard deviation of the state of charge at the end."""
         energy_j2 = segments.energy_std_j**2 + (terms.mean_w * segments.time_std_s) ** 2
         return math.sqrt(terms.soc_per_j**2 * energy_j2 + self._charge.variance)
 
-    def home(self, answer: Answer) -> tuple[bool | None, float | None]:
+    def home(self, answer: Solution) -> tuple[bool | None, float | None]:
         """Whether home can be reached with the reserve kept; where not, when it last could [s]. None without one."""
         home = self._mission.home_m
         told = self.told(answer.prospect.shares)
@@ -471,7 +471,7 @@ def _left_of(
     return times_s, np.maximum(level_w + slope_w * slopes, 0.0), max(times_s.sum(), 1e-3), bank_s
 
 
-def _computing_w(terms: Terms, answer: Answer) -> FloatArray:
+def _computing_w(terms: KnapsackTerms, answer: Solution) -> FloatArray:
     """Mean power of the computations on each segment as allocated, shape (segments,) [W]."""
     more = np.bincount(terms.steps.segment, answer.allocation.shares * terms.rises_w, len(terms.kind_of))
     return terms.lowest_w + more

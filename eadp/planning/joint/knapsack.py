@@ -26,7 +26,7 @@ good; powers that differ by less are the same [W]."""
 
 
 @dataclass(frozen=True)
-class Menu:
+class ConcaveEnvelope:
     """What the computations may do in a segment: configurations on the envelope, cheapest first.
 
     Attributes
@@ -45,13 +45,15 @@ class Menu:
     configurations: FloatArray
     near: tuple[FloatArray, FloatArray, FloatArray]
 
-    def worth(self, scale: float) -> Menu:
+    def worth(self, scale: float) -> ConcaveEnvelope:
         """The same with all values times `scale`."""
         powers_w, values, configurations = self.near
-        return Menu(self.powers_w, self.values * scale, self.configurations, (powers_w, values * scale, configurations))
+        return ConcaveEnvelope(
+            self.powers_w, self.values * scale, self.configurations, (powers_w, values * scale, configurations)
+        )
 
 
-def envelope_menu(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> Menu:
+def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> ConcaveEnvelope:
     """The configurations that a best mix may use: the cheapest, and the vertices of the upper concave envelope.
 
     Parameters
@@ -78,11 +80,13 @@ def envelope_menu(powers_w: FloatArray, values: FloatArray, configurations: Floa
     near = (values >= least) & (powers_w <= best_w[-1] + SAME_POWER_W)
     near[kept] = True
     rising = order[near[order]]
-    return Menu(best_w, best, configurations[kept], (powers_w[rising], values[rising], configurations[rising]))
+    return ConcaveEnvelope(
+        best_w, best, configurations[kept], (powers_w[rising], values[rising], configurations[rising])
+    )
 
 
 @dataclass(frozen=True)
-class Steps:
+class Increments:
     """The steps of all segments' envelopes: what each takes of the state of charge and adds to the objective.
 
     Attributes
@@ -129,7 +133,7 @@ class Allocation:
     feasible: bool
 
 
-def filled(steps: Steps, available: float) -> Allocation:
+def fill_greedy(steps: Increments, available: float) -> Allocation:
     """The best shares: steps taken in the order of their gain per charge, the last one in part.
 
     Parameters
@@ -160,7 +164,7 @@ def filled(steps: Steps, available: float) -> Allocation:
     return allocation_of(steps, shares)
 
 
-def allocation_of(steps: Steps, shares: FloatArray) -> Allocation:
+def allocation_of(steps: Increments, shares: FloatArray) -> Allocation:
     """What shares add up to."""
     use = steps.least_use + float(steps.use @ shares)
     return Allocation(shares, use, steps.least_value + float(steps.gain @ shares), feasible=True)

@@ -20,21 +20,21 @@ from numpy.typing import NDArray
 
 from eadp.errors import Infeasible
 from eadp.models.plan.executor import Vector
-from eadp.models.plan.route import Course
+from eadp.models.plan.route import Route
 from eadp.planning.base import (
     Decision,
+    DecisionRecord,
     Mission,
     Observation,
     PlannerSettings,
     Readings,
-    Record,
     TrackingPlanner,
     next_multiple,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.forecaster import Forecaster, ripple_w
-from eadp.planning.joint.program import Answer, MissionProgram, best_at
-from eadp.planning.joint.terms import QUALITY, Terms
+from eadp.planning.joint.program import MissionProgram, Solution, best_at
+from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 
 FloatArray = NDArray[np.float64]
 
@@ -141,7 +141,7 @@ class JointPlanner(TrackingPlanner):
         ahead.decide(chosen, shares)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record)
 
-    def _answer(self, why: str) -> tuple[Answer, bool]:
+    def _answer(self, why: str) -> tuple[Solution, bool]:
         """The best from here, with the path parameters kept or looked at anew; and which of both."""
         ahead = self._ahead
         here = ahead.prospect(ahead.shares)
@@ -167,7 +167,7 @@ class JointPlanner(TrackingPlanner):
             return kept, True
         return found, True
 
-    def _solved(self, kept: Answer) -> Answer:
+    def _solved(self, kept: Solution) -> Solution:
         """The computations at the path parameters kept: by QPs where the settings ask for them."""
         if self._settings.solver != "qp" or not kept.allocation.feasible:
             return kept
@@ -175,7 +175,7 @@ class JointPlanner(TrackingPlanner):
         self._warm = answer.allocation.shares
         return answer
 
-    def _look_again(self, kept: Answer, why: str) -> bool:
+    def _look_again(self, kept: Solution, why: str) -> bool:
         """Whether path parameters are to be looked at again: they can take effect, and what is left has changed."""
         if not kept.allocation.feasible and self._infeasible_since_s is None:
             return True
@@ -187,7 +187,7 @@ class JointPlanner(TrackingPlanner):
         return abs(value - then_value) > LOOK_AGAIN_VALUE or abs(over - then_over) > LOOK_AGAIN_SOC
 
     def _computations(
-        self, o: Observation, course: Course, terms: Terms, answer: Answer, remaining_s: float
+        self, o: Observation, course: Route, terms: KnapsackTerms, answer: Solution, remaining_s: float
     ) -> list[float]:
         """The computations to fly with now: those that last to the end, with hysteresis."""
         now = list(self._decision.parameters[self._rho :])
@@ -213,7 +213,7 @@ class JointPlanner(TrackingPlanner):
         affordable = ladder <= ladder[lasting] + 1e-12
         return [float(value) for value in configurations[int(np.argmax(np.where(affordable, values, -np.inf)))]]
 
-    def _power_of(self, values: list[float], course: Course) -> float:
+    def _power_of(self, values: list[float], course: Route) -> float:
         own = (*course.parameters[0][: self._rho], *values)
         boxes = course.legs[0].stage.sets
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
@@ -221,7 +221,7 @@ class JointPlanner(TrackingPlanner):
 
     # --- what is told
 
-    def _reason(self, o: Observation, answer: Answer, terms: Terms, chosen: Vector, *, looked: bool) -> str:
+    def _reason(self, o: Observation, answer: Solution, terms: KnapsackTerms, chosen: Vector, *, looked: bool) -> str:
         if not answer.allocation.feasible:
             if self._infeasible_since_s is None:
                 self._infeasible_since_s = o.time_s
@@ -247,13 +247,13 @@ class JointPlanner(TrackingPlanner):
             return ", ".join(moved)
         return "kept: no change gains enough" if looked else "kept"
 
-    def _record(self, o: Observation, why: str, chosen: Vector, answer: Answer, reason: str) -> Record:
+    def _record(self, o: Observation, why: str, chosen: Vector, answer: Solution, reason: str) -> DecisionRecord:
         ahead, b = self._ahead, self._mission.battery
         forecast, (reachable, lost_s) = ahead.forecast(answer), ahead.home(answer)
         told = ahead.told(answer.prospect.shares)
         assert told is not None
         floor = max(self._settings.reserve_soc, told[0].least_soc)
-        return Record(
+        return DecisionRecord(
             time_s=o.time_s,
             why=why,
             stage=o.stage,
@@ -278,7 +278,7 @@ class JointPlanner(TrackingPlanner):
         )
 
 
-def _lasting_w(terms: Terms, answer: Answer, remaining_s: float) -> float:
+def _lasting_w(terms: KnapsackTerms, answer: Solution, remaining_s: float) -> float:
     """The mean power of the computations over the legs that are like this one, as allocated [W].
 
     Flown all the time, it uses what the best mix in time uses.
@@ -296,6 +296,6 @@ def _lasting_w(terms: Terms, answer: Answer, remaining_s: float) -> float:
     return power + max(over, 0.0) / max(terms.soc_per_j * remaining_s, 1e-12)
 
 
-def _left_over(answer: Answer) -> tuple[float, float]:
+def _left_over(answer: Solution) -> tuple[float, float]:
     """What a plan is worth, and the state of charge that it leaves over."""
     return answer.value, answer.prospect.available - answer.allocation.use

@@ -11,13 +11,13 @@ from eadp.errors import Infeasible
 from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import JOINT, Mission, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
-from eadp.planning.joint.program import Answer, MissionProgram, best_at
+from eadp.planning.joint.program import MissionProgram, Solution, best_at
 
 NEAR_M = 0.5
 
 
 @dataclass(frozen=True)
-class TakeOff:
+class Preflight:
     """What is to be expected of a mission.
 
     Attributes
@@ -37,7 +37,7 @@ class TakeOff:
     quality: float | None
 
 
-def take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float) -> TakeOff | None:
+def preflight(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float) -> Preflight | None:
     """What is to be expected, in the wind that the weather forecast tells.
 
     Planner `joint` is forecast as it would plan now; others at the parameters of take-off.
@@ -72,10 +72,10 @@ def take_off(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_
     values[plan.path_count :] = _mean_configuration(ahead, answer)
     names = dict(zip(plan.names, values, strict=True))
     quality = answer.value if ahead.open or len(answer.prospect.steps.use) else None
-    return TakeOff(names, ahead.forecast(answer), answer.allocation.feasible, quality)
+    return Preflight(names, ahead.forecast(answer), answer.allocation.feasible, quality)
 
 
-def _mean_configuration(ahead: Forecaster, answer: Answer) -> list[float]:
+def _mean_configuration(ahead: Forecaster, answer: Solution) -> list[float]:
     """Each computation's mean over the time in which it has a choice, as allocated."""
     told = ahead.told(answer.prospect.shares)
     assert told is not None

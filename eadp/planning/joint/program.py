@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.errors import Infeasible, SolverFailed
-from eadp.planning.joint.knapsack import FULL, Allocation, Steps, allocation_of, filled
+from eadp.planning.joint.knapsack import FULL, Allocation, Increments, allocation_of, fill_greedy
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +49,7 @@ SCANNED, SOLVED, CLOSED_FORM, INFEASIBLE = "scanned", "solved", "closed form", "
 
 
 @dataclass(frozen=True)
-class Prospect:
+class Candidate:
     """The rest of the mission at some path parameters: what its computations may take and give, and what there is.
 
     `shape` tells on which step of the staircase it lies; `least_value` of the steps holds what the path is worth.
@@ -58,19 +58,19 @@ class Prospect:
 
     shares: Shares
     shape: tuple[int, ...]
-    steps: Steps
+    steps: Increments
     available: float
     tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class Solution:
     """The best that was found: where, how the charge is allocated, and how it was found.
 
     `failures` counts QPs that had no answer; `short` is the state of charge that lacks where nothing is feasible.
     """
 
-    prospect: Prospect
+    prospect: Candidate
     allocation: Allocation
     passes: int
     status: str
@@ -87,7 +87,7 @@ class Answer:
         return max(0.0, self.prospect.steps.least_use - self.prospect.available)
 
 
-Outlook = Callable[[Shares], Prospect | None]
+Outlook = Callable[[Shares], Candidate | None]
 """Prospects at path parameters; None where the plan cannot be flown at them."""
 
 
@@ -95,10 +95,10 @@ class _NoSlope(Exception):
     """A step of the staircase is too narrow to tell how it slopes: there is nothing to climb."""
 
 
-def best_at(prospect: Prospect) -> Answer:
+def best_at(prospect: Candidate) -> Solution:
     """The best computations at given path parameters, in closed form."""
-    allocation = filled(prospect.steps, prospect.available)
-    return Answer(prospect, allocation, 0, CLOSED_FORM if allocation.feasible else INFEASIBLE)
+    allocation = fill_greedy(prospect.steps, prospect.available)
+    return Solution(prospect, allocation, 0, CLOSED_FORM if allocation.feasible else INFEASIBLE)
 
 
 @dataclass
@@ -117,7 +117,7 @@ class MissionProgram:
     climb: bool = True
     _programs: dict[tuple[int, float], QuadraticProgram] = field(default_factory=dict)
 
-    def solve(self, outlook: Outlook, warm: Shares, least: float = -math.inf) -> Answer:
+    def solve(self, outlook: Outlook, warm: Shares, least: float = -math.inf) -> Solution:
         """The best path parameters and computations.
 
         Parameters
@@ -133,9 +133,9 @@ class MissionProgram:
         Infeasible
             If the plan cannot be flown at any path parameters that were tried.
         """
-        known: dict[Shares, Answer | None] = {}
+        known: dict[Shares, Solution | None] = {}
 
-        def look(shares: Shares) -> Answer | None:
+        def look(shares: Shares) -> Solution | None:
             if shares not in known:
                 prospect = outlook(shares)
                 known[shares] = None if prospect is None else best_at(prospect)
@@ -155,10 +155,10 @@ class MissionProgram:
             as_good = [answer for answer in known.values() if answer is not None and answer.short <= enough]
             return max(as_good, key=lambda answer: answer.value) if math.isfinite(enough) else best
         if self.dimensions:
-            best = Answer(best.prospect, best.allocation, 0, SCANNED)
+            best = Solution(best.prospect, best.allocation, 0, SCANNED)
         return self.climbed(outlook, best) if self.climb and self.dimensions else best
 
-    def climbed(self, outlook: Outlook, start: Answer) -> Answer:
+    def climbed(self, outlook: Outlook, start: Solution) -> Solution:
         """From an answer upwards by QPs; the answer itself where they find nothing better."""
         best, passes, failures = start, 0, 0
         reach = FIRST_REACH
@@ -180,9 +180,9 @@ class MissionProgram:
             if gained < LEAST_GAIN:
                 break
         status = SOLVED if passes and not failures else start.status
-        return Answer(best.prospect, best.allocation, passes, status, failures)
+        return Solution(best.prospect, best.allocation, passes, status, failures)
 
-    def allocated(self, prospect: Prospect, warm: FloatArray | None = None) -> Answer:
+    def allocated(self, prospect: Candidate, warm: FloatArray | None = None) -> Solution:
         """The computations at given path parameters by QPs alone, in sequence until shares stop moving.
 
         Parameters
@@ -202,7 +202,7 @@ class MissionProgram:
                 moved = self._allocation_pass(prospect, x)
             except (SolverFailed, Infeasible):
                 closed = best_at(prospect)
-                return Answer(prospect, closed.allocation, passes, closed.status, 1)
+                return Solution(prospect, closed.allocation, passes, closed.status, 1)
             passes += 1
             trial = allocation_of(steps, _within(steps, moved, prospect.available))
             still = float(np.abs(moved - x).max()) < 1e-6
@@ -211,11 +211,11 @@ class MissionProgram:
                 best = trial
             if still:
                 break
-        return Answer(prospect, best, passes, SOLVED)
+        return Solution(prospect, best, passes, SOLVED)
 
     # --- QPs
 
-    def _pass(self, outlook: Outlook, at: Answer, reach: float) -> tuple[Shares, FloatArray]:
+    def _pass(self, outlook: Outlook, at: Solution, reach: float) -> tuple[Shares, FloatArray]:
         """One QP in path parameters and shares, both as where to go."""
         prospect, steps, x = at.prospect, at.prospect.steps, at.allocation.shares
         d = self.dimensions
@@ -233,7 +233,7 @@ class MissionProgram:
         )
         return shares, np.clip(moved[d:], 0.0, 1.0)
 
-    def _allocation_pass(self, prospect: Prospect, x: FloatArray) -> FloatArray:
+    def _allocation_pass(self, prospect: Candidate, x: FloatArray) -> FloatArray:
         steps = prospect.steps
         ends = np.zeros(len(x)), np.ones(len(x))
         moved = self._solved(steps.gain, steps.use, prospect.available - steps.least_use, *ends, x)
@@ -277,7 +277,7 @@ class MissionProgram:
             self._programs[variables, proximal] = QuadraticProgram(filled_rows, proximal)
         return self._programs[variables, proximal]
 
-    def _slope(self, outlook: Outlook, at: Answer, axis: int) -> tuple[float, float]:
+    def _slope(self, outlook: Outlook, at: Solution, axis: int) -> tuple[float, float]:
         """How value, and use less what is available, change with a path parameter at fixed shares: one-sided."""
         here, x = at.prospect, at.allocation.shares
         for step in (-DIFFERENCE, DIFFERENCE):
@@ -292,7 +292,7 @@ class MissionProgram:
             return (b.value - a.value) / step, use / step
         raise _NoSlope
 
-    def _evaluated(self, outlook: Outlook, shares: Shares, x: FloatArray, at: Answer) -> Answer | None:
+    def _evaluated(self, outlook: Outlook, shares: Shares, x: FloatArray, at: Solution) -> Solution | None:
         """What a QP's answer is really worth: its shares, cut to the charge that there is, or the closed form's."""
         prospect = outlook(shares)
         if prospect is None or prospect.shape != at.prospect.shape:
@@ -302,11 +302,11 @@ class MissionProgram:
         if len(x) != len(prospect.steps.use):
             return None
         own = allocation_of(prospect.steps, _within(prospect.steps, x, prospect.available))
-        closed = filled(prospect.steps, prospect.available)
-        return Answer(prospect, own if own.value >= closed.value else closed, 0, SOLVED)
+        closed = fill_greedy(prospect.steps, prospect.available)
+        return Solution(prospect, own if own.value >= closed.value else closed, 0, SOLVED)
 
 
-def _within(steps: Steps, x: FloatArray, available: float) -> FloatArray:
+def _within(steps: Increments, x: FloatArray, available: float) -> FloatArray:
     """Shares taken back until the charge is enough: those of least gain per charge first."""
     excess = steps.least_use + float(steps.use @ x) - available
     if excess <= 0:
@@ -324,7 +324,7 @@ def _within(steps: Steps, x: FloatArray, available: float) -> FloatArray:
     return x
 
 
-def _better(new: Answer | None, old: Answer | None) -> Answer | None:
+def _better(new: Solution | None, old: Solution | None) -> Solution | None:
     """The better of two: a feasible one, then by value; of two that are not, the one that lacks less."""
     if new is None or old is None:
         return old if new is None else new
@@ -335,7 +335,7 @@ def _better(new: Answer | None, old: Answer | None) -> Answer | None:
     return new if new.value > old.value else old
 
 
-def _gridded(look: Callable[[Shares], Answer | None], best: Answer | None, dimensions: int) -> Answer | None:
+def _gridded(look: Callable[[Shares], Solution | None], best: Solution | None, dimensions: int) -> Solution | None:
     """The best of a grid over all path parameters, and of searches from its best places with steps that are halved.
 
     Parameters that compete for charge are best along an edge that no search by one of them alone goes along.
@@ -364,15 +364,15 @@ def _gridded(look: Callable[[Shares], Answer | None], best: Answer | None, dimen
 
 
 def _scanned(
-    look: Callable[[Shares], Answer | None], best: Answer | None, warm: Shares, axis: int, least: float
-) -> Answer | None:
+    look: Callable[[Shares], Solution | None], best: Solution | None, warm: Shares, axis: int, least: float
+) -> Solution | None:
     """The best along one path parameter: over its box, then up to the edges of those steps that could be better.
 
     Branch and bound: no step is looked at that could not be worth `least`.
     """
     base = best.prospect.shares if best is not None else warm
 
-    def at(share: float) -> Answer | None:
+    def at(share: float) -> Solution | None:
         return look((*base[:axis], share, *base[axis + 1 :]))
 
     places = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
@@ -404,10 +404,10 @@ def _scanned(
     return best
 
 
-_Place = tuple[float, Answer | None]
+_Place = tuple[float, Solution | None]
 
 
-def _alike(a: Answer, b: Answer) -> bool:
+def _alike(a: Solution, b: Solution) -> bool:
     """Whether two answers lie on one step of the staircase, both feasible or both not."""
     return a.prospect.shape == b.prospect.shape and a.allocation.feasible == b.allocation.feasible
 

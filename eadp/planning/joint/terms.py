@@ -18,8 +18,8 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.executor import Vector
 from eadp.models.plan.plan import Box, Plan
-from eadp.models.plan.route import Course
-from eadp.planning.joint.knapsack import IntArray, Menu, Steps, envelope_menu
+from eadp.models.plan.route import Route
+from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, IntArray, concave_envelope
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ DELIVERABLE = 0.98
 """Share of the largest power a battery could deliver that is planned with at most."""
 
 
-class Segments(NamedTuple):
+class RouteLoad(NamedTuple):
     """The rest of the mission leg by leg.
 
     Attributes
@@ -49,7 +49,7 @@ class Segments(NamedTuple):
     energy_std_j: float
 
 
-class Past(NamedTuple):
+class FlownShares(NamedTuple):
     """What has been flown: for each parameter the time in which it had a choice [s], and the area of its share [s]."""
 
     times_s: Sequence[float]
@@ -57,7 +57,7 @@ class Past(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Terms:
+class KnapsackTerms:
     """A segment list in the program's terms.
 
     Attributes
@@ -79,8 +79,8 @@ class Terms:
         What a share of each parameter adds to the objective per second.
     """
 
-    steps: Steps
-    kinds: tuple[Menu, ...]
+    steps: Increments
+    kinds: tuple[ConcaveEnvelope, ...]
     kind_of: IntArray
     soc_per_j: float
     mean_w: float
@@ -89,7 +89,7 @@ class Terms:
     worth: FloatArray
 
     @property
-    def menus(self) -> tuple[Menu, ...]:
+    def menus(self) -> tuple[ConcaveEnvelope, ...]:
         """Of each segment."""
         return tuple(self.kinds[kind] for kind in self.kind_of.tolist())
 
@@ -108,7 +108,7 @@ class Terms:
         return np.array([menu.powers_w[0] for menu in self.kinds])[self.kind_of]
 
 
-class Terrain:
+class TermBuilder:
     """Turns courses into the program's terms; menus are made once for each kind of segment.
 
     Parameters
@@ -140,7 +140,7 @@ class Terrain:
         self._rho = plan.path_count
         self._weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in plan.names])
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
-        self._menus: dict[object, Menu] = {}
+        self._menus: dict[object, ConcaveEnvelope] = {}
         self._scale_s = 0.0
         empty_v = battery.voltage_at(0.0)
         self._cell = (
@@ -151,7 +151,9 @@ class Terrain:
             battery.power_per_soc_w,
         )
 
-    def terms(self, course: Course, segments: Segments, past: Past, soc: float, reserve_soc: float) -> Terms:
+    def terms(
+        self, course: Route, segments: RouteLoad, past: FlownShares, soc: float, reserve_soc: float
+    ) -> KnapsackTerms:
         """The program's terms of a course.
 
         Parameters
@@ -192,11 +194,13 @@ class Terrain:
         voltage = float(volts.mean())
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
         slope = b.drain_per_as / math.sqrt(discriminant)
-        return Terms(groups.steps(), tuple(groups.kinds), groups.kind_of, slope, mean_w, beyond, least_soc, worth)
+        return KnapsackTerms(
+            groups.steps(), tuple(groups.kinds), groups.kind_of, slope, mean_w, beyond, least_soc, worth
+        )
 
     # --- worth
 
-    def _worth(self, course: Course, times: FloatArray, past: Past) -> tuple[FloatArray, float]:
+    def _worth(self, course: Route, times: FloatArray, past: FlownShares) -> tuple[FloatArray, float]:
         """What a share of each parameter is worth per second, and what the past and the path are worth."""
         count, rho = len(self._plan.names), self._rho
         times_s, areas_s = np.array(past.times_s), np.array(past.areas_s)
@@ -212,7 +216,7 @@ class Terrain:
 
     # --- menus
 
-    def _menu(self, sets: Sequence[Box], own: Vector, allowed: int, worth: FloatArray) -> Menu:
+    def _menu(self, sets: Sequence[Box], own: Vector, allowed: int, worth: FloatArray) -> ConcaveEnvelope:
         """What the computations may do in a stage: the best mixes of its `allowed` cheapest configurations."""
         ours = worth[self._rho :]
         most = float(ours.max(initial=0.0))
@@ -226,9 +230,9 @@ class Terrain:
 
     def _of_envelope(
         self, configurations: FloatArray, powers: FloatArray, sets: Sequence[Box], worth: FloatArray, most: float
-    ) -> Menu:
+    ) -> ConcaveEnvelope:
         values = self._worth_of(configurations, sets, worth / most if most > 0 else worth)
-        return envelope_menu(powers, values, configurations)
+        return concave_envelope(powers, values, configurations)
 
     def _worth_of(self, configurations: FloatArray, sets: Sequence[Box], worth: FloatArray) -> FloatArray:
         """What configurations are worth per second in a stage, `worth` being that of a computation's share each."""
@@ -292,13 +296,13 @@ class _Groups:
     """Steps of segments that share a menu, gathered."""
 
     def __init__(self, value: float, segments: int) -> None:
-        self.kinds: list[Menu] = []
+        self.kinds: list[ConcaveEnvelope] = []
         self.kind_of = np.zeros(segments, dtype=np.intp)
         self.energy_j = 0.0
         self._value, self._use = value, 0.0
         self._found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
 
-    def add(self, menu: Menu, index: IntArray, steps: _StepsOfMenu) -> None:
+    def add(self, menu: ConcaveEnvelope, index: IntArray, steps: _StepsOfMenu) -> None:
         """Segments of a menu, and their steps."""
         seconds, least_use, segment, level, use, gain = steps
         self.kind_of[index] = len(self.kinds)
@@ -308,12 +312,12 @@ class _Groups:
         self._value += seconds * float(menu.values[0])
         self._found.append((segment, level, use, gain))
 
-    def steps(self) -> Steps:
+    def steps(self) -> Increments:
         """All of them."""
         if len(self._found) == 1:
-            return Steps(*self._found[0], self._use, self._value)
+            return Increments(*self._found[0], self._use, self._value)
         segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*self._found, strict=True))
-        return Steps(segment, level, use, gain, self._use, self._value)
+        return Increments(segment, level, use, gain, self._use, self._value)
 
 
 _StepsOfMenu = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
@@ -354,7 +358,7 @@ def _on_the_way(
     floor: float,
     cell: _Cell,
 ) -> tuple[FloatArray, FloatArray, float, float]:
-    """Voltage of each segment, room for its computations [W], and what `Terms` calls `beyond_w` and `least_soc`.
+    """Voltage of each segment, room for its computations [W], and `beyond_w` and `least_soc` of `KnapsackTerms`.
 
     The state of charge falls as the highest computations take it, but not below `floor`.
     """
@@ -387,7 +391,7 @@ def _steps(
     values: FloatArray,
     cell: _Cell,
 ) -> _StepsOfMenu:
-    """Of segments that share a menu: their time [s], what the cheapest takes, and each step as `Steps` has them."""
+    """Of segments that share a menu: their time [s], what the cheapest takes, and each step as in `Increments`."""
     _, _, resistance_ohm, per_as, _ = cell
     count = len(powers_w) - 1
     seconds = times_s[index]

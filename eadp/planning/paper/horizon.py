@@ -90,7 +90,7 @@ DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Computations:
+class ComputationLevels:
     """The computations that may be chosen now.
 
     Parameters
@@ -172,7 +172,7 @@ class Computations:
 
 
 @dataclass(frozen=True)
-class Outlook:
+class HorizonForecast:
     """What the horizon looks like from now.
 
     Parameters
@@ -197,7 +197,7 @@ class Outlook:
 
 
 @dataclass(frozen=True)
-class Plan:
+class HorizonSolution:
     """An answer: the parameters at each step, shape (M, σ), as reals and as values that may be taken.
 
     `passes` is how many QPs it took, 0 where the closed form was proven and taken.
@@ -236,7 +236,7 @@ class Horizon:
 
     def __init__(
         self,
-        computations: Computations,
+        computations: ComputationLevels,
         battery: Battery,
         steps: int,
         cost: str = CONTROL,
@@ -294,12 +294,12 @@ class Horizon:
 
     # --- the model
 
-    def objective(self, c: FloatArray, outlook: Outlook) -> float:
+    def objective(self, c: FloatArray, outlook: HorizonForecast) -> float:
         """Σ_m l(c_m) at parameters of shape (M, σ)."""
         controls = ((self._nu * c + self._tau) ** 2).sum(axis=1)
         return float(self._worth(controls, self._c.power_w(c), outlook.limit_motion_w, outlook).sum())
 
-    def excess_w(self, c: FloatArray, outlook: Outlook) -> FloatArray:
+    def excess_w(self, c: FloatArray, outlook: HorizonForecast) -> FloatArray:
         """How far each step's power is above what the battery allows [W], shape (M,); no trade-offs.
 
         Raises
@@ -314,7 +314,7 @@ class Horizon:
         result: FloatArray = outlook.limit_motion_w + g - allowed
         return result
 
-    def feasible(self, c: FloatArray, outlook: Outlook) -> bool:
+    def feasible(self, c: FloatArray, outlook: HorizonForecast) -> bool:
         """Whether every constraint holds at parameters of shape (M, σ), to 1e-6 W."""
         try:
             powers = bool((self.excess_w(c, outlook) <= FEASIBLE_W).all())
@@ -322,11 +322,11 @@ class Horizon:
             return False
         return powers and bool((c @ self._rows.T >= self._least - _slack(self._least)).all())
 
-    def _soc_per_a(self, outlook: Outlook) -> float:
+    def _soc_per_a(self, outlook: HorizonForecast) -> float:
         """What a step takes off the state of charge for each ampere: k_b Δ/Q_c [1/A]."""
         return self._battery.k_b_per_s * outlook.step_s / self._battery.capacity_ah
 
-    def _worth(self, controls: Numbers, g: Numbers, limit: Numbers, outlook: Outlook) -> Numbers:
+    def _worth(self, controls: Numbers, g: Numbers, limit: Numbers, outlook: HorizonForecast) -> Numbers:
         """l from Σû² of the computations [W²], their power and the motion's [W]; numbers, or arrays that fit."""
         if self._cost == OUTPUT:
             # l = ½y²
@@ -339,7 +339,7 @@ class Horizon:
         return power if self._cost == POWER else q * power + 0.5 * r * controls
 
     def _gain(
-        self, nu: Numbers, control: Numbers, g: Numbers, slope: Numbers, limit: Numbers, outlook: Outlook
+        self, nu: Numbers, control: Numbers, g: Numbers, slope: Numbers, limit: Numbers, outlook: HorizonForecast
     ) -> Numbers:
         """∂l/∂c from ν, û, g and ∂g/∂c; numbers, or arrays that fit."""
         if self._cost == OUTPUT:
@@ -352,7 +352,7 @@ class Horizon:
 
     # --- an answer
 
-    def solve(self, outlook: Outlook) -> Plan:
+    def solve(self, outlook: HorizonForecast) -> HorizonSolution:
         """The best values that computations may take, and the best reals.
 
         Raises
@@ -369,9 +369,9 @@ class Horizon:
             chosen, objective = self._floored(relaxed, chosen, objective, outlook)
         if objective > best:
             relaxed, best = chosen, objective
-        return Plan(relaxed, chosen, objective, best, passes)
+        return HorizonSolution(relaxed, chosen, objective, best, passes)
 
-    def _reals(self, chosen: FloatArray, least: float, outlook: Outlook) -> tuple[FloatArray, float, int]:
+    def _reals(self, chosen: FloatArray, least: float, outlook: HorizonForecast) -> tuple[FloatArray, float, int]:
         """The best reals, their objective and the QPs it took."""
         starts = [chosen]
         if self._increasing and not len(self._rows):
@@ -385,7 +385,7 @@ class Horizon:
         return self._highest(starts, outlook)
 
     def _climbed_to(
-        self, value: float, filled: FloatArray, chosen: FloatArray, outlook: Outlook
+        self, value: float, filled: FloatArray, chosen: FloatArray, outlook: HorizonForecast
     ) -> tuple[FloatArray, float, int]:
         """The reals by QPs from the last plan, where multipliers have proven what the best are worth.
 
@@ -402,7 +402,7 @@ class Horizon:
         self._last = relaxed
         return relaxed, best, passes
 
-    def _highest(self, starts: list[FloatArray], outlook: Outlook) -> tuple[FloatArray, float, int]:
+    def _highest(self, starts: list[FloatArray], outlook: HorizonForecast) -> tuple[FloatArray, float, int]:
         """Where charge is short, tops are many: the highest of those climbed to from several plans.
 
         Raises
@@ -428,7 +428,7 @@ class Horizon:
 
     # --- values that computations may take
 
-    def _search(self, outlook: Outlook) -> tuple[list[int], float, bool]:
+    def _search(self, outlook: HorizonForecast) -> tuple[list[int], float, bool]:
         """The best choice for each step, what they are worth, and whether the search came to its end.
 
         Charge is counted as if every step so far had made the choice of least power, less what the choices
@@ -458,7 +458,7 @@ class Horizon:
         return _Search(needed.tolist(), beyond.tolist(), tops).best(outlook.soc)
 
     def _floored(
-        self, relaxed: FloatArray, chosen: FloatArray, objective: float, outlook: Outlook
+        self, relaxed: FloatArray, chosen: FloatArray, objective: float, outlook: HorizonForecast
     ) -> tuple[FloatArray, float]:
         """For a search cut short: the best choices within the power of the reals, if better than those it made."""
         limit = outlook.limit_motion_w[:, None]
@@ -474,7 +474,7 @@ class Horizon:
 
     # --- reals
 
-    def _filled(self, outlook: Outlook) -> list[_Step]:
+    def _filled(self, outlook: HorizonForecast) -> list[_Step]:
         """One computation: every step in turn takes all that its own limit and the rest at its least leave.
 
         Exact for the nonlinear battery: with I the current, y = V I − R I², so the limit is a quadratic in I.
@@ -517,7 +517,7 @@ class Horizon:
             rest = max(rest, (limit + least) / per_soc) + rate * b.current_a(mean + least)
         return rests[::-1]
 
-    def _chords(self, outlook: Outlook) -> FloatArray:
+    def _chords(self, outlook: HorizonForecast) -> FloatArray:
         """What each parameter gains on its way from end to end, the others at their lowest, shape (M, σ).
 
         Over its set a convex l is nowhere above its chord: who climbs by these does not end at the nearest top.
@@ -529,7 +529,7 @@ class Horizon:
         return chords
 
     def _climbed(
-        self, c: FloatArray, outlook: Outlook, chords: FloatArray | None = None, enough: float = math.inf
+        self, c: FloatArray, outlook: HorizonForecast, chords: FloatArray | None = None, enough: float = math.inf
     ) -> tuple[FloatArray, float, int]:
         """From an admissible plan, QP by QP, to one that none betters or that is worth enough; its worth, and how many.
 
@@ -554,7 +554,7 @@ class Horizon:
             still = still + 1 if value - before <= SAME * abs(value) else 0
         return c, value, passes
 
-    def _pass(self, c: FloatArray, side: int, outlook: Outlook, chords: FloatArray | None) -> FloatArray:
+    def _pass(self, c: FloatArray, side: int, outlook: HorizonForecast, chords: FloatArray | None) -> FloatArray:
         """One QP round a plan: rows and gradient there, and a proximal term that holds it near."""
         z = np.divide(c - self._c.low, self._width, out=np.zeros_like(c), where=self._width > 0).ravel()
         gradient, rows, left = self._linearised(c, z, side, outlook)
@@ -576,7 +576,7 @@ class Horizon:
         return self._c.low + np.clip(answer * reach, 0.0, 1.0).reshape(c.shape) * self._width
 
     def _linearised(
-        self, c: FloatArray, z: FloatArray, side: int, outlook: Outlook
+        self, c: FloatArray, z: FloatArray, side: int, outlook: HorizonForecast
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gradient by z, shape (Mσ,), and power rows, shape (M, Mσ), with what they leave, in shares of g's span."""
         b = self._battery
@@ -619,7 +619,7 @@ class Horizon:
         new: FloatArray,
         value: float,
         worth: Callable[[FloatArray], float],
-        outlook: Outlook,
+        outlook: HorizonForecast,
     ) -> tuple[FloatArray, float]:
         """The solver's answer, made admissible, and its value; the plan c and its own where that betters nothing."""
         if np.abs(new - c).max() <= STILL * self._width.max():
@@ -635,7 +635,7 @@ class Horizon:
 
     # --- the fallback
 
-    def lowered(self, now: FloatArray, deltas: FloatArray, outlook: Outlook) -> FloatArray:
+    def lowered(self, now: FloatArray, deltas: FloatArray, outlook: HorizonForecast) -> FloatArray:
         """The fallback of a failed solve: from those in force, lower all by δ until every constraint holds.
 
         Parameters
@@ -854,4 +854,4 @@ def _separate(low: FloatArray, width: FloatArray, end_powers: FloatArray) -> tup
     return np.array([nu for nu, _ in scaled]), np.array([tau for _, tau in scaled])
 
 
-__all__ = ["COSTS", "Computations", "Horizon", "Outlook", "Plan", "SolverFailed"]
+__all__ = ["COSTS", "ComputationLevels", "Horizon", "HorizonForecast", "HorizonSolution", "SolverFailed"]

@@ -25,7 +25,7 @@ from eadp.planning.base import (
     next_multiple,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.paper.horizon import Computations, Horizon, Outlook
+from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForecast
 
 FloatArray = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ class PaperPlanner(TrackingPlanner):
             chosen[i] = value
         return tuple(chosen), reason
 
-    def _solve(self, horizon: Horizon, outlook: Outlook) -> FloatArray:
+    def _solve(self, horizon: Horizon, outlook: HorizonForecast) -> FloatArray:
         started = time.perf_counter()
         self.report.solves += 1
         try:
@@ -156,7 +156,7 @@ class PaperPlanner(TrackingPlanner):
                 return self._mission.computing.power_w(base, sets)
 
             levels = [self._levels(i, o.stage) for i in free]
-            computations = Computations(
+            computations = ComputationLevels(
                 np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
             )
             names = plan.names
@@ -186,7 +186,7 @@ class PaperPlanner(TrackingPlanner):
             return inside or (box.lo,)
         return self._mission.computing.levels(index - self._rho, box)
 
-    def _outlook(self, o: Observation, steps: int) -> Outlook:
+    def _outlook(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
@@ -195,7 +195,7 @@ class PaperPlanner(TrackingPlanner):
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         state = self._estimator.state_w
         ripple = float(state[1:] @ state[1:])
-        return Outlook(limit, mean, o.soc, every_s, float(state[0]), ripple)
+        return HorizonForecast(limit, mean, o.soc, every_s, float(state[0]), ripple)
 
     # --- path
 

@@ -60,7 +60,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Sample:
+class SampleDesign:
     """Keys drawn at random together, `runs` times: independently, or as a Latin hypercube.
 
     Every key has a generator of its own, so that one key more leaves the draws of the keys before it as they are; so
@@ -91,7 +91,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Point:
+class DesignPoint:
     """One run's place in a design: the varied keys' values, and the seed where the design sets one."""
 
     index: int
@@ -108,7 +108,7 @@ class Design:
 
     grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     zipped: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    sample: Sample | None = None
+    sample: SampleDesign | None = None
     seeds: int | None = None
 
     @property
@@ -125,7 +125,7 @@ class Design:
     def __len__(self) -> int:
         return math.prod(self._sizes)
 
-    def point(self, index: int) -> Point:
+    def point(self, index: int) -> DesignPoint:
         """The run of an index, from 0."""
         places = []
         rest = index
@@ -137,7 +137,7 @@ class Design:
         values |= {name: choices[together] for name, choices in self.zipped.items()}
         if self.sample:
             values |= {name: draws[drawn] for name, draws in self.sample.draws.items()}
-        return Point(index, values, None if self.seeds is None else seed)
+        return DesignPoint(index, values, None if self.seeds is None else seed)
 
     def listed(self, name: str) -> tuple[Any, ...]:
         """The values that a key is given by name; none where it is drawn from a range."""

@@ -41,7 +41,7 @@ def cores() -> int:
         return os.cpu_count() or 1
 
 
-class Here:
+class SerialEngine:
     """Runs made in this process, one at a time."""
 
     workers = 1
@@ -73,7 +73,7 @@ class Here:
         """Nothing is left behind."""
 
 
-class Pool:
+class PoolEngine:
     """A pool of processes. They end with this one, however it ends.
 
     When a process dies, runs that were under way are made again one by one; one that kills its process then too is
@@ -207,7 +207,7 @@ def _work(run: Run) -> Result:
     return _make(run)
 
 
-class Cluster:
+class DaskEngine:
     """Workers of a Dask scheduler that is running somewhere; each needs eadp of this version, and no files.
 
     Dask gives up a run that was at hand when several workers died, whether or not it was the one they died of: it is

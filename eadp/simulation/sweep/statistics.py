@@ -45,7 +45,7 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
 
 
 @dataclass(frozen=True)
-class Flight:
+class SweepFlight:
     """What is told of one run: the varied keys' values, and what came of it; `error` where nothing did."""
 
     index: int
@@ -71,7 +71,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Totals:
+class SweepTotals:
     """All flights of a sweep; runs that could not be made are counted apart."""
 
     runs: int
@@ -85,15 +85,15 @@ class Totals:
         return self.runs - self.failed
 
 
-def totals(flights: Sequence[Flight]) -> Totals:
+def totals(flights: Sequence[SweepFlight]) -> SweepTotals:
     """Counts, and the interval of the share that completes; None where none was flown."""
     failed = sum(flight.error is not None for flight in flights)
     completed = sum(bool(flight.completed) for flight in flights)
     made = len(flights) - failed
-    return Totals(len(flights), failed, completed, wilson_interval(completed, made) if made else None)
+    return SweepTotals(len(flights), failed, completed, wilson_interval(completed, made) if made else None)
 
 
-class Bins:
+class KeyBins:
     """The values of one key in order, or bins of alike many flights where they are many numbers.
 
     Parameters
@@ -129,22 +129,22 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def value_of(flight: Flight, key: str) -> Any:
+def value_of(flight: SweepFlight, key: str) -> Any:
     """The value of a varied key, or the seed."""
     return flight.values.get(key, flight.seed)
 
 
-def marginal(flights: Sequence[Flight], key: str, listed: Sequence[Any] = ()) -> list[Group]:
+def marginal(flights: Sequence[SweepFlight], key: str, listed: Sequence[Any] = ()) -> list[Group]:
     """Flights grouped by one key, over all values of the others; `listed` are its values where they are given."""
-    bins = Bins([value_of(flight, key) for flight in flights], listed)
-    groups: list[list[Flight]] = [[] for _ in bins.labels]
+    bins = KeyBins([value_of(flight, key) for flight in flights], listed)
+    groups: list[list[SweepFlight]] = [[] for _ in bins.labels]
     for flight in flights:
         if flight.error is None:
             groups[bins.place(value_of(flight, key))].append(flight)
     return [_group(label, members) for label, members in zip(bins.labels, groups, strict=True)]
 
 
-def _group(label: str, members: Sequence[Flight]) -> Group:
+def _group(label: str, members: Sequence[SweepFlight]) -> Group:
     if not members:
         return Group(label, 0, math.nan, math.nan, math.nan)
     share = sum(bool(flight.completed) for flight in members) / len(members)
@@ -165,9 +165,11 @@ class Table:
     flights: tuple[tuple[int, ...], ...]
 
 
-def table(flights: Sequence[Flight], keys: tuple[str, str], value: str, listed: Mapping[str, Sequence[Any]]) -> Table:
+def table(
+    flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, listed: Mapping[str, Sequence[Any]]
+) -> Table:
     """Means of `completed`, `duration_s`, `soc_final` or `quality` by two keys."""
-    bins = [Bins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
+    bins = [KeyBins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
     rows, columns = (axis.labels for axis in bins)
     sums = np.zeros((len(rows), len(columns)))
     counts = np.zeros((len(rows), len(columns)), dtype=int)

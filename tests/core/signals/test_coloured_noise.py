@@ -9,17 +9,17 @@ import pytest
 from scipy.linalg import solve
 from scipy.stats import multivariate_normal
 
-from eadp.core.signals.coloured_noise import _COLOURED_PARTS, Bins, _errors, binned, tail
+from eadp.core.signals.coloured_noise import _COLOURED_PARTS, TimeBins, _errors, binned, tail
 from eadp.core.signals.harmonics import design_matrix
 
 N = 60
 
 
-def bins(seed: int = 0) -> Bins:
+def bins(seed: int = 0) -> TimeBins:
     rng = np.random.default_rng(seed)
     times = np.sort(rng.uniform(0, 100, N))
     power = 2 * np.cos(2 * np.pi * times / 30) + np.cumsum(rng.normal(0, 0.3, N)) + rng.normal(0, 0.2, N)
-    return Bins(times, power, 100 / N, 100.0, 1.0)
+    return TimeBins(times, power, 100 / N, 100.0, 1.0)
 
 
 def dense_likelihood(power: np.ndarray, columns: np.ndarray, correlation: np.ndarray) -> tuple[float, float]:
@@ -34,7 +34,7 @@ def dense_likelihood(power: np.ndarray, columns: np.ndarray, correlation: np.nda
     return float(density), -0.5 * ((n - m) * math.log(error) + float(volume))
 
 
-def correlations(table: Bins) -> list[np.ndarray]:
+def correlations(table: TimeBins) -> list[np.ndarray]:
     return [v * w @ v.T for w, v in ((t.eigenvalues, t.vectors) for t in table._turned)]
 
 
@@ -92,7 +92,7 @@ def test_covariance_in_white_noise_is_least_squares_own() -> None:
     columns = design_matrix(times, 1 / 30, 2)
     ratios = []
     for _ in range(10):
-        table = Bins(times, 0.5 * rng.normal(size=200), 0.5, 100.0, 1.0)
+        table = TimeBins(times, 0.5 * rng.normal(size=200), 0.5, 100.0, 1.0)
         own = 0.25 * np.linalg.inv(columns.T @ columns)
         ratios.append(np.diag(table.coefficient_covariance(columns)) / np.diag(own))
     assert np.median(ratios) == pytest.approx(1, abs=0.25)

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from eadp.core.signals.disturbance import (
     FEWEST,
-    Learned,
+    DisturbanceFit,
     _innovations,
     _kept,
     covariance_w2,
@@ -246,7 +246,7 @@ def test_what_does_not_vary_has_no_noise(level):
 
 def test_fewer_samples_than_columns():
     found = learned(np.arange(3.0), np.array([1.0, 2.0, 0.0]), columns=np.eye(3, 4))
-    assert found == Learned(0.0, 2.0, 0.0, -math.inf)
+    assert found == DisturbanceFit(0.0, 2.0, 0.0, -math.inf)
 
 
 def test_columns_that_say_nothing_do_no_harm():

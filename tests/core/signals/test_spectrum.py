@@ -20,7 +20,7 @@ from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spect
 from eadp.errors import Infeasible
 
 FloatArray = NDArray[np.float64]
-Noise = Callable[[np.random.Generator, int], FloatArray]
+NoiseModel = Callable[[np.random.Generator, int], FloatArray]
 
 PERIOD_S = 46.05
 MEAN_W = 36.4
@@ -257,7 +257,7 @@ def walk(rng: np.random.Generator, n: int) -> FloatArray:
     return np.cumsum(rng.normal(size=n))
 
 
-def first_order(memory: float) -> Noise:
+def first_order(memory: float) -> NoiseModel:
     def noise(rng: np.random.Generator, n: int) -> FloatArray:
         return np.asarray(lfilter([1], [1, -memory], rng.normal(size=n + 500))[-n:])
 
@@ -280,7 +280,7 @@ def smooth(rng: np.random.Generator, n: int) -> FloatArray:
         pytest.param(first_order(0.95), 300, 5, id="long first order, 0.95"),
     ],
 )
-def test_noise_has_no_period(noise: Noise, n: int, trials: int) -> None:
+def test_noise_has_no_period(noise: NoiseModel, n: int, trials: int) -> None:
     times = 0.5 * np.arange(n)
     found = [analyse(times, 30 + noise(np.random.default_rng(seed), n)).periodic for seed in range(trials)]
     assert sum(found) <= 0.05 * trials, "in 95 % and more of the trials"

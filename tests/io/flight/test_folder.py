@@ -9,7 +9,7 @@ import pytest
 
 from eadp.io.flight.folder import record_row, summarise, write_flight
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.registry import Record
+from eadp.planning.registry import DecisionRecord
 from eadp.simulation.loop import Outcome, fly
 
 
@@ -23,7 +23,7 @@ def written(root, tmp_path_factory):
             scenario_path=str(root / "scenarios/survey.yaml"),
             overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05},
         )
-        pilot, outcome, expected = inputs.planner(), Outcome(), inputs.take_off()
+        pilot, outcome, expected = inputs.planner(), Outcome(), inputs.preflight()
         steps = list(fly(inputs.world, pilot, outcome))
         summary = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name=planner, expected=expected)
         folder = base / planner
@@ -36,7 +36,7 @@ def test_each_decision_is_a_line(written):
     folder, _, outcome = written["joint"]
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
     assert len(rows) == len(outcome.records) > 20
-    keys = [field.name for field in fields(Record)]
+    keys = [field.name for field in fields(DecisionRecord)]
     for row, record in zip(rows, outcome.records, strict=True):
         assert list(row) == keys
         assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)
@@ -83,7 +83,7 @@ def test_without_a_forecast_there_is_none(root):
     )
     pilot, outcome = inputs.planner(), Outcome()
     list(fly(inputs.world, pilot, outcome))
-    expected = inputs.take_off()
+    expected = inputs.preflight()
     summary = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name="paper", expected=expected)
     assert (expected is None) == bool(inputs.world.battery.prescribed)
     assert (summary["energy_forecast"] is None) == (expected is None)

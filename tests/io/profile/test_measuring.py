@@ -18,8 +18,8 @@ from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.measuring import (
     FEWEST,
     Launch,
+    MeasurementSettings,
     RealClock,
-    Settings,
     check_command,
     filled,
     launched,
@@ -117,7 +117,7 @@ def run(board: Board, configurations: Sequence[Configuration], **settings: float
         ["detect", "{fps}"],
         configurations,
         board.sensor,
-        Settings(**settings),
+        MeasurementSettings(**settings),
         board,
         board.launch,  # type: ignore[arg-type]
     )
@@ -226,7 +226,7 @@ def test_a_late_sample_delays_those_after_it(tmp_path: Path, board: Callable[...
 
 def test_progress_is_told(board: Callable[..., Board]) -> None:
     made, said = board(warm), []
-    measure(["detect", "{fps}"], at(2), made.sensor, Settings(idle_s=1), made, made.launch, said.append)
+    measure(["detect", "{fps}"], at(2), made.sensor, MeasurementSettings(idle_s=1), made, made.launch, said.append)
     assert said == ["idle", "fps=2 (1 of 1): warming up", "fps=2 (1 of 1): 3 W ± 0.00019 W"]
 
 
@@ -247,7 +247,7 @@ def test_places_in_the_command() -> None:
 
 
 def test_what_was_measured_is_read_back(board: Callable[..., Board]) -> None:
-    made, settings = board(noisy(0.5)), Settings(warm_up_s=0, accuracy=0.2, idle_s=2)
+    made, settings = board(noisy(0.5)), MeasurementSettings(warm_up_s=0, accuracy=0.2, idle_s=2)
     measured, idle = measure(["detect", "{fps}"], at(2, 4, 6), made.sensor, settings, made, made.launch)
     body = measurements_csv(measured, idle, ["detect", "{fps}"], made.sensor, settings)
     assert body.splitlines()[:4] == [

@@ -16,7 +16,7 @@ from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
 from eadp.errors import PathUndefined
 from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.executor import LATCHED, LIVE, Itinerary, Rules, reaches, shift_at
+from eadp.models.plan.executor import LATCHED, LIVE, PlanExecutor, Rules, reaches, shift_at
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
 
@@ -38,8 +38,8 @@ def plan_of(text) -> Plan:
     return read_plan(Text("p", text))[0]
 
 
-def begun(plan, parameters=(), position=None, rules=FLOWN) -> Itinerary:
-    return Itinerary(plan, parameters, position or default_start(plan, parameters)[0], rules)
+def begun(plan, parameters=(), position=None, rules=FLOWN) -> PlanExecutor:
+    return PlanExecutor(plan, parameters, position or default_start(plan, parameters)[0], rules)
 
 
 def polyline(*corners, step_m=STEP_M):

@@ -25,9 +25,9 @@ from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan import route as ahead
-from eadp.models.plan.executor import LIVE, Itinerary, Rules
+from eadp.models.plan.executor import LIVE, PlanExecutor, Rules
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import Course, Follower, left_m
+from eadp.models.plan.route import Route, RoutePredictor, left_m
 from eadp.models.plan.trace import default_start, first_beyond_m, leg_points, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
@@ -136,7 +136,7 @@ def box_of(plan: Plan, index=0):
 
 def begun(plan, parameters, rules=FLOWN):
     start = default_start(plan, parameters)[0]
-    return Follower(plan, tuple(parameters), start, rules), start
+    return RoutePredictor(plan, tuple(parameters), start, rules), start
 
 
 def of_legs(legs):
@@ -223,7 +223,7 @@ class Flown:
     whole: bool = True
 
 
-def way(itinerary: Itinerary, begin) -> Iterator[tuple[tuple[float, float], float]]:
+def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], float]]:
     """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
     (ox, oy), (tx, ty), stage = itinerary.offset_m, itinerary.trigger_m, itinerary.stage
     local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
@@ -258,8 +258,8 @@ def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN, follower=No
 
     Returns the stages flown, and what a follower told of each stage says of the rest at the begin of each.
     """
-    itinerary = Itinerary(plan, parameters, start, rules)
-    follower = follower or Follower(plan, tuple(parameters), start, rules)
+    itinerary = PlanExecutor(plan, parameters, start, rules)
+    follower = follower or RoutePredictor(plan, tuple(parameters), start, rules)
     decided, begin = tuple(parameters), start
     flights, forecasts = [], []
     for k in range(500):
@@ -344,7 +344,7 @@ def test_a_decision_that_comes_a_moment_late_is_corrected_by_what_is_observed():
     # the planner decides in the very step in which the stage changes: the itinerary begins it with the old values
     plan = nearly_a_point(survey())
     start = default_start(plan, (0.0, 10.0))[0]
-    itinerary, follower = Itinerary(plan, (0.0, 10.0), start, FLOWN), Follower(plan, (0.0, 10.0), start, FLOWN)
+    itinerary, follower = PlanExecutor(plan, (0.0, 10.0), start, FLOWN), RoutePredictor(plan, (0.0, 10.0), start, FLOWN)
     begin, new = start, (-900.0, 10.0)
     for k in range(12):
         for point, _ in way(itinerary, begin):
@@ -363,7 +363,7 @@ def test_a_decision_that_comes_a_moment_late_is_corrected_by_what_is_observed():
 def test_a_late_decision_where_sets_differ_between_stages():
     plan = nearly_a_point(plan_of(BOXES_DIFFER))
     start = (0.0, 0.0)
-    itinerary, follower = Itinerary(plan, (20.0,), start, FLOWN), Follower(plan, (20.0,), start, FLOWN)
+    itinerary, follower = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor(plan, (20.0,), start, FLOWN)
     begin, new, course = start, (0.0,), follower.course((20.0,))
     for k in range(6):
         for point, _ in way(itinerary, begin):
@@ -383,7 +383,7 @@ def test_a_late_decision_where_sets_differ_between_stages():
 
 def test_a_late_decision_is_told_from_what_was_decided_before_it_whatever_is_decided_for_computations():
     text = BOXES_DIFFER.replace("[5, 10]\n", "[5, 10]\n[2, 10]\n").replace("[0, 20]\n", "[0, 20]\n[2, 10]\n")
-    follower = Follower(plan_of(text), (20.0, 10.0), (0.0, 0.0), FLOWN)
+    follower = RoutePredictor(plan_of(text), (20.0, 10.0), (0.0, 0.0), FLOWN)
     follower.next_stage((20.0, 10.0))
     for decided in ((7.0, 10.0), (7.0, 6.0), (7.0, 8.0)):
         follower.decide(decided)
@@ -394,7 +394,7 @@ def test_a_late_decision_is_told_from_what_was_decided_before_it_whatever_is_dec
 def test_a_late_decision_in_a_plan_of_parts():
     sets = PARTS.split("[-900, 0]\n")
     text = "[-900, 0]\n".join(sets[:4]) + "[-900, -500]\n" + "[-900, 0]\n".join(sets[4:])
-    follower = Follower(plan_of(text), (-100.0, 10.0), (10.0, 10.0), FLOWN)
+    follower = RoutePredictor(plan_of(text), (-100.0, 10.0), (10.0, 10.0), FLOWN)
     for stage, told in ((2, -100.0), (3, -100.0)):
         follower.next_stage((told, 10.0))
         assert follower.stage.index == stage
@@ -506,13 +506,13 @@ def test_free_and_shares_by_leg():
 
 
 def test_a_course_of_no_legs_takes_no_time():
-    times, turning = Course((), (), ()).times_s(15.0, (0.0, 0.0))
+    times, turning = Route((), (), ()).times_s(15.0, (0.0, 0.0))
     assert len(times) == len(turning) == 0
 
 
 def test_stages_without_sets_have_no_shares():
     plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
-    follower = Follower(plan, (3.0,), (3.0, 0.0), FLOWN)
+    follower = RoutePredictor(plan, (3.0,), (3.0, 0.0), FLOWN)
     course = follower.course((3.0,))
     assert not course.shares.any()
     assert not course.free.any()
@@ -587,7 +587,7 @@ def test_a_simulated_flight_takes_the_times_told(wind):
     for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
         pass
     assert outcome.completed
-    course = Follower(plan, parameters, start, FLOWN).course(parameters)
+    course = RoutePredictor(plan, parameters, start, FLOWN).course(parameters)
     times, _ = course.times_s(plane.airspeed_mps, wind.steady_mps)
     ends = [0.0, *outcome.stage_times_s, outcome.duration_s]
     durations = np.diff(ends)
@@ -619,7 +619,7 @@ def test_left_along_each_leg(make):
 
 
 def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
-    follower = Follower(plan_of(ROUND_TWICE), (), (50.0, 0.0), FLOWN)
+    follower = RoutePredictor(plan_of(ROUND_TWICE), (), (50.0, 0.0), FLOWN)
     leg = follower.course(()).legs[0]
     assert leg.length_m == pytest.approx(100 * math.pi)
     assert left_m(leg, (50.0, 0.0), 0.0) == pytest.approx(100 * math.pi)
@@ -653,7 +653,7 @@ def first_by_steps(leg, final, shift, radius_m, step_m=0.01):
 
 def a_leg(path, begin, trigger, rotation=90):
     plan = plan_of(f"0.1; {rotation}; {path}\n{trigger[0]!r}, {trigger[1]!r}\n")
-    follower = Follower(plan, (), begin, FLOWN)
+    follower = RoutePredictor(plan, (), begin, FLOWN)
     return follower.course(()).legs[0]
 
 

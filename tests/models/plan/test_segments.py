@@ -10,8 +10,8 @@ from common.plans import PARTS
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan.text import plan_text, read_plan
 from eadp.io.text.streams import Text
-from eadp.models.plan.cursor import Walk
-from eadp.models.plan.executor import Itinerary, Rules
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.executor import PlanExecutor, Rules
 from eadp.models.plan.trace import nominal_legs
 from eadp.validation.check import check_plan
 
@@ -39,11 +39,11 @@ def test_laps_follow_one_another_until_the_condition_holds(c1):
     while s < 90:
         expected += [(index, pytest.approx(s)) for index in (2, 3, 4, 5)]
         s = min(s + step(c1), 90)
-    assert stages(Walk(plan(), [c1, 10])) == [*expected, (6,)]
+    assert stages(PlanCursor(plan(), [c1, 10])) == [*expected, (6,)]
 
 
 def test_a_change_waits_for_the_stage_before_the_laps_bend():
-    walk = Walk(plan(), [0.0, 10.0])
+    walk = PlanCursor(plan(), [0.0, 10.0])
     walk.next()
     assert walk.place.stage.index == 2
     walk.decide([-900.0, 4.0])
@@ -63,7 +63,7 @@ def test_laps_that_are_over_before_they_begin_are_passed_over():
         .replace("x - 10\n", "x - 100\n")
         .replace("10, 100", "100, 100")
     )
-    assert [index for index, *_ in stages(Walk(plan(text), [0.0, 10.0]))] == [1, 6]
+    assert [index for index, *_ in stages(PlanCursor(plan(text), [0.0, 10.0]))] == [1, 6]
 
 
 def test_laps_without_end_are_refused():
@@ -103,7 +103,7 @@ def test_the_first_lap_in_parameters_alone():
 def test_flown_stage_by_stage_the_plan_is_its_nominal_legs():
     p = plan()
     legs = nominal_legs(p, [-900.0, 10.0])
-    itinerary = Itinerary(p, (-900.0, 10.0), legs[0].start_m, Rules())
+    itinerary = PlanExecutor(p, (-900.0, 10.0), legs[0].start_m, Rules())
     begun = [itinerary.stage.index]
     for leg in legs:
         for i in range(1, 200):
@@ -181,7 +181,7 @@ def test_more_quantities_than_the_limit_are_refused():
 
 
 def test_where_others_tell_what_is_flown():
-    itinerary = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
     stages = [itinerary.stage.index]
     ahead = {index: itinerary.stages_to(index) for index in range(len(plan().stages) + 2)}
     while itinerary.go_on((0.0, 0.0)):
@@ -193,11 +193,11 @@ def test_where_others_tell_what_is_flown():
 
 
 def test_parameters_that_are_known_to_be_in_force():
-    itinerary = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
     itinerary.go_on(itinerary.trigger_m)
     assert itinerary.believe((-400.0, 10.0), itinerary.trigger_m)
     assert itinerary.parameters == (-400.0, 10.0)
-    last = Itinerary(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    last = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
     while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan().stages)) is not None:
         last.go_on(last.trigger_m)
     x, y = last.trigger_m

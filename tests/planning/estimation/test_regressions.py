@@ -12,7 +12,7 @@ from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.plan import Box
 from eadp.planning.estimation import regressions as observed
-from eadp.planning.estimation.regressions import ChargeFilter, Flown, MotionPower, TimeRatio
+from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.simulation.metrics import ParameterLog
 
 ALGEBRA = 1e-9
@@ -283,7 +283,7 @@ def test_flown_is_what_the_log_of_parameters_says(seed):
     boxes = [(Box(-1000, 0), Box(2, 10)), (Box(-1000, 0), Box(0, 0)), (Box(-300, -300), Box(2, 6))]
     sets, time_s = boxes[0], 0.0
     parameters = (-200.0, 5.0)
-    log, flown = ParameterLog(plan, parameters, sets), Flown(2)
+    log, flown = ParameterLog(plan, parameters, sets), ParameterAverages(2)
     flown.hold(0.0, parameters, sets)
     for _ in range(30):
         time_s += rng.uniform(0, 20)
@@ -300,7 +300,7 @@ def test_flown_is_what_the_log_of_parameters_says(seed):
 
 
 def test_flown_counts_what_had_a_choice_up_to_now():
-    flown = Flown(1)
+    flown = ParameterAverages(1)
     flown.hold(0.0, (4.0,), (Box(2, 10),))
     flown.hold(10.0, (0.0,), (Box(0, 0),))
     flown.hold(15.0, (10.0,), (Box(2, 10),))
@@ -314,11 +314,11 @@ def test_flown_counts_what_had_a_choice_up_to_now():
 
 
 def test_before_anything_is_held_nothing_is_flown():
-    assert Flown(2).until(30.0) == ([0.0, 0.0], [0.0, 0.0])
+    assert ParameterAverages(2).until(30.0) == ([0.0, 0.0], [0.0, 0.0])
 
 
 def test_stages_without_sets_leave_no_choice():
-    flown = Flown(1)
+    flown = ParameterAverages(1)
     flown.hold(0.0, (4.0,), ())
     flown.hold(10.0, (5.0,), ())
     assert flown.times_s == [0.0]

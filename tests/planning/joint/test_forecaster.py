@@ -70,7 +70,7 @@ class Following(TrackingPlanner):
         return decision
 
 
-class Flight(NamedTuple):
+class SweepFlight(NamedTuple):
     """What was told on the way, and what came."""
 
     inputs: object
@@ -90,7 +90,7 @@ def flown(moments_s=MOMENTS_S, **overrides):
     scenario = inputs.scenario
     pilot, outcome = Following(scenario.planner, scenario.estimator, inputs.mission, moments_s), Outcome()
     steps = list(fly(inputs.world, pilot, outcome))
-    return Flight(inputs, outcome, pilot.told, steps)
+    return SweepFlight(inputs, outcome, pilot.told, steps)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from eadp.planning.joint.knapsack import FULL, Steps, allocation_of, envelope_menu, filled
+from eadp.planning.joint.knapsack import FULL, Increments, allocation_of, concave_envelope, fill_greedy
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 LP = 1e-8
@@ -47,7 +47,7 @@ fine_points = st.lists(st.tuples(fine, fine), min_size=1, max_size=9)
 @given(points=st.one_of(points, fine_points))
 def test_the_envelope_is_the_upper_hull(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
-    menu = envelope_menu(powers, values, numbered(len(points)))
+    menu = concave_envelope(powers, values, numbered(len(points)))
     # among the points, the cheapest first, rising in both
     for p, v, (i,) in zip(menu.powers_w, menu.values, menu.configurations, strict=True):
         assert (p, v) == points[int(i)]
@@ -65,17 +65,17 @@ def test_the_envelope_is_the_upper_hull(points):
 @given(points=points)
 def test_no_point_of_the_envelope_is_more_than_is_needed(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
-    menu = envelope_menu(powers, values, numbered(len(points)))
+    menu = concave_envelope(powers, values, numbered(len(points)))
     slopes = np.diff(menu.values) / np.diff(menu.powers_w)
     assert (np.diff(slopes) < 0).all(), "on one line the ends are enough"
 
 
 def test_collinear_duplicate_and_decreasing():
     powers, values = np.array([1.0, 2.0, 3.0, 3.0, 4.0, 2.0]), np.array([0.0, 1.0, 2.0, 2.0, 1.5, 1.0])
-    menu = envelope_menu(powers, values, numbered(6))
+    menu = concave_envelope(powers, values, numbered(6))
     assert menu.powers_w.tolist() == [1, 3]
     assert menu.values.tolist() == [0, 2]
-    falling = envelope_menu(np.array([1.0, 2.0, 3.0]), np.array([2.0, 1.0, 0.0]), numbered(3))
+    falling = concave_envelope(np.array([1.0, 2.0, 3.0]), np.array([2.0, 1.0, 0.0]), numbered(3))
     assert falling.powers_w.tolist() == [1]
 
 
@@ -95,7 +95,7 @@ def steps_of(rng, segments, deepest=4):
             use.append(widths[k])
             gain.append(widths[k] * slopes[k] if widths[k] else rng.uniform(0, 0.1) if k == 0 else 0.0)
     order = np.array(segment, dtype=np.intp), np.array(level, dtype=np.intp)
-    return Steps(*order, np.array(use, dtype=float), np.array(gain, dtype=float), 0.1, 0.3)
+    return Increments(*order, np.array(use, dtype=float), np.array(gain, dtype=float), 0.1, 0.3)
 
 
 def by_linear_program(steps, available):
@@ -107,7 +107,7 @@ def test_filled_against_a_linear_program(seed):
     rng = np.random.default_rng(seed)
     steps = steps_of(rng, rng.integers(1, 12))
     available = 0.1 + rng.uniform(0, 1.1) * steps.use.sum()
-    found = filled(steps, available)
+    found = fill_greedy(steps, available)
     assert found.feasible
     assert ((found.shares >= 0) & (found.shares <= 1)).all()
     assert found.use == pytest.approx(steps.least_use + steps.use @ found.shares)
@@ -122,7 +122,7 @@ def test_filled_against_a_linear_program(seed):
 def test_a_segments_steps_come_in_order(seed):
     rng = np.random.default_rng(seed)
     steps = steps_of(rng, 6)
-    found = filled(steps, 0.1 + 0.5 * steps.use.sum())
+    found = fill_greedy(steps, 0.1 + 0.5 * steps.use.sum())
     for s in range(6):
         own = found.shares[steps.segment == s]
         taken = steps.use[steps.segment == s] > 0
@@ -131,42 +131,42 @@ def test_a_segments_steps_come_in_order(seed):
 
 def test_more_charge_is_never_worth_less():
     steps = steps_of(np.random.default_rng(7), 10)
-    values = [filled(steps, 0.1 + share * steps.use.sum()).value for share in np.linspace(0, 1.3, 60)]
+    values = [fill_greedy(steps, 0.1 + share * steps.use.sum()).value for share in np.linspace(0, 1.3, 60)]
     assert (np.diff(values) >= -LP).all()
     assert values[-1] == pytest.approx(0.3 + steps.gain.sum())
 
 
 def test_too_little_charge_is_said_and_nothing_taken():
     steps = steps_of(np.random.default_rng(3), 4)
-    found = filled(steps, 0.1 - 1e-6)
+    found = fill_greedy(steps, 0.1 - 1e-6)
     assert not found.feasible
     assert not found.shares.any()
     assert (found.use, found.value) == (0.1, 0.3)
-    just = filled(steps, 0.1 - FULL / 2)
+    just = fill_greedy(steps, 0.1 - FULL / 2)
     assert just.feasible
     assert just.value >= 0.3
 
 
 def test_nothing_to_choose():
     none = np.zeros(0)
-    steps = Steps(none.astype(np.intp), none.astype(np.intp), none, none, 0.2, 0.5)
-    assert filled(steps, 0.3).value == 0.5
-    assert filled(steps, 0.3).feasible
-    assert not filled(steps, 0.1).feasible
+    steps = Increments(none.astype(np.intp), none.astype(np.intp), none, none, 0.2, 0.5)
+    assert fill_greedy(steps, 0.3).value == 0.5
+    assert fill_greedy(steps, 0.3).feasible
+    assert not fill_greedy(steps, 0.1).feasible
 
 
 def test_steps_that_take_nothing_come_first():
     places = np.arange(3, dtype=np.intp)
-    steps = Steps(places, 0 * places, np.array([0.1, 0.0, 0.2]), np.array([0.1, 0.01, 0.1]), 0.0, 0.0)
+    steps = Increments(places, 0 * places, np.array([0.1, 0.0, 0.2]), np.array([0.1, 0.01, 0.1]), 0.0, 0.0)
     assert np.isinf(steps.efficiency[1])
-    found = filled(steps, 0.0)
+    found = fill_greedy(steps, 0.0)
     assert found.shares.tolist() == [0, 1, 0]
-    assert filled(steps, 0.2).shares == pytest.approx([1, 1, 0.5])
+    assert fill_greedy(steps, 0.2).shares == pytest.approx([1, 1, 0.5])
 
 
 def test_what_shares_add_up_to():
     places = np.arange(2, dtype=np.intp)
-    steps = Steps(places, 0 * places, np.array([0.1, 0.3]), np.array([2.0, 1.0]), 0.5, 0.25)
+    steps = Increments(places, 0 * places, np.array([0.1, 0.3]), np.array([2.0, 1.0]), 0.5, 0.25)
     found = allocation_of(steps, np.array([1.0, 0.5]))
     assert (found.use, found.value) == pytest.approx((0.75, 2.75))
     assert found.feasible

@@ -22,9 +22,9 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.joint.knapsack import Steps
+from eadp.planning.joint.knapsack import Increments
 from eadp.planning.joint.planner import JUMPED, NEW_STAGE, TIME, WARM_UP_S
-from eadp.planning.joint.program import Prospect
+from eadp.planning.joint.program import Candidate
 from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -34,7 +34,7 @@ STEP_S = 0.05
 TIGHT = {"battery.capacity_ah": 0.305}
 
 
-class Flight(NamedTuple):
+class SweepFlight(NamedTuple):
     """A flight of the survey."""
 
     inputs: object
@@ -61,7 +61,7 @@ def flown(**overrides):
     )
     pilot, outcome = Recorder(inputs.planner()), Outcome()
     steps = list(fly(inputs.world, pilot, outcome))
-    return Flight(inputs, outcome, pilot, steps)
+    return SweepFlight(inputs, outcome, pilot, steps)
 
 
 @pytest.fixture(scope="module")
@@ -324,8 +324,8 @@ def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
 
     def outlook(shares):  # a higher share is worth more, and all of them lack a little
         (p,) = shares
-        steps = Steps(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
-        return Prospect(shares, (1, 2), steps, 0.4995, 0.005)
+        steps = Increments(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
+        return Candidate(shares, (1, 2), steps, 0.4995, 0.005)
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
     pilot._ahead = SimpleNamespace(prospect=outlook, shares=(0.0,), open=[0], before_latch=True)

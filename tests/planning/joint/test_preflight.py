@@ -49,7 +49,7 @@ def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
     path = ROOT / "plans/survey.plan" if plan == "survey" else meadow
     more = {"parameters.c1": -1000.0} if plan == "survey" and planner == "static" else {}
     inputs = inputs_of(path, planner, **wind, **more, **{"battery.capacity_ah": battery_ah})
-    expected = inputs.take_off()
+    expected = inputs.preflight()
     assert expected is not None
     assert expected.feasible
     told, outcome = expected.forecast, flown(inputs)
@@ -77,7 +77,7 @@ def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
     inputs = inputs_of(ROOT / "plans/survey.plan", planner, **{"battery.capacity_ah": 0.15})
-    expected = inputs.take_off()
+    expected = inputs.preflight()
     assert not expected.feasible
     assert expected.forecast.completes_probability < 0.5
     assert expected.forecast.soc_end < 0
@@ -86,8 +86,8 @@ def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
 
 def test_joint_is_planned_as_it_would_be_in_the_air():
     """With charge for all, the highest of both; with less, widest spacing before the least computations or the like."""
-    plenty = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 3.0}).take_off()
-    short = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 0.35}).take_off()
+    plenty = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 3.0}).preflight()
+    short = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 0.35}).preflight()
     assert plenty.parameters["c1"] > -30
     assert plenty.parameters["c2"] == pytest.approx(10)
     assert plenty.quality > 0.95
@@ -98,19 +98,19 @@ def test_joint_is_planned_as_it_would_be_in_the_air():
 
 def test_a_charge_that_is_replayed_is_not_forecast():
     inputs = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.prescribed": [[0, 1], [400, 0.2]]})
-    assert inputs.take_off() is None
+    assert inputs.preflight() is None
 
 
 @pytest.mark.parametrize("planner", ["static", "paper", "joint"])
 def test_a_wind_that_cannot_be_flown_in_has_no_forecast(planner):
     inputs = inputs_of(ROOT / "plans/survey.plan", planner)
     stormy = replace(inputs, world=replace(inputs.world, wind=replace(inputs.world.wind, speed_mps=40.0)))
-    assert stormy.take_off() is None
+    assert stormy.preflight() is None
 
 
 def test_gusts_make_it_less_sure():
     stds = [
-        inputs_of(ROOT / "plans/survey.plan", "static", **{"wind.gust_std_mps": gust}).take_off().forecast
+        inputs_of(ROOT / "plans/survey.plan", "static", **{"wind.gust_std_mps": gust}).preflight().forecast
         for gust in (0.0, 2.0)
     ]
     assert stds[1].remaining_std_s > stds[0].remaining_std_s
@@ -121,7 +121,7 @@ def test_a_plan_without_parameters_has_a_forecast(tmp_path):
     path = tmp_path / "line.plan"
     path.write_text("0.1; 90; x\n0, 400\n")
     inputs = load_flight(str(path))
-    expected = inputs.take_off()
+    expected = inputs.preflight()
     assert (expected.parameters, expected.quality) == ({}, None)
     # from 100 m before the trigger to it at 15 m/s
     assert expected.forecast.remaining_s == pytest.approx(100 / 15)

@@ -13,14 +13,14 @@ from scipy.optimize import linprog
 
 from eadp.errors import Infeasible, SolverFailed
 from eadp.planning.joint import program as mission_program
-from eadp.planning.joint.knapsack import FULL, Steps, allocation_of
+from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from eadp.planning.joint.program import (
     CLOSED_FORM,
     INFEASIBLE,
     SCANNED,
     SOLVED,
+    Candidate,
     MissionProgram,
-    Prospect,
     best_at,
 )
 
@@ -84,7 +84,7 @@ class Mission:
             use.append(np.outer(own, np.diff(powers)).ravel())
             gain.append(np.outer(own, np.diff(self.values[kind])).ravel())
         worth = (1 - self.weight) / total
-        steps = Steps(
+        steps = Increments(
             np.concatenate(segment),
             np.concatenate(level),
             np.concatenate(use),
@@ -92,7 +92,7 @@ class Mission:
             least_use,
             least_value * worth + self.weight * float(p.mean()),
         )
-        return Prospect(tuple(shares), (laps,), steps, available - float(self.margin @ p**2))
+        return Candidate(tuple(shares), (laps,), steps, available - float(self.margin @ p**2))
 
     def __call__(self, shares):
         assert len(shares) == self.dimensions
@@ -342,7 +342,7 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
     def outlook(shares):
         (p,) = shares
         places = none.astype(np.intp)
-        return Prospect(shares, (int(p * 5),), Steps(places, places, none, none, 0.4 + (p > 0.31), p), 0.9)
+        return Candidate(shares, (int(p * 5),), Increments(places, places, none, none, 0.4 + (p > 0.31), p), 0.9)
 
     answer = MissionProgram(1).solve(outlook, (1.0,))
     assert answer.value == pytest.approx(0.31, abs=5e-4)

@@ -17,11 +17,11 @@ from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile
 from eadp.models.plan.executor import Rules
-from eadp.models.plan.route import Follower
+from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.planning.joint import terms as prospects
-from eadp.planning.joint.knapsack import filled
-from eadp.planning.joint.terms import QUALITY, TOTAL, Past, Segments, Terrain
+from eadp.planning.joint.knapsack import fill_greedy
+from eadp.planning.joint.terms import QUALITY, TOTAL, FlownShares, RouteLoad, TermBuilder
 
 ALGEBRA = 1e-9
 LOWEST_VOLTAGE = 0.02
@@ -93,14 +93,14 @@ class Case:
         rng = np.random.default_rng(self.seed)
         count = len(self.plan.parameters)
         first = tuple(self.plan.hull(i).hi for i in range(count)) if self.plan.has_sets else ()
-        follower = Follower(self.plan, first, (0.0, -50.0), Rules())
+        follower = RoutePredictor(self.plan, first, (0.0, -50.0), Rules())
         decided = tuple(box.lo + 0.7 * (box.hi - box.lo) for box in (self.plan.hull(i) for i in range(len(first))))
         self.course = follower.course(decided)
         n = len(self.course.legs)
         motion = rng.uniform(30, 40, n)
-        self.segments = Segments(rng.uniform(2, 20, n), motion, motion + rng.uniform(0, 3, n), 5.0, 100.0)
-        self.past = Past(rng.uniform(0, 100, count).tolist(), (rng.uniform(0, 100, count) * 0.5).tolist())
-        self.terrain = Terrain(
+        self.segments = RouteLoad(rng.uniform(2, 20, n), motion, motion + rng.uniform(0, 3, n), 5.0, 100.0)
+        self.past = FlownShares(rng.uniform(0, 100, count).tolist(), (rng.uniform(0, 100, count) * 0.5).tolist())
+        self.terrain = TermBuilder(
             self.plan, self.computing, self.battery, self.weights, self.levels, self.trade_offs, self.objective
         )
 
@@ -306,8 +306,8 @@ def test_filled_terms_are_the_best_mixes_of_all_configurations(name):
     )
     best = at_base - exact.fun
     # a battery's use bends upwards with power: configurations off the envelope in power may be worth a trace more
-    assert filled(terms.steps, available).value == pytest.approx(best, abs=max(it.algebra / 10, 1e-4))
-    assert filled(terms.steps, available).value <= best + (ALGEBRA if it.algebra == ALGEBRA else it.algebra / 10)
+    assert fill_greedy(terms.steps, available).value == pytest.approx(best, abs=max(it.algebra / 10, 1e-4))
+    assert fill_greedy(terms.steps, available).value <= best + (ALGEBRA if it.algebra == ALGEBRA else it.algebra / 10)
 
 
 def test_total_adds_up_the_computations_over_time():

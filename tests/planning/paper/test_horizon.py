@@ -20,7 +20,7 @@ from scipy.optimize import linprog, minimize
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.paper import horizon as module
-from eadp.planning.paper.horizon import COSTS, Computations, Horizon, Outlook
+from eadp.planning.paper.horizon import COSTS, ComputationLevels, Horizon, HorizonForecast
 from eadp.planning.qp import QuadraticProgram
 
 EXACT = 1e-9
@@ -45,8 +45,8 @@ class Case:
     """A problem, and the functions that say what is right of it."""
 
     battery: Battery
-    computations: Computations
-    outlook: Outlook
+    computations: ComputationLevels
+    outlook: HorizonForecast
     cost: str
     trade_offs: list
     power: Callable
@@ -145,7 +145,7 @@ def one_computation(rng, shape, levels):
     def power(c):
         return float(np.interp(c[0], places, watts))
 
-    return Computations(places[:1], places[-1:], [tuple(places.tolist())], power)
+    return ComputationLevels(places[:1], places[-1:], [tuple(places.tolist())], power)
 
 
 def two_computations(rng, levels=3):
@@ -157,7 +157,7 @@ def two_computations(rng, levels=3):
     def power(c):
         return float(1.0 + slopes @ c + both * c[0] * c[1])
 
-    return Computations(low, np.array([levels[-1] for levels in sets]), sets, power)
+    return ComputationLevels(low, np.array([levels[-1] for levels in sets]), sets, power)
 
 
 def case(rng, computations, steps, cost, trade_offs=(), tight=True):
@@ -172,13 +172,13 @@ def case(rng, computations, steps, cost, trade_offs=(), tight=True):
     swing = rng.choice([0.5, 3.0, 6.0])
     mean = np.maximum(20.0 + swing * rng.normal(size=steps), 0.0)
     limit = mean + swing * rng.uniform(0.0, 0.5, steps)
-    outlook = Outlook(limit, mean, 1.0, float(rng.choice([1.0, 2.0])), float(mean.mean()), 3.0)
+    outlook = HorizonForecast(limit, mean, 1.0, float(rng.choice([1.0, 2.0])), float(mean.mean()), 3.0)
     found = Case(battery, computations, outlook, cost, list(trade_offs), computations.power)
     least, most = computations.power(computations.low), computations.power(computations.high)
     spare = rng.uniform(0.0, 1.0) ** 2 * (most - least + swing)
     soc = (limit.max() + least + spare) / battery.power_per_soc_w
     soc += sum(found.drop(m, least) for m in range(steps)) * rng.choice([0.9, 1.0, 1.2])
-    found.outlook = Outlook(limit, mean, soc, outlook.step_s, outlook.level_w, outlook.ripple_w2)
+    found.outlook = HorizonForecast(limit, mean, soc, outlook.step_s, outlook.level_w, outlook.ripple_w2)
     return found
 
 
@@ -246,7 +246,7 @@ def test_integers_of_two_computations_against_brute_force(cost, traded, record_p
 def test_a_power_that_falls_is_no_reason_to_give_up():
     """The lowest level is not that of least power: it is the least power that must be admissible."""
     rng = np.random.default_rng(0)
-    computations = Computations(
+    computations = ComputationLevels(
         np.array([1.0]),
         np.array([4.0]),
         [(1.0, 2.0, 3.0, 4.0)],
@@ -255,7 +255,7 @@ def test_a_power_that_falls_is_no_reason_to_give_up():
     for cost in COSTS:
         found = case(rng, computations, 4, cost, tight=False)
         spare = (found.outlook.limit_motion_w.max() + 3.5) / found.battery.power_per_soc_w
-        found.outlook = Outlook(
+        found.outlook = HorizonForecast(
             *(getattr(found.outlook, name) for name in ("limit_motion_w", "mean_motion_w")), spare, 1.0
         )
         plan = found.horizon().solve(found.outlook)
@@ -267,10 +267,10 @@ def test_many_combinations_are_thinned_and_still_admissible():
     rng = np.random.default_rng(2)
     levels = tuple(np.arange(0.0, 31.0).tolist())
     weights = np.array([0.1, 0.07, 0.15])
-    computations = Computations(np.zeros(3), np.full(3, 30.0), [levels] * 3, lambda c: 1.0 + float(weights @ c))
+    computations = ComputationLevels(np.zeros(3), np.full(3, 30.0), [levels] * 3, lambda c: 1.0 + float(weights @ c))
     found = case(rng, computations, 4, "control", [([1.0, 1.0, 1.0], 20.0)], tight=False)
     soc = (found.outlook.limit_motion_w.max() + 6.0) / found.battery.power_per_soc_w
-    found.outlook = Outlook(found.outlook.limit_motion_w, found.outlook.mean_motion_w, soc, 1.0)
+    found.outlook = HorizonForecast(found.outlook.limit_motion_w, found.outlook.mean_motion_w, soc, 1.0)
     plan = found.horizon().solve(found.outlook)
     check_answer(found, plan)
     assert plan.gap < 0.1
@@ -442,7 +442,7 @@ def test_answers_of_a_flight_do_not_depend_on_the_last(cost, closed_form):
     for _ in range(30):
         motion = 24.0 + 3.0 * rng.normal(size=10)
         soc = float((motion.max() + 5.0 + 4.0 * rng.random()) / found.allowed_w(1.0) + 0.02)
-        found.outlook = Outlook(motion, motion, soc, 1.0, 24.0)
+        found.outlook = HorizonForecast(motion, motion, soc, 1.0, 24.0)
         plan, fresh = horizon.solve(found.outlook), found.horizon(closed_form).solve(found.outlook)
         check_answer(found, plan)
         assert np.array_equal(plan.chosen, fresh.chosen)
@@ -457,10 +457,10 @@ def test_a_long_horizon_short_of_charge(shape):
     motion = 26.0 + 4.0 * np.sin(2 * np.pi * np.arange(46) / 46)
     least = found.power(found.computations.low)
     for spare_w in (0.01, 0.5, 2.0):
-        found.outlook = Outlook(motion, motion, 1.0, 1.0, 26.0)
+        found.outlook = HorizonForecast(motion, motion, 1.0, 1.0, 26.0)
         drops = np.cumsum([found.drop(m, least) for m in range(46)])
         soc = float(np.max((motion + least + spare_w) / found.allowed_w(1.0) + drops))
-        found.outlook = Outlook(motion, motion, soc, 1.0, 26.0)
+        found.outlook = HorizonForecast(motion, motion, soc, 1.0, 26.0)
         check_answer(found, found.horizon().solve(found.outlook))
 
 
@@ -472,10 +472,10 @@ def test_like_steps_do_not_share_what_is_better_not_shared():
     found = easy(steps=4)
     found.battery = Battery(14.8, 0.0012, 3.2, 0.02, 1.0, 1.0)
     motion = np.array([20.0, 20.0, 20.0, 26.0])
-    found.outlook = Outlook(motion, motion, 1.0, 1.0, 20.0)
+    found.outlook = HorizonForecast(motion, motion, 1.0, 1.0, 20.0)
     least = found.power(found.computations.low)
     used = sum(found.drop(m, least) for m in range(4))
-    found.outlook = Outlook(motion, motion, (motion[3] + least + 0.05) / found.allowed_w(1.0) + used, 1.0, 20.0)
+    found.outlook = HorizonForecast(motion, motion, (motion[3] + least + 0.05) / found.allowed_w(1.0) + used, 1.0, 20.0)
     plan = found.horizon().solve(found.outlook)
     check_answer(found, plan)
     assert np.sum(plan.relaxed[:3, 0] > found.computations.low[0] + 1e-3) == 1
@@ -486,12 +486,12 @@ def test_like_steps_do_not_share_what_is_better_not_shared():
 
 def easy(cost="control", steps=5, soc=0.7):
     """The letter's computation and battery."""
-    computations = Computations(
+    computations = ComputationLevels(
         np.array([2.0]), np.array([10.0]), [(2.0, 4.0, 6.0, 8.0, 10.0)], lambda c: 4.75376 + 0.6251075 * (c[0] - 2.0)
     )
     motion = 24.0 + 3.0 * np.sin(np.arange(steps))
     battery = Battery(14.8, 0.0012, 3.2, 0.00183, 1.0, 1.0)
-    outlook = Outlook(motion, motion, soc, 1.0, 24.0)
+    outlook = HorizonForecast(motion, motion, soc, 1.0, 24.0)
     return Case(battery, computations, outlook, cost, [], computations.power)
 
 
@@ -528,7 +528,7 @@ def test_an_outlook_that_is_not_a_number_is_a_failure(part):
     spoilt = {name: getattr(found.outlook, name) for name in ("limit_motion_w", "mean_motion_w", "soc", "step_s")}
     spoilt[part] = np.nan if part == "soc" else np.r_[spoilt[part][:-1], np.nan]
     with pytest.raises(SolverFailed):
-        horizon.solve(Outlook(**spoilt))
+        horizon.solve(HorizonForecast(**spoilt))
     assert horizon.solve(found.outlook).relaxed == pytest.approx(before.relaxed)
 
 
@@ -547,8 +547,8 @@ def test_a_solver_that_always_fails_is_told(monkeypatch):
 @pytest.mark.parametrize("cost", COSTS)
 def test_nothing_to_gain_is_no_trouble(cost):
     """A computation whose power is the same at every level, and one with a single level."""
-    flat = Computations(np.array([1.0]), np.array([3.0]), [(1.0, 2.0, 3.0)], lambda c: 5.0)
-    single = Computations(np.array([2.0]), np.array([2.0]), [(2.0,)], lambda c: 5.0)
+    flat = ComputationLevels(np.array([1.0]), np.array([3.0]), [(1.0, 2.0, 3.0)], lambda c: 5.0)
+    single = ComputationLevels(np.array([2.0]), np.array([2.0]), [(2.0,)], lambda c: 5.0)
     for computations in (flat, single):
         found = easy(cost, soc=0.9)
         plan = Horizon(computations, found.battery, found.steps, cost).solve(found.outlook)

@@ -18,7 +18,7 @@ from eadp.simulation.sweep.design import (
     Normal,
     Result,
     Run,
-    Sample,
+    SampleDesign,
     Uniform,
     make_runs,
     shard,
@@ -29,7 +29,7 @@ LAWS = {"u": Uniform(2.0, 4.0), "n": Normal(10.0, 3.0), "c": Choice(("a", "b", "
 
 
 def test_a_design_is_the_product_of_its_parts():
-    sample = Sample(3, {"u": Uniform(0.0, 1.0)})
+    sample = SampleDesign(3, {"u": Uniform(0.0, 1.0)})
     design = Design({"a": [1, 2], "b": ["x", "y", "z"]}, {"c": [5, 6], "d": [7, 8]}, sample, 2)
     drawn = sample.draws["u"]
     expected = [
@@ -58,7 +58,7 @@ def test_a_million_runs_take_no_room():
 
 @pytest.mark.parametrize("method", ["random", LATIN])
 def test_samples_have_their_distributions(method):
-    draws = Sample(4000, LAWS, 7, method).draws
+    draws = SampleDesign(4000, LAWS, 7, method).draws
     assert stats.kstest(draws["u"], stats.uniform(2.0, 2.0).cdf).pvalue > 0.001
     assert stats.kstest(draws["n"], stats.norm(10.0, 3.0).cdf).pvalue > 0.001
     assert stats.chisquare([draws["c"].count(value) for value in "abc"]).pvalue > 0.001
@@ -66,18 +66,18 @@ def test_samples_have_their_distributions(method):
 
 
 def test_a_latin_hypercube_has_one_draw_in_each_part():
-    draws = Sample(50, LAWS, 3, LATIN).draws
+    draws = SampleDesign(50, LAWS, 3, LATIN).draws
     assert sorted(int((value - 2.0) / 2.0 * 50) for value in draws["u"]) == list(range(50))
     assert sorted(int(stats.norm(10.0, 3.0).cdf(value) * 50) for value in draws["n"]) == list(range(50))
 
 
 def test_draws_are_the_seeds_and_stay_when_keys_or_runs_are_added():
-    draws = Sample(20, LAWS, 3).draws
-    assert Sample(20, LAWS, 3).draws == draws
-    assert Sample(20, LAWS, 4).draws != draws
-    assert {name: values[:20] for name, values in Sample(30, LAWS, 3).draws.items()} == draws
+    draws = SampleDesign(20, LAWS, 3).draws
+    assert SampleDesign(20, LAWS, 3).draws == draws
+    assert SampleDesign(20, LAWS, 4).draws != draws
+    assert {name: values[:20] for name, values in SampleDesign(30, LAWS, 3).draws.items()} == draws
     first = dict(itertools.islice(LAWS.items(), 1))
-    assert Sample(20, first, 3).draws["u"] == draws["u"]
+    assert SampleDesign(20, first, 3).draws["u"] == draws["u"]
 
 
 @given(st.lists(st.integers(), unique=True, max_size=300))

@@ -11,7 +11,7 @@ import signal
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.simulation.sweep.engines import Cluster, Here, Pool, cores
+from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine, cores
 
 DEATH = functools.partial(os._exit, 3)
 
@@ -49,12 +49,12 @@ RUNS = [product(i) for i in range(30)]
 
 
 def test_here():
-    engine = Here(operator.call)
+    engine = SerialEngine(operator.call)
     assert made(engine, RUNS) == expected(RUNS)
 
 
 def test_a_pool_makes_every_run_and_leaves_no_process():
-    engine = Pool(operator.call, 2)
+    engine = PoolEngine(operator.call, 2)
     assert made(engine, RUNS) == expected(RUNS)
     pids = list(made(engine, [functools.partial(os.getpid)]).values())
     assert pids != [os.getpid()]
@@ -63,7 +63,7 @@ def test_a_pool_makes_every_run_and_leaves_no_process():
 
 
 def test_a_run_that_kills_its_process_is_given_back_and_the_rest_is_made():
-    engine = Pool(operator.call, 2)
+    engine = PoolEngine(operator.call, 2)
     runs = [*RUNS[:6], DEATH, *RUNS[6:]]
     results = made(engine, runs)
     engine.close()
@@ -71,7 +71,7 @@ def test_a_run_that_kills_its_process_is_given_back_and_the_rest_is_made():
 
 
 def test_a_pool_closes_in_the_middle_of_a_run():
-    engine = Pool(operator.call, 1)
+    engine = PoolEngine(operator.call, 1)
     ((pid,),) = [list(made(engine, [functools.partial(os.getpid)]).values())]
     engine.submit(functools.partial(signal.pause))  # a run without an end
     engine.close()
@@ -86,7 +86,7 @@ def test_no_scheduler_is_an_error_at_the_option(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("eadp.simulation.sweep.engines.CLUSTER_WAIT_S", 0.2)
     with pytest.raises(InputError, match="--scheduler:1:1: error: no scheduler answers"):
-        Cluster(operator.call, "tcp://127.0.0.1:1")
+        DaskEngine(operator.call, "tcp://127.0.0.1:1")
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +101,14 @@ def scheduler():
 
 
 def test_a_cluster(scheduler):
-    engine = Cluster(operator.call, scheduler)
+    engine = DaskEngine(operator.call, scheduler)
     assert engine.workers == 2
     assert made(engine, RUNS) == expected(RUNS)
     engine.close()
 
 
 def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
-    engine = Cluster(operator.neg, scheduler)
+    engine = DaskEngine(operator.neg, scheduler)
     engine.submit(RUNS[0])
     with pytest.raises(EadpError, match="makes no runs: TypeError: bad operand"):
         engine.finished()
@@ -116,6 +116,6 @@ def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
 
 
 def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
-    engine = Cluster(operator.call, scheduler)
+    engine = DaskEngine(operator.call, scheduler)
     assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
     engine.close()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
-from eadp.simulation.sweep.statistics import Z_95, Bins, Flight, marginal, table, totals, wilson_interval
+from eadp.simulation.sweep.statistics import Z_95, KeyBins, SweepFlight, marginal, table, totals, wilson_interval
 
 EXACT = 1e-9
 
@@ -41,8 +41,8 @@ def test_the_quantile():
 
 def flight(index, values, completed=True, duration=100.0, soc=0.5, quality=0.7, error=None, seed=0):
     if error is not None:
-        return Flight(index, values, seed, error=error)
-    return Flight(index, values, seed, completed, "reason", duration, soc, quality)
+        return SweepFlight(index, values, seed, error=error)
+    return SweepFlight(index, values, seed, completed, "reason", duration, soc, quality)
 
 
 FLIGHTS = [
@@ -89,7 +89,7 @@ def test_many_numbers_are_put_into_bins_of_alike_many(values):
 
 
 def test_texts_and_lists_are_values_too():
-    bins = Bins([[1, 2], "x", [1, 2], None])
+    bins = KeyBins([[1, 2], "x", [1, 2], None])
     assert bins.labels == ("[1, 2]", "x", "null")
     assert bins.place("x") == 1
 
