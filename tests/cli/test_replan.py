@@ -1,6 +1,6 @@
 """`eadp replan` as a companion computer meets it: lines in, lines out, kills, and lines that are none.
 
-The lines are those of scenarios/example-telemetry.jsonl, which tests/example_telemetry.py writes.
+The lines are those of scenarios/example-telemetry.jsonl, which tests/support/example_telemetry.py writes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fly the survey in simulation and write scenarios/example-telemetry.jsonl anew: python tests/example_telemetry.py.
+"""Fly the survey in simulation and write scenarios/example-telemetry.jsonl anew: python tests/support/example_telemetry.py.
 
 Run from anywhere: telemetry once a second, and at the flight's end.
 """
