@@ -1,6 +1,6 @@
-"""Fly the survey in simulation and write scenarios/example-telemetry.jsonl anew: python tests/support/example_telemetry.py.
+"""Fly the survey in simulation and rewrite scenarios/example-telemetry.jsonl.
 
-Run from anywhere: telemetry once a second, and at the flight's end.
+Run `python tests/support/example_telemetry.py` from anywhere: telemetry once a second, and at the flight's end.
 """
 
 from __future__ import annotations
