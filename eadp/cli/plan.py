@@ -123,7 +123,8 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     """The nominal path as CSV, with latitude and longitude where the plan has an origin."""
     from eadp.core.geometry.geodesy import to_geodetic_deg
-    from eadp.models.plan.trace import TracePoint, trace
+    from eadp.models.plan.legs import TracePoint
+    from eadp.models.plan.trace import trace
 
     origin = plan.origin_deg
     header = ",".join([*TracePoint._fields, *(["latitude_deg", "longitude_deg"] if origin else [])])

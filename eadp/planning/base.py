@@ -16,7 +16,7 @@ from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
-from eadp.models.plan.executor import Rules, Vector
+from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.estimation.estimator import (
@@ -38,22 +38,49 @@ SOC_JUMP = 0.01
 class Observation(NamedTuple):
     """What is known in flight at one moment.
 
-    `stage` counts from 1 within the plan's stages and `stages_begun` over the whole flight; `power_w` is None where the
-    sensor has no reading; `parameters` are those in force. Velocity is over ground [m/s], the heading where the nose
-    points [rad]; either is None where nothing tells it.
+    Attributes
+    ----------
+    time_s, x_m, y_m : float
+        Time [s]; position [m].
+    cursor : PlanCursor
+        The stage being flown and the parameters in force.
+    joined_m : (float, float)
+        Where the stage was joined in the plan [m].
+    stages_started : int
+        Over the whole flight, the first included.
+    power_w : float or None
+        Measured, motion and computations [W]; None where the sensor has no reading.
+    soc : float
+        State of charge.
+    wind_mps : (float, float) or None
+        Where the wind is measured [m/s].
+    velocity_mps : (float, float) or None
+        Over ground [m/s].
+    heading_rad : float or None
+        Where the nose points [rad].
     """
 
     time_s: float
     x_m: float
     y_m: float
-    stage: int
-    stages_begun: int
+    cursor: PlanCursor
+    joined_m: Point
+    stages_started: int
     power_w: float | None
     soc: float
-    parameters: Vector
     wind_mps: Point | None = None
     velocity_mps: Point | None = None
     heading_rad: float | None = None
+
+    @property
+    def stage(self) -> int:
+        """Index of the stage being flown, from 1 within the plan's stages."""
+        return self.cursor.stage.index
+
+    @property
+    def parameters(self) -> Vector:
+        """Parameters in force."""
+        return self.cursor.parameters
 
 
 class Readings(NamedTuple):
@@ -256,11 +283,8 @@ class TrackingPlanner:
         self._estimator = _estimator(estimator, mission, self._lap_stages)
         self._sensor_every_s = estimator.every_s
         self._next_reading_s = 0.0
-        self._stages_begun = 1
-        self._stage = 1
-        self._lap_ends = {
-            part.first + 1: part.first + part.count for part in mission.plan.parts if part.repeats
-        }  # the first stage of a lap → its last
+        self._stages_started = 1
+        self._segment = 0
         self._laps = 0
         self._computing_for: tuple[Vector, int] | None = None
         self._computing_w = 0.0
@@ -294,27 +318,28 @@ class TrackingPlanner:
         return self._decision
 
     def _count_laps(self, o: Observation) -> None:
-        """A stage has begun: whether a lap has ended with it, or the way into laps."""
-        before, self._stage = self._stage, o.stage
-        if self._mission.plan.parts:
-            ended = self._lap_ends.get(o.stage) == before
-            if o.stage in self._lap_ends and not ended:
-                self._estimator.begin_lap(o.time_s)
-        else:
-            ended = self._lap_stages is not None and (o.stages_begun - 1) % self._lap_stages == 0
-        if ended:
-            self._laps += 1
-            self._estimator.lap(o.time_s)
+        """A stage has started: perhaps a lap has ended with it, or the stages before the first lap."""
+        before, self._segment = self._segment, o.cursor.segment
+        segment = o.cursor.table.segments[self._segment]
+        lap_stages = None if self._mission.plan.parts else self._lap_stages
+        if segment.repeats:
+            lap_stages = segment.count
+        if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
+            return
+        if self._segment != before:
+            self._estimator.begin_lap(o.time_s)
+            return
+        self._laps += 1
+        self._estimator.lap(o.time_s)
 
     def _track(self, o: Observation) -> None:
         """Feed the estimator: laps as they end, readings as often as the sensor is read."""
-        if o.stages_begun != self._stages_begun:
-            self._stages_begun = o.stages_begun
+        if o.stages_started != self._stages_started:
+            self._stages_started = o.stages_started
             self._count_laps(o)
         if self._computing_for != (o.parameters, o.stage):
             self._computing_for = (o.parameters, o.stage)
-            sets = self._mission.plan.stages[o.stage - 1].sets
-            self._computing_w = self._mission.computing.power_w(o.parameters, sets)
+            self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
         if o.time_s < self._next_reading_s - 1e-9:
             return
         self._next_reading_s = o.time_s + self._sensor_every_s

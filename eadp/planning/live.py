@@ -16,9 +16,10 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.models.plan.executor import PlanExecutor, Vector
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.executor import PlanExecutor
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
-from eadp.planning.outlook import EndForecast, Outlook
+from eadp.planning.registry import Forecast, HeldForecast
 
 GAP_S, GAP_STEPS = 5.0, 3.0
 """A gap: this long [s], and so many times as long as the step before."""
@@ -186,8 +187,8 @@ class LiveFlight:
     ----------
     mission : Mission
         What the planner is told before take-off. The first fix that is far from its start begins the flight.
-    make : function of a Mission
-        A new planner.
+    make, make_forecast : function of a Mission
+        A new planner, and a forecast for where it makes none of its own.
     every_s : float
         How often advice is given at least [s].
 
@@ -199,14 +200,20 @@ class LiveFlight:
         Whether it is, or is forecast to be done before the battery is empty, by the last fix.
     """
 
-    def __init__(self, mission: Mission, make: Callable[[Mission], Planner], every_s: float) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        make: Callable[[Mission], Planner],
+        make_forecast: Callable[[Mission], HeldForecast],
+        every_s: float,
+    ) -> None:
         self._mission = mission
         self._names = mission.plan.names
-        self._make = make
+        self._make, self._make_forecast = make, make_forecast
         self._every_s = every_s
         self._planner: Planner
         self._itinerary: PlanExecutor | None = None
-        self._outlook: Outlook
+        self._forecast: HeldForecast
         self._ground = _Ground(mission.cruise_mps)
         self._origin_s = 0.0
         self._last: tuple[float, Point, float] = (0.0, (0.0, 0.0), 1.0)
@@ -234,13 +241,12 @@ class LiveFlight:
         self._empty = False
         before, replans = self._decision, self._planner.report.replans
         self._follow(fix, itinerary)
-        parameters = self._in_force(fix, itinerary)
+        self._take_in_force(fix, itinerary)
         self._last = (time_s, (fix.x_m, fix.y_m), fix.soc)
         if itinerary.complete:
             return self._done(fix, itinerary), tuple(self._remarks)
         seen = self._observation(time_s, (fix.x_m, fix.y_m), fix.soc, itinerary)._replace(
             power_w=fix.power_w,
-            parameters=parameters,
             wind_mps=fix.wind_mps,
             velocity_mps=velocity,
             heading_rad=fix.heading_rad,
@@ -269,7 +275,7 @@ class LiveFlight:
             start = here
         mission = replace(mission, start_m=start)
         self._planner = self._make(mission)
-        self._outlook = Outlook(mission)
+        self._forecast = self._make_forecast(mission)
         self._itinerary = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
         self._last = (min(0.0, elapsed_s), start, fix.soc)
         self._reasons.append(TAKE_OFF)
@@ -296,7 +302,7 @@ class LiveFlight:
                 if itinerary.complete:
                     return
             for k in range(1, (ahead or 0) + 1):
-                itinerary.go_on(here)
+                itinerary.skip(here)
                 if itinerary.complete:
                     return
                 if k < (ahead or 0):  # a stage that was left out: no one saw when it began
@@ -333,10 +339,10 @@ class LiveFlight:
         self._told_back = None
         return to
 
-    def _in_force(self, fix: Sample, itinerary: PlanExecutor) -> Vector:
-        """Parameters in force: as told, else as the plan has it."""
+    def _take_in_force(self, fix: Sample, itinerary: PlanExecutor) -> None:
+        """Parameters that a sample reports to be in force."""
         if not fix.parameters or self._lost:
-            return itinerary.parameters
+            return
         values = list(itinerary.parameters)
         sets = itinerary.stage.sets
         for name, value in fix.parameters.items():
@@ -355,10 +361,9 @@ class LiveFlight:
                 self._remarks.append(Notice("parameters", f"{name} = {value:g} is outside its set; clipped", expected))
             values[i] = clipped
         try:
-            itinerary.believe(values, (fix.x_m, fix.y_m))
+            itinerary.take_in_force(values, (fix.x_m, fix.y_m))
         except EadpError as error:
             self._lose(error)
-        return itinerary.parameters
 
     def _lose(self, error: EadpError) -> None:
         """The plan cannot be followed any more: its stage and parameters stay."""
@@ -372,18 +377,18 @@ class LiveFlight:
         return Observation(
             time_s,
             *position,
-            itinerary.stage.index,
-            itinerary.stages_begun,
+            itinerary.cursor,
+            itinerary.joined_m,
+            itinerary.stages_started,
             None,
             soc,
-            itinerary.parameters,
         )
 
     def _ask(self, seen: Observation, itinerary: PlanExecutor) -> None:
         """Give the planner an observation, and the plan what it decides."""
         before = self._decision
         try:
-            self._outlook.observe(seen)
+            self._forecast.observe(seen)
             self._decision = self._planner.update(seen)
         except Exception as error:  # in the air a planner that fails must not take the advice of the others with it
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
@@ -407,25 +412,31 @@ class LiveFlight:
         decision, record = self._decision, self._decision.record
         if not _recent(record, seen.time_s, self._every_s):
             record = None
-        if record is not None:
-            end = EndForecast(_finite(record.soc_end), _finite(record.remaining_s))
-        else:
-            end = self._outlook.end(seen, decision.parameters)
+        end = record or self._held_forecast(seen)
         if decision.reason not in self._reasons and not (self._reasons and decision.reason.startswith(KEPT)):
             self._reasons.append(decision.reason)
         return Advice(
             time_s=fix.time_s,
             stage=itinerary.stage.index,
-            lap=itinerary.lap,
+            lap=itinerary.cursor.lap,
             parameters=self._named(decision.parameters),
             in_force=self._named(itinerary.parameters),
-            soc_end_forecast=_finite(end.soc),
-            completes_probability=_finite(record.completes_probability) if record else None,
-            reserve_probability=_finite(record.reserve_probability) if record else None,
-            remaining_s=_finite(end.remaining_s),
+            soc_end_forecast=_finite(end.soc_end) if end else None,
+            completes_probability=_finite(end.completes_probability) if end else None,
+            reserve_probability=_finite(end.reserve_probability) if end else None,
+            remaining_s=_finite(end.remaining_s) if end else None,
             wind_mps=record.wind_mps if record else fix.wind_mps,
             reason="; ".join(reason for reason in self._reasons if reason) or KEPT,
         )
+
+    def _held_forecast(self, seen: Observation) -> Forecast | None:
+        """The end at the parameters decided, for a planner that forecasts none."""
+        if self._lost:
+            return None
+        try:
+            return self._forecast.at(seen, self._decision.parameters)
+        except EadpError:
+            return None
 
     def _done(self, fix: Sample, itinerary: PlanExecutor) -> Advice:
         self.complete = self.forecast_completes = True
@@ -444,7 +455,7 @@ class LiveFlight:
         return Advice(
             time_s=fix.time_s,
             stage=itinerary.stage.index,
-            lap=itinerary.lap,
+            lap=itinerary.cursor.lap,
             parameters=self._named(self._decision.parameters),
             in_force=self._named(itinerary.parameters),
             soc_end_forecast=soc,

@@ -18,6 +18,8 @@ from eadp.planning.base import (
     StaticPlanner,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.joint.forecaster import Forecast
+from eadp.planning.joint.held import HeldForecast
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.planner import PaperPlanner
 
@@ -25,6 +27,8 @@ __all__ = [
     "NAMES",
     "Decision",
     "DecisionRecord",
+    "Forecast",
+    "HeldForecast",
     "JointPlanner",
     "Mission",
     "Observation",

@@ -17,7 +17,8 @@ import numpy as np
 from eadp.core import compiled
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.models.battery import Battery
-from eadp.models.plan.executor import WATCHING, CurveProgress, PlanExecutor, watched
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.triggers import WATCHING, CurveProgress, watched
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AIRCRAFT_CONSTANTS,
@@ -215,7 +216,7 @@ class InnerLoop:
 
     def along(self, itinerary: PlanExecutor, computing_w: float) -> None:
         """Go on along the stage that an itinerary is at."""
-        c, stage, (ox, oy) = self._c, itinerary.stage, itinerary.offset_m
+        c, stage, (ox, oy) = self._c, itinerary.stage, itinerary.cursor.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
         if itinerary.form is not None:
             q, x, y, a, b, e = itinerary.form
@@ -223,8 +224,9 @@ class InnerLoop:
             self._path = None
         else:
             self._path = _guarded(itinerary.path)
-        self._curve = itinerary.curve
-        self._watch = itinerary.watch = self._numbers(list(itinerary.watch))
+        watch = itinerary.watch
+        self._curve, watch.numbers = watch.curve, self._numbers(list(watch.numbers))
+        self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
         """Fly on; see `fly_stretch`. May end early where random numbers or room for readings do."""

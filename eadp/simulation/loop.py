@@ -15,7 +15,8 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import Computing
-from eadp.models.plan.executor import PlanExecutor, Rules, Vector
+from eadp.models.plan.cursor import Rules, Vector
+from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, Vehicle
@@ -148,7 +149,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             last_logged = k
             yield logged()
         try:
-            changed = itinerary.follow(seen, number(X), number(Y)) if seen else False
+            changed = itinerary.handle(seen, number(X), number(Y)) if seen else False
             if itinerary.complete:
                 outcome.completed, reason = True, COMPLETED
                 break
@@ -202,11 +203,11 @@ class _SensorBridge:
             k * self._step_s,
             x,
             y,
-            itinerary.stage.index,
-            itinerary.stages_begun,
+            itinerary.cursor,
+            itinerary.joined_m,
+            itinerary.stages_started,
             power_w,
             soc,
-            itinerary.parameters,
             None,
             (vx, vy),
             heading,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Box, Plan
 
 

@@ -21,10 +21,9 @@ import numpy as np
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor, StageVisit
-from eadp.models.plan.executor import shift_at
+from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
+from eadp.models.plan.legs import leg_length_m
 from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
-from eadp.models.plan.trace import leg_length_m
 
 ERROR, WARNING = "error", "warning"
 POSITION_WARNING_M = 1e-3
@@ -39,15 +38,13 @@ RANDOM_SAMPLES = 200
 REFINEMENTS = 40
 CHANGING_FLIGHTS = 24
 
-Parameters = tuple[float, ...]
-
 
 @dataclass(frozen=True)
 class Report:
     """What a check found; `witness` has, for each stage, parameters that lead to the next one, or None."""
 
     findings: tuple[Finding, ...]
-    witness: tuple[Parameters | None, ...]
+    witness: tuple[Vector | None, ...]
 
     @property
     def valid(self) -> bool:
@@ -91,7 +88,7 @@ class _Measures:
 def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     """Check a plan over the whole range of its path parameters.
 
-    Parameters
+    Vector
     ----------
     plan : Plan
         With sets, or without: then it is looked at with all parameters 0.
@@ -105,7 +102,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     """
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
     findings: list[Finding] = []
-    witness: list[Parameters | None] = []
+    witness: list[Vector | None] = []
     if plan.parts:
         looked_at = _walked(plan)
     else:
@@ -154,11 +151,11 @@ def _shift_names(plan: Plan, name: str) -> bool:
     return plan.repeats and plan.shift is not None and any(name in part.names for part in plan.shift)
 
 
-def _grid(boxes: Sequence[Box]) -> list[Parameters]:
+def _grid(boxes: Sequence[Box]) -> list[Vector]:
     """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
     free = [i for i, box in enumerate(boxes) if not box.fixed]
     fixed = [box.lo for box in boxes]
-    shares: list[Parameters] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
+    shares: list[Vector] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
     if len(free) in GRID:
         shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
     elif free:
@@ -172,7 +169,7 @@ def _grid(boxes: Sequence[Box]) -> list[Parameters]:
     return list(dict.fromkeys(points))
 
 
-def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Parameters, _Measures]]:
+def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Vector, _Measures]]:
     """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
 
     What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
@@ -203,9 +200,9 @@ def _refined(
     plan: Plan,
     joint: _Joint,
     boxes: Sequence[Box],
-    start: tuple[Parameters, _Measures],
+    start: tuple[Vector, _Measures],
     badness: Callable[[_Measures], float],
-) -> tuple[Parameters, _Measures]:
+) -> tuple[Vector, _Measures]:
     """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step."""
     point, best = start
     step = [(box.hi - box.lo) / 16 for box in boxes]
@@ -229,7 +226,7 @@ def _refined(
 # --- what is measured -------------------------------------------------------------------------------------------------
 
 
-def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]]:
+def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
     """Every stage of a plan of parts as it is met on flights with fixed parameters, and with ones that keep changing.
 
     The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
@@ -237,15 +234,15 @@ def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]
     rho = plan.path_count
     fixed = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     boxes = [plan.hull(i) if plan.has_sets else Box(0.0, 0.0) for i in range(rho)]
-    measured: dict[int, list[tuple[Parameters, _Measures]]] = {stage.index: [] for stage in plan.stages}
+    measured: dict[int, list[tuple[Vector, _Measures]]] = {stage.index: [] for stage in plan.stages}
     rng = np.random.default_rng(0)
 
-    def drawn() -> Parameters:
+    def drawn() -> Vector:
         shares = [share if rng.random() < 0.5 else round(share) for share in rng.random(rho).tolist()]
         free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
         return (*free, *fixed[rho:])
 
-    flights: list[tuple[Parameters, Callable[[], Parameters] | None]] = [
+    flights: list[tuple[Vector, Callable[[], Vector] | None]] = [
         ((*point, *fixed[rho:]), None) for point in _grid(boxes)
     ]
     if not all(box.fixed for box in boxes):
@@ -259,36 +256,33 @@ def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Parameters, _Measures]]]
 
 def _walk_along(
     plan: Plan,
-    parameters: Parameters,
-    changed: Callable[[], Parameters] | None,
-    measured: dict[int, list[tuple[Parameters, _Measures]]],
+    parameters: Vector,
+    changed: Callable[[], Vector] | None,
+    measured: dict[int, list[tuple[Vector, _Measures]]],
 ) -> bool:
     """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
     before: Stage | None = None
     join: Point | None = None
-    place: StageVisit | None = None
+    index = 1
     try:
-        walk = PlanCursor(plan, parameters)
-        while not walk.done:
-            place = walk.place
-            if changed is not None:
-                walk.decide(changed())
-            walk.next()
-            path, trigger = place.path(), place.trigger_m()
-            after = None if walk.done else walk.place
-            measures = _measure_stage(place.stage, path, trigger, before, join)
-            if after is not None and not measures.trouble:
-                _measure_joint(measures, place.stage, path, trigger, after.stage, trigger, after.path)
-            measured[place.stage.index].append((place.parameters, measures))
-            before, join = place.stage, trigger
+        cursor: PlanCursor | None = PlanCursor.start(plan, parameters)
+        while cursor is not None:
+            here, stage = cursor, cursor.stage
+            index = stage.index
+            cursor = (here if changed is None else here.decide(changed())).next()
+            path, trigger = here.path(), here.trigger_m()
+            measures = _measure_stage(stage, path, trigger, before, join)
+            if cursor is not None and not measures.trouble:
+                _measure_joint(measures, stage, path, trigger, cursor.stage, trigger, cursor.path)
+            measured[index].append((here.parameters, measures))
+            before, join = stage, trigger
     except PathUndefined as error:
-        index = place.stage.index if place is not None else 1
         measured[index].append((parameters, _Measures(trouble=str(error))))
         return False
     return True
 
 
-def _measure(plan: Plan, joint: _Joint, parameters: Parameters) -> _Measures:
+def _measure(plan: Plan, joint: _Joint, parameters: Vector) -> _Measures:
     stage = joint.stage
     try:
         path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
@@ -399,7 +393,7 @@ def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> t
 
 
 def _stage_findings(
-    plan: Plan, stage: Stage, measured: list[tuple[Parameters, _Measures]], least: float | None
+    plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None
 ) -> Iterator[Finding]:
     limit = plan.trigger_radius_m
     if not measured:
@@ -407,7 +401,7 @@ def _stage_findings(
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
         return
 
-    def finding(severity: str, code: str, message: str, parameters: Parameters) -> Finding:
+    def finding(severity: str, code: str, message: str, parameters: Vector) -> Finding:
         return Finding(severity, stage.index, stage.line, code, message + _at(plan, parameters))
 
     troubles = [item for item in measured if item[1].trouble]
@@ -451,9 +445,9 @@ def _stage_findings(
 
 def _order_findings(
     stage: Stage,
-    measured: list[tuple[Parameters, _Measures]],
+    measured: list[tuple[Vector, _Measures]],
     limit: float,
-    finding: Callable[[str, str, str, Parameters], Finding],
+    finding: Callable[[str, str, str, Vector], Finding],
 ) -> Iterator[Finding]:
     """Triggers follow one another in the direction flown."""
     parameters, measures = min(measured, key=lambda item: item[1].ahead_m)
@@ -481,7 +475,7 @@ def _order_findings(
         yield finding(WARNING, "nearly-whole-turn", message, parameters)
 
 
-def _at(plan: Plan, parameters: Parameters) -> str:
+def _at(plan: Plan, parameters: Vector) -> str:
     named = [
         f"{name} = {value:.6g}"
         for i, (name, value) in enumerate(zip(plan.names, parameters, strict=False))
@@ -490,10 +484,10 @@ def _at(plan: Plan, parameters: Parameters) -> str:
     return f" (at {', '.join(named)})" if named else ""
 
 
-def _leads_on(plan: Plan, measured: list[tuple[Parameters, _Measures]]) -> Parameters | None:
+def _leads_on(plan: Plan, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
     """The parameters looked at that lead to the next stage best; None where none leads there at all."""
 
-    def rank(item: tuple[Parameters, _Measures]) -> float:
+    def rank(item: tuple[Vector, _Measures]) -> float:
         m = item[1]
         gaps = [gap for gap in (m.own_m, m.next_m) if math.isfinite(gap)]
         return max([*gaps, (m.turn_deg if math.isfinite(m.turn_deg) else 0.0)], default=math.inf)
@@ -529,7 +523,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
     if plan.whole_laps or plan.parts or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
-        worst: tuple[float, Parameters, Parameters] = (0.0, (), ())
+        worst: tuple[float, Vector, Vector] = (0.0, (), ())
         corners = [
             corner[: plan.path_count]
             for corner in itertools.product(*((box.lo, box.hi) for box in stage.sets[: plan.path_count]))

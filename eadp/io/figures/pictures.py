@@ -17,8 +17,9 @@ from eadp.coverage.swaths import CoveragePath
 from eadp.errors import InputError, PathUndefined
 from eadp.io.text.streams import write_bytes
 from eadp.models.field import Field
+from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import COMPUTATION, Plan, point_at
-from eadp.models.plan.trace import Leg, leg_points, nominal_legs
+from eadp.models.plan.trace import nominal_legs
 from eadp.planning.joint.program import INFEASIBLE
 from eadp.planning.registry import DecisionRecord
 from eadp.simulation.loop import Step, World

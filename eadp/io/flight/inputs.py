@@ -17,7 +17,7 @@ from eadp.io.scenario.scenario_file import Scenario, read_scenario
 from eadp.io.text.streams import Text, read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.energy import EnergyModel
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile

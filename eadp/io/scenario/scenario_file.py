@@ -21,7 +21,7 @@ from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.models.battery import Battery, BatteryFault
-from eadp.models.plan.executor import Rules
+from eadp.models.plan.cursor import Rules
 from eadp.models.plan.plan import Box
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import FixedWing, Guidance, PaperVehicle, Vehicle

@@ -11,7 +11,7 @@ from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
 from eadp.planning.live import LiveFlight, OutlierGate
-from eadp.planning.registry import make_planner
+from eadp.planning.registry import HeldForecast, make_planner
 
 Tell = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
@@ -44,7 +44,10 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     """
     settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
     flight = LiveFlight(
-        inputs.mission, lambda mission: make_planner(settings, estimator, mission), inputs.scenario.planner.every_s
+        inputs.mission,
+        lambda mission: make_planner(settings, estimator, mission),
+        lambda mission: HeldForecast(settings, mission),
+        settings.every_s,
     )
     screen = OutlierGate(inputs.mission.cruise_mps)
     known_to_s = _restore(flight, screen, log, tell, warn) if log is not None else None

@@ -1,148 +1,331 @@
-"""The way through a plan of parts, stage by stage: which comes next, and which parameters are in force there."""
+"""Where a flight is in its plan: the stage, its lap, the parameters in force, and what comes next.
+
+One immutable state machine serves the simulated flight, live telemetry, the route that is left, the nominal trace and
+the check. This is the letter's state-transition function (Def. II.1) with what the print leaves open: where a lap's
+stages lie after the shifts of earlier laps, and when a new path parameter takes effect so that the robot always joins.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import Point
-from eadp.errors import PathUndefined
-from eadp.models.plan.plan import COMPUTATION, Plan, Stage
+from eadp.errors import EadpError, PathUndefined
+from eadp.models.plan.plan import COMPUTATION, Plan, Stage, point_at
 from eadp.models.plan.segments import Segment, State
 
 LAP_LIMIT = 10_000
 Vector = tuple[float, ...]
+LATCHED, LIVE = "latched", "live"
 
 
 @dataclass(frozen=True, slots=True)
-class StageVisit:
-    """A stage as it is flown in some lap: with the parameters in force at its start and the state of its part."""
+class Rules:
+    """How stages follow one another.
 
-    stage: Stage
-    parameters: Vector
-    state: State
-    lap: int
+    `parameter_changes` is `latched` (a new path parameter waits for the stage before the first whose path names it) or
+    `live` (it moves the path at once, as the published flights do). `box_triggers` is the published test: a box of the
+    trigger's radius, neither armed nor passed, and an end that asks for the position alone.
+    """
 
-    def path(self) -> PathFunction:
-        """The stage's path function here; raises PathUndefined as `Stage.path_at`."""
-        return self.stage.path_at(self.parameters, self.state)
-
-    def trigger_m(self) -> Point:
-        """The stage's trigger here [m]; raises PathUndefined as `Stage.trigger_at`."""
-        return self.stage.trigger_at(self.parameters, self.state)
+    parameter_changes: str = LATCHED
+    box_triggers: bool = False
 
 
-class PlanCursor:
-    """A walk through a plan of parts.
+class PlanEnd(NamedTuple):
+    """Where a plan that repeats ends in this lap: beyond `final_m` along `shift_m`, or at the lap's last trigger."""
 
-    A new computation takes effect at once. A new path parameter waits, in a part flown lap by lap, for the stage before
-    the first one whose path or whose laps depend on it; in a part flown once, for the next stage; and for the begin of
-    the next part.
+    final_m: Point
+    shift_m: Point
+    at_trigger: bool
+
+
+class PlanCursor(NamedTuple):
+    """A position in a plan: one stage as it is flown in one lap. Immutable: `next` and `decide` return another one.
+
+    A plan that repeats ends where its `end` says, which depends on the aircraft's position: the cursor alone goes on
+    for ever, but for a plan that ends at a trigger.
 
     Attributes
     ----------
-    place : Place
-        Where the walk is.
-    done : bool
-        Whether the last stage has been left.
+    stage : Stage
+    parameters : tuple of float
+        In force: as decided, held back where they wait, clipped to the stage's sets.
+    lap : int
+        Laps of this segment flown before this one; 0 where it is flown once.
+    offset_m : (float, float)
+        How far this lap's stages lie from those of lap 0 [m].
+    state : tuple of float
+        The segment's loop variables.
+    segment : int
+        Index of the segment.
+    decided, waiting : tuple of float
+        Parameters as decided last; and as they are before clipping, where a path parameter may still be an older one.
     """
 
-    def __init__(self, plan: Plan, parameters: Sequence[float]) -> None:
-        self._plan = plan
-        self._latches = [_latches(plan, part) for part in plan.parts]
-        self._decided: Vector = tuple(parameters)
-        self._waiting: Vector = tuple(parameters)
-        self._part = -1
-        self._laps = 0
-        self.done = False
-        self.place: StageVisit
-        self._enter_part()
+    stage: Stage
+    parameters: Vector
+    lap: int
+    offset_m: Point
+    state: State
+    segment: int
+    decided: Vector
+    waiting: Vector
+    base_m: Point
+    shift_due: bool
+    table: _Table
 
-    def decide(self, parameters: Sequence[float]) -> None:
-        """Take new parameters; computations change at once."""
-        self._decided = tuple(parameters)
-        self._waiting = tuple(
-            new if parameter.kind == COMPUTATION else old
-            for new, old, parameter in zip(self._decided, self._waiting, self._plan.parameters, strict=True)
-        )
-        place = self.place
-        self.place = StageVisit(place.stage, self._clipped(place.stage), place.state, place.lap)
-
-    def believe(self, parameters: Sequence[float]) -> None:
-        """Take parameters that are known to be in force, whatever was decided."""
-        self._waiting = tuple(parameters)
-        place = self.place
-        self.place = StageVisit(place.stage, self._clipped(place.stage), place.state, place.lap)
-
-    def next(self) -> None:
-        """Go on to the next stage, or be done.
+    @classmethod
+    def start(cls, plan: Plan, parameters: Sequence[float], rules: Rules | None = None) -> PlanCursor:
+        """The first stage of a plan, at the parameters of take-off.
 
         Raises
         ------
         PathUndefined
-            If the next lap's quantities have no value, or a part does not end within 10,000 laps.
+            If loop variables have no value, or no segment has any lap to fly.
         """
-        part, place = self._plan.parts[self._part], self.place
-        if place.stage.index < part.first + part.count:
-            self._enter(place.stage.index, place.state)
-            return
-        if not part.repeats:
-            self._enter_part()
-            return
-        state = part.next(place.parameters, place.state)
-        self._laps += 1
-        if self._laps > LAP_LIMIT:
-            raise PathUndefined(f"the plan does not come to the end of a part within {LAP_LIMIT} laps")
-        if part.over(place.parameters, state):
-            self._enter_part()
+        values = tuple(parameters)
+        table = _Table(plan, rules or Rules())
+        before = cls(plan.stages[0], values, 0, (0.0, 0.0), (), -1, values, values, (0.0, 0.0), False, table)
+        first = before._next_segment()
+        if first is None:
+            raise PathUndefined("no segment of the plan has any lap to fly")
+        return first
+
+    # --- where the stage lies
+
+    def path(self) -> PathFunction:
+        """The stage's path function in the frame of lap 0: evaluate it at the position less `offset_m`.
+
+        Raises
+        ------
+        PathUndefined
+            If it has no value at the parameters in force.
+        """
+        return self.stage.path_at(self.parameters, self.state)
+
+    def local_trigger_m(self) -> Point:
+        """The stage's trigger in the frame of lap 0 [m]; raises PathUndefined as `path`."""
+        return self.stage.trigger_at(self.parameters, self.state)
+
+    def trigger_m(self) -> Point:
+        """The stage's trigger [m]; raises PathUndefined as `path`."""
+        x, y = self.local_trigger_m()
+        return x + self.offset_m[0], y + self.offset_m[1]
+
+    def end(self) -> PlanEnd | None:
+        """Where a plan that repeats ends in this lap; None where it does not reach its end in this lap.
+
+        Raises
+        ------
+        PathUndefined
+            If the final point, the shift or the last trigger has no value.
+        """
+        table, plan = self.table, self.table.plan
+        if not plan.repeats:
+            return None
+        final, shift, (x, y) = table.ends_at(self.parameters)
+        if table.rules.box_triggers:
+            return PlanEnd(final, shift, at_trigger=False)
+        last = (x + self.offset_m[0], y + self.offset_m[1])
+        if not _reaches(last, final, shift, plan.trigger_radius_m):
+            return None
+        return PlanEnd(final, shift, plan.ends_at_trigger)
+
+    # --- transitions
+
+    def decide(self, parameters: Vector) -> PlanCursor:
+        """The same stage after a decision.
+
+        Computations change at once. A path parameter waits for its stage, or takes effect at once where the rules say
+        `live`; a lap's last stage keeps its place all the same. A plan of segments latches whatever the rules say.
+        """
+        if self.table.live:
+            waiting = parameters
         else:
-            self._enter(part.first, state)
+            rho = self.table.plan.path_count
+            waiting = (*self.waiting[:rho], *parameters[rho:])
+        return self._moved(decided=parameters, waiting=waiting)
 
-    def _enter_part(self) -> None:
-        """The first stage of the next part that has any lap to fly."""
-        parts = self._plan.parts
-        self._waiting = self._decided
-        self._part += 1
-        self._laps = 0
-        while self._part < len(parts):
-            part = parts[self._part]
-            values = self._clipped(self._plan.stages[part.first])
-            state = part.begin(values)
-            if not part.repeats or not part.over(values, state):
-                self._enter(part.first, state)
-                return
-            self._part += 1
-        self.done = True
+    def in_force(self, parameters: Vector) -> PlanCursor:
+        """The same stage where these parameters are known to be in force, whatever was decided."""
+        return self._moved(waiting=parameters)
 
-    def _enter(self, index: int, state: State) -> None:
-        latches = self._latches[self._part]
-        stage = self._plan.stages[index]
-        self._waiting = tuple(
-            new if latch in (index, None) else old
-            for new, old, latch in zip(self._decided, self._waiting, latches, strict=True)
+    def next(self) -> PlanCursor | None:
+        """The next stage; None after the last one.
+
+        Raises
+        ------
+        PathUndefined
+            If the next lap's loop variables or its shift have no value, or a segment takes more than 10,000 laps.
+        """
+        segment = self.table.segments[self.segment]
+        if self.stage.index < segment.first + segment.count:
+            return self._enter(self.segment, self.stage.index, self.lap, self.state, self.base_m)
+        if not segment.repeats and not self.table.plan.repeats:
+            return self._next_segment()
+        if self.lap + 1 >= LAP_LIMIT:
+            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+        if segment.repeats:
+            state = segment.next(self.parameters, self.state)
+            if segment.over(self.parameters, state):
+                return self._next_segment()
+            return self._enter(self.segment, segment.first, self.lap + 1, state, self.base_m)
+        end = self.end()
+        if end is not None and end.at_trigger:
+            return None
+        # live, the shift was due at the start of the last stage
+        base = self.base_m if self.table.live else self._shifted(self.base_m, self.waiting)
+        return self._enter(self.segment, 0, self.lap + 1, self.state, base)
+
+    def accepts_changes(self) -> bool:
+        """Whether a path parameter decided during this stage takes effect with the next one, or at once."""
+        if self.table.live:
+            return True
+        rho = self.table.plan.path_count
+        for bound in (-math.inf, math.inf):
+            try:
+                following = self.decide((*[bound] * rho, *self.decided[rho:])).next()
+            except EadpError:
+                return True
+            if following is None or following.parameters[:rho] != self.parameters[:rho]:
+                return True
+        return False
+
+    def _next_segment(self) -> PlanCursor | None:
+        """The first stage of the next segment that has any lap to fly."""
+        table = self.table
+        for index in range(self.segment + 1, len(table.segments)):
+            segment = table.segments[index]
+            values = _clipped(table.plan.stages[segment.first], self.decided)
+            state = segment.begin(values)
+            if not segment.repeats or not segment.over(values, state):
+                start = self._replace(waiting=self.decided)
+                return start._enter(index, segment.first, 0, state, self.base_m)
+        return None
+
+    def _enter(self, segment: int, index: int, lap: int, state: State, base_m: Point) -> PlanCursor:
+        """A stage (from 0) as it starts: path parameters that waited for it take effect."""
+        table, waiting = self.table, self.waiting
+        if waiting != self.decided:
+            latches = table.latches[segment]
+            waiting = tuple(
+                [
+                    new if latch in (index, None) else old
+                    for new, old, latch in zip(self.decided, waiting, latches, strict=True)
+                ]
+            )
+        due = self.shift_due
+        if table.live and table.is_last(index):
+            # where the lap lies now it stays, and the shift to the next one is due, whatever it will be
+            base_m, due = (self._shifted(base_m, waiting) if due else base_m), True
+        stage = table.plan.stages[index]
+        own = _clipped(stage, waiting)
+        offset = self._offset(index, base_m, waiting, due=due)
+        return PlanCursor(stage, own, lap, offset, state, segment, self.decided, waiting, base_m, due, table)
+
+    def _moved(self, *, waiting: Vector, decided: Vector | None = None) -> PlanCursor:
+        """The same stage with other parameters."""
+        offset = self._offset(self.stage.index - 1, self.base_m, waiting, due=self.shift_due)
+        return self._replace(
+            parameters=_clipped(self.stage, waiting),
+            offset_m=offset,
+            decided=self.decided if decided is None else decided,
+            waiting=waiting,
         )
-        self.place = StageVisit(stage, self._clipped(stage), state, self._laps)
 
-    def _clipped(self, stage: Stage) -> Vector:
-        if not stage.sets:
-            return self._waiting
-        return tuple(box.clip(value) for box, value in zip(stage.sets, self._waiting, strict=True))
+    def _offset(self, index: int, base_m: Point, waiting: Vector, *, due: bool) -> Point:
+        """Live, a lap lies where the parameters of the moment shift it to, but for its last stage."""
+        if not due or not self.table.live or self.table.is_last(index):
+            return base_m
+        return self._shifted(base_m, waiting)
+
+    def _shifted(self, base_m: Point, waiting: Vector) -> Point:
+        """One shift further than `base_m` [m], parameters clipped to the sets of the stages whose paths they change."""
+        dx, dy = self.table.shift_at(waiting)
+        return base_m[0] + dx, base_m[1] + dy
 
 
-def _latches(plan: Plan, part: Segment) -> list[int | None]:
-    """For each parameter the stage (from 0) of a part at whose start it takes effect; None for at every start."""
-    stages = plan.stages[part.first : part.first + part.count]
+class _Table:
+    """What all cursors of a plan share."""
+
+    def __init__(self, plan: Plan, rules: Rules) -> None:
+        self.plan, self.rules = plan, rules
+        self.segments = plan.parts or (Segment(0, len(plan.stages)),)
+        self.live = rules.parameter_changes == LIVE and not plan.parts
+        self.latches = [_latches(plan, segment) for segment in self.segments]
+        named = [
+            [stage for stage in plan.stages if parameter.name in stage.path.names] for parameter in plan.parameters
+        ]
+        self._changed = [(stages or plan.stages)[0] for stages in named]
+        self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
+        self._shifts: dict[Vector, Point] = {}
+
+    def is_last(self, index: int) -> bool:
+        """Whether a stage (from 0) is the last one of a lap of a plan that repeats."""
+        return self.plan.repeats and index == len(self.plan.stages) - 1
+
+    def ends_at(self, parameters: Vector) -> tuple[Point, Point, Point]:
+        """Final point, shift, and last trigger of lap 0 [m]."""
+        key = parameters[: self.plan.path_count]
+        if key not in self._ends:
+            final = point_at(self.plan.final_point, parameters, "the final point")
+            self._ends[key] = final, shift_at(self.plan, parameters), self.plan.stages[-1].trigger_at(parameters)
+        return self._ends[key]
+
+    def shift_at(self, waiting: Vector) -> Point:
+        """The shift [m] at parameters clipped to the sets of the stages whose paths they change."""
+        if waiting not in self._shifts:
+            values = waiting
+            if self.plan.has_sets:
+                values = tuple(
+                    stage.sets[i].clip(value)
+                    for i, (stage, value) in enumerate(zip(self._changed, waiting, strict=True))
+                )
+            self._shifts[waiting] = shift_at(self.plan, values)
+        return self._shifts[waiting]
+
+
+def _latches(plan: Plan, segment: Segment) -> list[int | None]:
+    """For each parameter the stage (from 0) of a segment at whose start it takes effect; None for at every start."""
+    stages = plan.stages[segment.first : segment.first + segment.count]
     latches: list[int | None] = []
     for parameter in plan.parameters:
-        if parameter.kind == COMPUTATION or not part.repeats:
+        if parameter.kind == COMPUTATION or not (segment.repeats or plan.repeats):
             latches.append(None)
             continue
-        # names of quantities that depend on the parameter, through formulas of formulas
+        # names of loop variables that depend on the parameter, through formulas of formulas
         dependent = {parameter.name}
-        for quantity in part.quantities:
-            if quantity.shift is None and quantity.first.names & dependent:
-                dependent.add(quantity.name)
-        bent = next((stage.index - 1 for stage in stages if stage.path.names & dependent), part.first)
-        latches.append(part.first + (bent - part.first - 1) % part.count)
+        for variable in segment.quantities:
+            if variable.shift is None and variable.first.names & dependent:
+                dependent.add(variable.name)
+        changed = next((stage.index - 1 for stage in stages if stage.path.names & dependent), segment.first)
+        latches.append(segment.first + (changed - segment.first - 1) % segment.count)
     return latches
+
+
+def _clipped(stage: Stage, values: Vector) -> Vector:
+    """Parameters clipped to a stage's sets."""
+    if not stage.sets:
+        return values
+    return tuple([box.clip(value) for box, value in zip(stage.sets, values, strict=True)])
+
+
+def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:
+    """The shift d(c) [m] from one lap to the next; (0, 0) for a plan that does not repeat."""
+    return point_at(plan.shift, parameters, "the shift") if plan.shift else (0.0, 0.0)
+
+
+def _reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
+    """Whether a lap whose last trigger is `last` reaches the final point along the shift."""
+    for value, end, d in zip(last, final, shift, strict=True):
+        if abs(d) < 1e-9:
+            if abs(value - end) > radius:
+                return False
+        elif (value - end) * d < -1e-9 * abs(d) * (1 + abs(end)):
+            return False
+    return True

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from eadp.core.compiled import quick
 from eadp.core.flight.wind import GUST_TIME_S, WindFilter
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.executor import Vector
-from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor, left_m
+from eadp.errors import PathUndefined
+from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.legs import left_m
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
@@ -90,8 +91,6 @@ class Forecaster:
         Path parameters that leave a choice; `Shares` are those of their boxes, in this order.
     shares : tuple of float
         Those decided.
-    lost : bool
-        Whether the plan could not be followed on: there is nothing more to forecast.
     """
 
     def __init__(self, settings: PlannerSettings, mission: Mission, margin_m: float = MARGIN_M) -> None:
@@ -99,18 +98,13 @@ class Forecaster:
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
-        self.terrain = TermBuilder(
-            plan,
-            mission.computing,
-            mission.battery,
-            settings.weights,
-            settings.levels,
-            settings.trade_offs,
-            settings.objective,
-        )
+        self.terrain = _term_builder(settings, mission)
         self._z = NormalDist().inv_cdf(settings.reserve_probability)
         self._speed = mission.cruise_mps
-        self._follower = RoutePredictor(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
+        self._position: Point = mission.start_m or (0.0, 0.0)
+        self._predictor = RoutePredictor()
+        self._cursor = PlanCursor.start(plan, mission.parameters, mission.rules)
+        self._joined = self._position
         self._least_margin_m = self._margin_m = margin_m
         self._wind = WindFilter(mission.cruise_mps)
         self._wind_used: Point = (0.0, 0.0)
@@ -128,23 +122,21 @@ class Forecaster:
         self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
         self._told: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._time_s = self._stage_since_s = self._charge_s = 0.0
-        self._position: Point = mission.start_m or (0.0, 0.0)
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
         self._ripple_w = 0.0
         self._off_path_m2 = 0.0
         self._power_w = 0.0
-        self._stages_begun = 1
+        self._stages_started = 1
         self._home_s: float | None = 0.0
-        self.before_latch = self._follower.before_latch
-        self.lost = False
+        self.before_latch = self._cursor.accepts_changes()
 
     # --- what is seen
 
     @property
     def lap(self) -> int:
         """Laps flown before this one."""
-        return self._follower.lap
+        return self._cursor.lap
 
     @property
     def soc(self) -> float:
@@ -162,12 +154,16 @@ class Forecaster:
 
     def see(self, o: Observation) -> bool:
         """Take note of stage and parameters; return whether a new stage has begun."""
-        begun = o.stages_begun != self._stages_begun
+        begun = o.stages_started != self._stages_started
+        rho = self._plan.path_count
         if begun:
             self._begin_stage(o)
+        elif not o.cursor.table.live and o.cursor.waiting[:rho] != self._cursor.waiting[:rho]:
+            self._routes_change()  # other path parameters are in force than was decided
+        self._cursor, self._joined = o.cursor, o.joined_m
         if self._held_for != (o.parameters, o.stage):
             self._held_for = (o.parameters, o.stage)
-            self._flown.hold(o.time_s, o.parameters, self._plan.stages[o.stage - 1].sets)
+            self._flown.hold(o.time_s, o.parameters, o.cursor.stage.sets)
         return begun
 
     def read(self, o: Observation, computing_w: float) -> bool:
@@ -260,20 +256,14 @@ class Forecaster:
         duration = o.time_s - self._stage_since_s
         self._stage_since_s = o.time_s
         course = self._course(self.shares)
-        if course is not None and self._stages_begun > 1:
+        if course is not None and self._stages_started > 1:
             forecast_s = float(course.times_s(self._speed, self.wind_mps)[0][0])
             self._ratio.learn(forecast_s, duration, self._wind.gust_std_mps, self._speed, GUST_TIME_S)
         self._motion.end_spell(self._slope)
-        try:
-            for _ in range(o.stages_begun - self._stages_begun):
-                self._follower.next_stage(o.parameters)
-            self._margin_m = max(self._least_margin_m, 2 * math.sqrt(self._off_path_m2))
-        except EadpError:
-            self.lost = True
-        self._stages_begun = o.stages_begun
-        self._courses.clear()
-        self._times.clear()
-        self._told.clear()
+        self._margin_m = max(self._least_margin_m, 2 * math.sqrt(self._off_path_m2))
+        self._stages_started = o.stages_started
+        self._cursor, self._joined = o.cursor, o.joined_m
+        self._routes_change()
         rho = self._plan.path_count
         if (
             course is not None
@@ -282,21 +272,28 @@ class Forecaster:
             and course.parameters[1][:rho] == o.parameters[:rho]
         ):
             self._courses[self.shares] = course.after()
-        self.before_latch = self._follower.before_latch
+        self.before_latch = self._cursor.accepts_changes()
         course = self._course(self.shares)
         if course is not None and course.legs:
             times, turning = course.times_s(self._speed, self.wind_mps)
             self._slope = float(turning[0] / times[0]) if 0 < times[0] < math.inf else 0.0
 
+    def hold(self, settings: PlannerSettings, parameters: Vector) -> None:
+        """Forecast with other settings and parameters from now on."""
+        self._settings, self.terrain = settings, _term_builder(settings, self._mission)
+        self.decide(parameters, self._shares_of(parameters))
+
+    def _routes_change(self) -> None:
+        """What is left of the plan has changed for all parameters."""
+        self._courses.clear()
+        self._times.clear()
+        self._told.clear()
+
     def decide(self, parameters: Vector, shares: Shares) -> None:
         """Parameters have been decided."""
         if parameters == self._decided:
             return
-        kept = self._courses.get(shares)
         self._decided, self.shares = parameters, shares
-        self._follower.decide(parameters)
-        if kept is not None:
-            self._courses[shares] = kept
 
     # --- courses
 
@@ -321,9 +318,10 @@ class Forecaster:
     def _course(self, shares: Shares) -> Route | None:
         if shares not in self._courses:
             # what has been decided had the margin then, and is not doubted each time that the margin grows
-            self._follower.margin_m = min(0.0, self._margin_m) if shares == self.shares else self._margin_m
+            margin_m = min(0.0, self._margin_m) if shares == self.shares else self._margin_m
+            cursor = self._cursor.decide(self.parameters_of(shares))
             try:
-                self._courses[shares] = self._follower.course(self.parameters_of(shares))
+                self._courses[shares] = self._predictor.route(cursor, self._joined, margin_m)
             except PathUndefined:
                 self._courses[shares] = None
         return self._courses[shares]
@@ -405,7 +403,7 @@ class Forecaster:
         if leg.distance_m <= 0:
             return 0.0
         try:
-            early_m = self._plan.trigger_radius_m if self._stages_begun > 1 else 0.0
+            early_m = self._plan.trigger_radius_m if self._stages_started > 1 else 0.0
             return left_m(leg, self._position, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
             return 1.0 - flown
@@ -455,6 +453,18 @@ class Forecaster:
             self._home_s = self._time_s
             return True, None
         return False, self._home_s
+
+
+def _term_builder(settings: PlannerSettings, mission: Mission) -> TermBuilder:
+    return TermBuilder(
+        mission.plan,
+        mission.computing,
+        mission.battery,
+        settings.weights,
+        settings.levels,
+        settings.trade_offs,
+        settings.objective,
+    )
 
 
 def _left_of(

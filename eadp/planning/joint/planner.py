@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.errors import Infeasible
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
 from eadp.planning.base import (
     Decision,
@@ -80,8 +80,6 @@ class JointPlanner(TrackingPlanner):
     @property
     def next_look_s(self) -> float:
         """When it re-plans next; soon, and at the next reading where the charge may have jumped."""
-        if self._ahead.lost:
-            return math.inf
         seen_s = self._next_reading_s if self._in_doubt else self._looked_s + LOOK_EVERY_S
         return min(self._next_s, seen_s)
 
@@ -103,7 +101,7 @@ class JointPlanner(TrackingPlanner):
         elif not why and o.time_s >= self._next_s - 1e-9:
             why = TIME
         begins_s = WARM_UP_S if why == JUMPED else self._begins_s
-        if why and o.time_s >= begins_s - 1e-9 and not ahead.lost:
+        if why and o.time_s >= begins_s - 1e-9:
             self._jumped = False
             self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._begins_s)
             self._replan(o, why)

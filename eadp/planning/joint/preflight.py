@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +11,8 @@ from eadp.errors import Infeasible
 from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import JOINT, Mission, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
+from eadp.planning.joint.held import NEAR_END_M, held_settings
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
-
-NEAR_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,10 +50,8 @@ def preflight(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust
     if battery.prescribed:
         return None
     if settings.name != JOINT:
-        held = {name: (value,) for name, value in zip(plan.names, mission.parameters, strict=True)}
-        settings = replace(settings, levels=held, trade_offs=())
-    # whoever does not look for parameters that just reach the end may take what comes near to it for passed
-    ahead = Forecaster(settings, mission, MARGIN_M if settings.name == JOINT else -NEAR_M)
+        settings = held_settings(settings, mission, mission.parameters)
+    ahead = Forecaster(settings, mission, MARGIN_M if settings.name == JOINT else -NEAR_END_M)
     ahead.assume(wind_mps, gust_std_mps, battery.soc)
     ahead.at(0.0, mission.start_m or (0.0, 0.0), 0.0)
     if settings.name == JOINT and ahead.open:

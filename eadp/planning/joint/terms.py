@@ -16,7 +16,7 @@ from eadp.core.flight.battery import drains_per_s
 from eadp.errors import Infeasible
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Box, Plan
 from eadp.models.plan.route import Route
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, IntArray, concave_envelope

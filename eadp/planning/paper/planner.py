@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eadp.core.flight.battery import currents_a
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.base import (
     SOC_JUMP,

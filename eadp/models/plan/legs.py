@@ -1,0 +1,217 @@
+"""One leg: a stage as it is flown exactly along its path, from where it is joined to its trigger."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent, walk
+from eadp.models.plan.plan import Stage
+from eadp.models.plan.triggers import beyond
+
+END_STEP_M = 1.0
+MIN_BEYOND_M = 1e-9
+MAX_SAMPLES = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One stage of a route: from where it is joined to its trigger.
+
+    `flown_m` is less than `length_m` for the leg on which the plan ends.
+    """
+
+    lap: int
+    stage: Stage
+    path: PathFunction
+    offset_m: Point
+    start_m: Point
+    end_m: Point
+    length_m: float
+    flown_m: float = math.inf
+
+    @property
+    def distance_m(self) -> float:
+        """The distance flown along the leg [m]."""
+        return min(self.length_m, self.flown_m)
+
+
+class TracePoint(NamedTuple):
+    """A point of the nominal path [m] with its direction of travel [rad]."""
+
+    stage: int
+    kind: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_m: float = 0.0) -> float | None:
+    """How far along a leg the plan is over [m], to a millimetre; None where it is not. See `triggers.beyond`.
+
+    `slack_m` before the final point counts as beyond it [m]; below 0, it has to be passed by as much.
+    """
+    if not math.isfinite(leg.length_m):
+        return None
+    dx, dy = shift
+    final = (
+        final[0] - (slack_m * math.copysign(1.0, dx) if abs(dx) >= 1e-9 else 0.0),
+        final[1] - (slack_m * math.copysign(1.0, dy) if abs(dy) >= 1e-9 else 0.0),
+    )
+    if leg.stage.kind == LINE:
+        return _line_beyond_m(leg, final, shift, radius_m)
+    is_over = beyond(final, shift, radius_m)
+    count = max(1, math.ceil(leg.length_m / END_STEP_M))
+    if leg.stage.kind == CIRCLE:
+        if not _circle_reaches(leg, final, shift, radius_m):
+            return None
+        at = _on_circle(leg)
+        count = max(count, math.ceil(leg.length_m / max(radius_m / 4, leg.length_m / MAX_SAMPLES)))
+        found = next((i for i in range(count + 1) if is_over(*at(leg.length_m * i / count))), None)
+    else:
+        points = [(point.x_m, point.y_m) for point in leg_points(leg, END_STEP_M)]
+        count = len(points) - 1
+
+        def at(along_m: float) -> Point:
+            i, share = divmod(along_m / leg.length_m * count, 1.0)
+            (ax, ay), (bx, by) = points[int(i)], points[min(int(i) + 1, count)]
+            return ax + share * (bx - ax), ay + share * (by - ay)
+
+        found = next((i for i, point in enumerate(points) if is_over(*point)), None)
+    if not found:
+        return None if found is None else 0.0
+    low, high = leg.length_m * (found - 1) / count, leg.length_m * found / count
+    while high - low > 1e-3:
+        middle = (low + high) / 2
+        low, high = (low, middle) if is_over(*at(middle)) else (middle, high)
+    return high
+
+
+def _circle_reaches(leg: Leg, final: Point, shift: Point, radius_m: float) -> bool:
+    """Whether the whole circle of a leg has any point that could be beyond: by the square round it."""
+    circle = circle_of(leg.path, (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1]), leg.stage.sense)
+    for centre, offset, to, d in zip(circle.centre_m, leg.offset_m, final, shift, strict=True):
+        place, r = centre + offset, circle.radius_m
+        if abs(d) < 1e-9:
+            if abs(place - to) > radius_m + r:
+                return False
+        elif (place - to) * math.copysign(1.0, d) + r <= 0:
+            return False
+    return True
+
+
+def _on_circle(leg: Leg) -> Callable[[float], Point]:
+    """The point of a circular leg some way along it [m]."""
+    ox, oy = leg.offset_m
+    circle = circle_of(leg.path, (leg.end_m[0] - ox, leg.end_m[1] - oy), leg.stage.sense)
+    (cx, cy), radius = circle.centre_m, circle.radius_m
+    first = circle.angle_rad((leg.start_m[0] - ox, leg.start_m[1] - oy))
+
+    def at(along_m: float) -> Point:
+        angle = first + circle.turn * along_m / radius
+        return ox + cx + radius * math.cos(angle), oy + cy + radius * math.sin(angle)
+
+    return at
+
+
+def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
+    """The same on a line: on each axis, a first and a last place from which and to which it is over."""
+    first, last = 0.0, leg.length_m
+    for start, end, to, d in zip(leg.start_m, leg.end_m, final, shift, strict=True):
+        rate = (end - start) / leg.length_m if leg.length_m > 0 else 0.0
+        if abs(d) < 1e-9:
+            lows = [(to - radius_m, 1.0), (-to - radius_m, -1.0)]  # |v − to| ≤ radius
+        else:
+            sign = math.copysign(1.0, d)
+            lows = [(sign * to + MIN_BEYOND_M, sign)]  # strictly beyond
+        for least, sign in lows:
+            value, slope = sign * start, sign * rate
+            if abs(slope) < 1e-12:
+                if value < least:
+                    return None
+            elif slope > 0:
+                first = max(first, (least - value) / slope)
+            else:
+                last = min(last, (least - value) / slope)
+    return first if first <= last else None
+
+
+def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
+    """Length of a stage's path from where it is joined to its trigger [m]."""
+    if stage.kind == LINE:
+        return abs(line_of(path, trigger, stage.sense).progress_m(join))
+    if stage.kind == CIRCLE:
+        circle = circle_of(path, trigger, stage.sense)
+        return circle.radius_m * circle.sweep_rad(join, trigger)
+    return curve_length_m(path, project(path, join), trigger, stage.sense)
+
+
+def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
+    """The points of one stage, to where the plan ends on it; see `trace`."""
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
+    end = (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
+    for (x, y), heading in _local_points(leg, start, end, count):
+        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
+
+
+def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tuple[Point, float]]:
+    stage, path = leg.stage, leg.path
+    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
+    if stage.kind == LINE:
+        line = line_of(path, start, stage.sense)
+        (x, y), (dx, dy) = line.point_m, line.direction
+        length = line.progress_m(end) * share
+        heading = math.atan2(dy, dx)
+        for i in range(count + 1):
+            along = length * i / count
+            yield (x + along * dx, y + along * dy), heading
+    elif stage.kind == CIRCLE:
+        circle = circle_of(path, end, stage.sense)
+        first = circle.angle_rad(start)
+        sweep = leg.distance_m / circle.radius_m
+        for i in range(count + 1):
+            angle = first + circle.turn * sweep * i / count
+            yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
+    else:
+        points = walk(path, start, stage.sense, leg.distance_m / count or 1.0)
+        for _ in range(count):
+            point = next(points)
+            yield point, _heading(leg, point)
+        last = project(path, end) if leg.distance_m == leg.length_m else next(points)
+        yield last, _heading(leg, last)
+
+
+def _heading(leg: Leg, point: Point) -> float:
+    x, y = tangent(leg.path, point, leg.stage.sense)
+    return math.atan2(y, x)
+
+
+def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
+    """How much of a leg is left at a position [m], and up to `early_m` to its begin, where the last one ended early.
+
+    Parameters
+    ----------
+    leg : Leg
+    position : (float, float)
+        Where the aircraft is [m].
+    flown_m : float
+        About how much of it has been flown [m]: what tells turns round a circle apart, and all there is on a curve.
+    """
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    local, end = (position[0] - ox, position[1] - oy), (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    cut_m = leg.length_m - leg.distance_m
+    if stage.kind == LINE:
+        left = -line_of(leg.path, end, stage.sense).progress_m(local) - cut_m
+    elif stage.kind == CIRCLE:
+        circle = circle_of(leg.path, end, stage.sense)
+        turn_m = 2 * math.pi * circle.radius_m
+        left = circle.radius_m * circle.sweep_rad(local, end) - cut_m
+        left += turn_m * round((leg.distance_m - flown_m - left) / turn_m)
+    else:
+        left = leg.distance_m - flown_m
+    return min(max(left, 0.0), leg.distance_m + early_m)

@@ -1,0 +1,203 @@
+"""When a stage ends, and when the plan does: what is watched along a stage, position by position.
+
+The numbers watched lie in one list, or in one array for compiled code (`eadp.core.compiled`): they are part of the
+inner loop of a simulated flight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, MutableSequence
+
+from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent
+from eadp.errors import PathUndefined
+from eadp.models.plan.cursor import PlanCursor
+
+FIRED, ENDED = 1, 2
+"""What happens at a position, as bits: the trigger fires, the plan ends."""
+
+FIRES_IN, TRIGGER_X, TRIGGER_Y, RADIUS, RADIUS_SQUARED = range(5)
+"""Where the trigger fires (`BOX`, `DISC` or nowhere); its position, radius and the square of that."""
+
+ARMED, FLOWN, HALF_LENGTH, LAST_X, LAST_Y = range(5, 10)
+"""Whether it is armed, the distance flown until then, half the stage's length, the last position."""
+
+PASSED_BY, PASS_X, PASS_Y, PASS_P, PASS_Q, PROGRESS, BEARING = range(10, 17)
+"""What passes it: `BY_LINE`, a point and the direction of travel (P, Q); `BY_CIRCLE`, the centre, the turn (P) and the
+angle to go (Q); the angle gone, and the last direction from the centre."""
+
+ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(17, 23)
+"""Whether the plan ends beyond the final point; that point, the sides of it, the radius across them."""
+
+WATCHED = 23
+BOX, DISC = 1.0, 2.0
+NEVER, BY_LINE, BY_CIRCLE = 0.0, 1.0, 2.0
+
+
+def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress | None) -> int:
+    """Whether at a position [m] the trigger fires (`FIRED`) and whether the plan ends (`ENDED`), as bits.
+
+    `w` is what is watched, a list or an array, and is updated. Compiled, `curve` is None. Nothing here may raise.
+    """
+    fires = False
+    dx, dy = x - w[TRIGGER_X], y - w[TRIGGER_Y]
+    if w[FIRES_IN] == DISC:
+        inside = dx * dx + dy * dy <= w[RADIUS_SQUARED]
+        if w[ARMED] == 0.0:
+            ex, ey = x - w[LAST_X], y - w[LAST_Y]
+            w[FLOWN] += math.sqrt(ex * ex + ey * ey)
+            w[LAST_X], w[LAST_Y] = x, y
+            if not inside or w[FLOWN] >= w[HALF_LENGTH]:
+                w[ARMED] = 1.0
+        fires = inside and w[ARMED] != 0.0
+        if not fires:
+            if w[PASSED_BY] == BY_LINE:
+                fires = (x - w[PASS_X]) * w[PASS_P] + (y - w[PASS_Y]) * w[PASS_Q] >= 0
+            elif w[PASSED_BY] == BY_CIRCLE:
+                _turned(w, x, y)
+                fires = w[PROGRESS] >= w[PASS_Q]
+            if curve is not None:
+                fires = curve(x, y)
+    elif w[FIRES_IN] == BOX:
+        fires = abs(dx) <= w[RADIUS] and abs(dy) <= w[RADIUS]
+    events = FIRED if fires else 0
+    if w[ENDS] != 0.0 and _is_beyond(x - w[FINAL_X], y - w[FINAL_Y], w[SIDE_X], w[SIDE_Y], w[ACROSS]):
+        events += ENDED
+    return events
+
+
+def _turned(w: MutableSequence[float], x: float, y: float) -> None:
+    """Add the angle flown round a circle since the last position."""
+    now = math.atan2(y - w[PASS_Y], x - w[PASS_X])
+    turned = now - w[BEARING]
+    # the remainder by 2π, exactly: the difference of two directions is within ±2π
+    if turned > math.pi:
+        turned -= 2 * math.pi
+    elif turned < -math.pi:
+        turned += 2 * math.pi
+    w[PROGRESS] += w[PASS_P] * turned
+    w[BEARING] = now
+
+
+def _is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
+    in_x = dx * sx > 0 if sx != 0.0 else abs(dx) <= radius
+    in_y = dy * sy > 0 if sy != 0.0 else abs(dy) <= radius
+    return in_x and in_y
+
+
+WATCHING = (watched, _turned, _is_beyond)
+"""`watched` and what it calls, to be compiled together."""
+
+
+def beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
+    """A test whether a position is strictly beyond the final point along the shift, and within the radius across it."""
+    (fx, fy), (sx, sy) = final, _signs(shift)
+    return lambda x, y: _is_beyond(x - fx, y - fy, sx, sy, radius)
+
+
+def _signs(shift: Point) -> Point:
+    dx, dy = shift
+    return 0.0 if abs(dx) < 1e-9 else math.copysign(1, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1, dy)
+
+
+class TriggerWatch:
+    """What is watched along one stage.
+
+    Attributes
+    ----------
+    numbers : list or array of float, shape (23,)
+        What `watched` reads and updates; may be replaced by an array of the same numbers.
+    curve : CurveProgress or None
+        Progress along a general curve.
+    ends_here : bool
+        Whether the plan ends at this lap's last trigger.
+    """
+
+    def __init__(
+        self,
+        cursor: PlanCursor,
+        path: PathFunction,
+        trigger: Point,
+        joined_m: Point,
+        position_m: Point,
+        before: TriggerWatch | None,
+    ) -> None:
+        """`joined_m` is where the stage was joined; `before` is the same stage's watch before its path was moved."""
+        plan, rules = cursor.table.plan, cursor.table.rules
+        radius = plan.trigger_radius_m
+        w = self.numbers = [0.0] * WATCHED
+        self.curve: CurveProgress | None = None
+        end = cursor.end()
+        self.ends_here = end is not None and end.at_trigger
+        if end is not None and not end.at_trigger:
+            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *_signs(end.shift_m), radius]
+        w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
+        if rules.box_triggers:
+            w[FIRES_IN] = BOX
+            return
+        w[FIRES_IN] = DISC
+        armed = math.dist(trigger, position_m) > radius
+        length_m = self._watch_passing(cursor, path, trigger, joined_m, position_m, before)
+        # armed once the robot has been outside the disc, or has flown half the stage
+        w[ARMED : LAST_Y + 1] = [float(armed), 0.0, length_m / 2, *position_m]
+
+    def events(self, x: float, y: float) -> int:
+        """`watched` at a position [m]."""
+        return watched(self.numbers, x, y, self.curve)
+
+    def _watch_passing(
+        self,
+        cursor: PlanCursor,
+        path: PathFunction,
+        trigger: Point,
+        joined_m: Point,
+        position_m: Point,
+        before: TriggerWatch | None,
+    ) -> float:
+        """Watch the progress along the path that passes the trigger; return the stage's nominal length [m]."""
+        stage, (ox, oy), w = cursor.stage, cursor.offset_m, self.numbers
+        local = (trigger[0] - ox, trigger[1] - oy)
+        join = (joined_m[0] - ox, joined_m[1] - oy)
+        if stage.kind == LINE:
+            line = line_of(path, local, stage.sense)
+            w[PASSED_BY : PASS_Q + 1] = [BY_LINE, ox + local[0], oy + local[1], *line.direction]
+            return abs(line.progress_m(join))
+        if stage.kind == CIRCLE:
+            circle = circle_of(path, local, stage.sense)
+            sweep, (cx, cy) = circle.sweep_rad(join, local), circle.centre_m
+            w[PASSED_BY : PASS_Q + 1] = [BY_CIRCLE, cx + ox, cy + oy, circle.turn, sweep]
+            w[PROGRESS : BEARING + 1] = [0.0, circle.angle_rad(join)]
+            _turned(w, *position_m)  # from where the stage was joined in the plan to where the robot is
+            if before is not None and before.numbers[PASSED_BY] == BY_CIRCLE:
+                # the path has moved under the robot: whole turns flown stay flown
+                flown = before.numbers[PROGRESS] - w[PROGRESS]
+                w[PROGRESS] += 2 * math.pi * round(flown / (2 * math.pi))
+            return circle.radius_m * sweep
+        start = project(path, join)
+        length_m = curve_length_m(path, start, local, stage.sense)
+        if math.isfinite(length_m):
+            self.curve = CurveProgress(path, stage.sense, length_m, cursor.offset_m, start)
+            self.curve(*position_m)
+            if before is not None and before.curve is not None:
+                self.curve.progress_m = before.curve.progress_m
+        return length_m
+
+
+class CurveProgress:
+    """Progress along a general curve of the point below the robot; called, whether it has passed the trigger."""
+
+    def __init__(self, path: PathFunction, sense: int, length_m: float, offset: Point, start: Point) -> None:
+        self.progress_m = 0.0
+        self._path, self._sense, self._length_m, self._offset = path, sense, length_m, offset
+        self._foot = start
+
+    def __call__(self, x: float, y: float) -> bool:
+        try:
+            foot = project(self._path, (x - self._offset[0], y - self._offset[1]))
+            tx, ty = tangent(self._path, foot, self._sense)
+        except PathUndefined:  # no point of the path below the robot: it has not moved along it
+            return False
+        self.progress_m += (foot[0] - self._foot[0]) * tx + (foot[1] - self._foot[1]) * ty
+        self._foot = foot
+        return self.progress_m >= self._length_m
