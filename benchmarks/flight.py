@@ -24,7 +24,7 @@ import numpy as np
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
-from eadp.models.plan.executor import Vector
+from eadp.models.plan.cursor import Vector
 from eadp.planning.registry import Decision, Observation, SolverReport
 from eadp.simulation.loop import Outcome, fly
 

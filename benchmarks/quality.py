@@ -38,7 +38,7 @@ sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(
 
 from eadp.core.compiled import switch_on  # noqa: E402
 from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.models.plan.route import RoutePredictor  # noqa: E402
+from eadp.models.plan.route import MARGIN_M, RoutePredictor  # noqa: E402
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
 from eadp.planning.joint.forecaster import Forecaster  # noqa: E402
 from eadp.planning.joint.planner import JointPlanner  # noqa: E402
@@ -223,7 +223,7 @@ class LapBudget(TrackingPlanner):
 
     def __init__(self, settings: PlannerSettings, estimator: Any, mission: Mission) -> None:
         super().__init__(settings, estimator, mission)
-        self._follower = RoutePredictor(mission.plan, mission.parameters, mission.start_m or (0, 0), mission.rules)
+        self._predictor = RoutePredictor()
         self._energy_j = self._metres = 0.0
         self._last: Observation | None = None
         self._lap = -1
@@ -240,16 +240,13 @@ class LapBudget(TrackingPlanner):
             step_s = o.time_s - self._last.time_s
             self._metres += math.dist((o.x_m, o.y_m), (self._last.x_m, self._last.y_m))
             assert o.power_w is not None
-            sets = self._mission.plan.stages[o.stage - 1].sets
+            sets = o.cursor.stage.sets
             self._energy_j += (o.power_w - self._mission.computing.power_w(o.parameters, sets)) * step_s
-            for _ in range(o.stages_begun - self._last.stages_begun):
-                self._follower.next_stage(o.parameters)
         self._last = o
-        if self._follower.lap != self._lap and self._metres > 100:
-            self._lap = self._follower.lap
+        if o.cursor.lap != self._lap and self._metres > 100:
+            self._lap = o.cursor.lap
             chosen = self._chosen(o)
             self._decision = self._decision._replace(parameters=chosen)
-            self._follower.decide(chosen)
         return self._decision
 
     def _chosen(self, o: Observation) -> tuple[float, ...]:
@@ -263,7 +260,7 @@ class LapBudget(TrackingPlanner):
             *((box.lo, level) for level in reversed(levels)),
         ]:
             try:
-                course = self._follower.course((c1, c2))
+                course = self._predictor.route(o.cursor.decide((c1, c2)), o.joined_m, MARGIN_M)
             except Exception:
                 continue
             seconds = sum(leg.distance_m for leg in course.legs) / speed

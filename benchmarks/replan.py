@@ -29,6 +29,7 @@ from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper.horizon import HorizonForecast, HorizonSolution
@@ -106,7 +107,8 @@ class Ours:
         mission = Mission(plan, join_profile(plan, profile), BATTERY, 15.0, (0.0, HIGH), (-100.0, 220.0))
         settings = PlannerSettings(horizon_s=float(steps), constraint_at="end", solver=solver)
         self._planner = PaperPlanner(settings, EstimatorSettings(), mission)
-        self._observation = Observation(0.0, 0.0, 0.0, 1, 1, None, 1.0, (0.0, HIGH))
+        cursor = PlanCursor.start(plan, mission.parameters)
+        self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
         self._horizon = self._planner._horizon(self._observation, [1], steps)
         self._steps = steps
 

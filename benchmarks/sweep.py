@@ -49,7 +49,8 @@ from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.io.sweep.results import Results
 from eadp.io.sweep.run import FlyRun, KeptFiles
 from eadp.io.sweep.sweep_file import Sweep, read_sweep
-from eadp.models.plan.executor import ENDS, FIRES_IN, PASSED_BY, TRIGGER, PlanExecutor
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
 from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
@@ -246,9 +247,10 @@ def trigger_share(world: World, fast: bool) -> float:
         for watching in (True, False):
             itinerary = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
             if watching:  # of a trigger that does not fire: a circle without end, a disc of no size
-                itinerary.watch[PASSED_BY + 4], itinerary.watch[TRIGGER + 3] = math.inf, -1.0
+                numbers = itinerary.watch.numbers
+                numbers[PASS_Q], numbers[RADIUS_SQUARED] = math.inf, -1.0
             else:
-                itinerary.watch[FIRES_IN] = itinerary.watch[ENDS] = 0.0
+                itinerary.watch.numbers[FIRES_IN] = itinerary.watch.numbers[ENDS] = 0.0
             begin = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
             stretches = InnerLoop(
                 state_of(world.vehicle, *begin),

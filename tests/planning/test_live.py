@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, LiveFlight, OutlierGate, Sample
-from eadp.planning.registry import make_planner
+from eadp.planning.registry import HeldForecast, make_planner
 from eadp.simulation.loop import Outcome, fly
 
 EPOCH_S = 1.7e9
@@ -46,6 +46,7 @@ def live(inputs):
     return LiveFlight(
         inputs.mission,
         lambda mission: make_planner(scenario.planner, scenario.estimator, mission),
+        lambda mission: HeldForecast(scenario.planner, mission),
         scenario.planner.every_s,
     )
 
@@ -136,7 +137,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
 
 
 @pytest.mark.parametrize("planner", ["static", "paper"])
-def test_planners_that_tell_no_forecast_have_a_plain_one(planner):
+def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
     inputs = inputs_of(planner, **calm, faults=[])
     recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
@@ -150,7 +151,7 @@ def test_planners_that_tell_no_forecast_have_a_plain_one(planner):
             told[round(fix.time_s)] = advice
     assert outcome.completed
     half = told[round(outcome.duration_s / 2)]
-    assert half.completes_probability is None
+    assert half.completes_probability == pytest.approx(1.0, abs=0.01)
     assert half.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
     assert half.soc_end_forecast == pytest.approx(outcome.soc_final, abs=0.02)
     assert flight.complete
@@ -225,7 +226,8 @@ def test_a_planner_that_fails_is_told_of_and_does_not_end_it(recorded):
         def update(self, observation):
             raise RuntimeError("out of order")
 
-    flight = LiveFlight(inputs.mission, lambda mission: Failing(inputs.planner()), 1.0)
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    flight = LiveFlight(inputs.mission, lambda mission: Failing(inputs.planner()), lambda mission: held, 1.0)
     advice, remarks = flight.take(start(inputs))
     assert "the planner failed, and parameters stay: RuntimeError: out of order" in remarks[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}

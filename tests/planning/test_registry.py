@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from common import ROOT
+from common.observations import observation as observed
 from scipy.integrate import solve_ivp
 
 from eadp.errors import EadpError, Infeasible, SolverFailed
@@ -21,7 +22,6 @@ from eadp.planning.paper.horizon import Horizon
 from eadp.planning.registry import (
     JointPlanner,
     Mission,
-    Observation,
     PaperPlanner,
     PlannerSettings,
     StaticPlanner,
@@ -44,8 +44,8 @@ def planner(settings=SETTINGS, **changes):
     return make_planner(settings, EstimatorSettings(), mission(**changes))
 
 
-def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), stage=1, begun=1):
-    return Observation(time_s, 0.0, 0.0, stage, begun, power_w, soc, parameters)
+def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), started=1, plan=PLAN):
+    return observed(plan, parameters, time_s, 0.0, 0.0, started=started, soc=soc, power_w=power_w)
 
 
 def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0):
@@ -87,7 +87,7 @@ def test_it_waits_for_its_periods():
     pilot = planner(replace(SETTINGS, min_periods=2))
     for lap in range(3):
         for stage in range(1, 5):
-            pilot.update(observation(10.0 * (4 * lap + stage), stage=stage, begun=4 * lap + stage))
+            pilot.update(observation(10.0 * (4 * lap + stage), started=4 * lap + stage))
         assert (pilot.report.replans > 0) == (lap == 2)
 
 
@@ -241,12 +241,12 @@ def test_inhibited_computations_are_not_solved_for():
         replace(SETTINGS, longest_s=None, shortest_s=None), EstimatorSettings(), mission(plan, parameters=(10.0,))
     )
     for k in range(1, 30):
-        decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0))
+        decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0, plan=plan))
     assert pilot.report.solves == 0
     assert pilot.report.replans > 0
     assert decision.parameters == (10.0,), "what was decided waits for the stage that runs it"
     for k in range(30, 60):
-        decision = pilot.update(observation(0.1 * k, parameters=(10.0,), stage=2, begun=2))
+        decision = pilot.update(observation(0.1 * k, parameters=(10.0,), started=2, plan=plan))
     assert pilot.report.solves > 0
 
 

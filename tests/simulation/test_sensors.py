@@ -7,15 +7,19 @@ import itertools
 import numpy as np
 import pytest
 
+from eadp.io.plan.text import read_plan
+from eadp.io.text.streams import Text
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.sensors import Sensors
 from eadp.planning.registry import Observation
 from eadp.simulation.sensors import SensorSuite
 
 STEP_S = 0.01
+CURSOR = PlanCursor.start(read_plan(Text("p", "0.1; 90; x\n0, 900\n"))[0], ())
 
 
 def truth(k):
-    return Observation(k * STEP_S, float(k), -float(k), 1, 1, 30.0 + k, 0.5, (1.0,), None)
+    return Observation(k * STEP_S, float(k), -float(k), CURSOR, (0.0, 0.0), 1, 30.0 + k, 0.5)
 
 
 def told(sensors, count, seed=0):

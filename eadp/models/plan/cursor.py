@@ -132,7 +132,7 @@ class PlanCursor(NamedTuple):
         if table.rules.box_triggers:
             return PlanEnd(final, shift, at_trigger=False)
         last = (x + self.offset_m[0], y + self.offset_m[1])
-        if not _reaches(last, final, shift, plan.trigger_radius_m):
+        if not reaches(last, final, shift, plan.trigger_radius_m):
             return None
         return PlanEnd(final, shift, plan.ends_at_trigger)
 
@@ -258,10 +258,10 @@ class _Table:
         self.segments = plan.parts or (Segment(0, len(plan.stages)),)
         self.live = rules.parameter_changes == LIVE and not plan.parts
         self.latches = [_latches(plan, segment) for segment in self.segments]
-        named = [
-            [stage for stage in plan.stages if parameter.name in stage.path.names] for parameter in plan.parameters
+        self._changed = [
+            next((stage for stage in plan.stages if parameter.name in stage.path.names), plan.stages[0])
+            for parameter in plan.parameters
         ]
-        self._changed = [(stages or plan.stages)[0] for stages in named]
         self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
         self._shifts: dict[Vector, Point] = {}
 
@@ -303,8 +303,9 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
         for variable in segment.quantities:
             if variable.shift is None and variable.first.names & dependent:
                 dependent.add(variable.name)
-        changed = next((stage.index - 1 for stage in stages if stage.path.names & dependent), segment.first)
-        latches.append(segment.first + (changed - segment.first - 1) % segment.count)
+        named = [i for i, stage in enumerate(stages) if stage.path.names & dependent]
+        # the stage before the first one named; a whole lap for what no path names
+        latches.append(segment.first + ((named[0] - 1) % segment.count if named else 0))
     return latches
 
 
@@ -320,7 +321,7 @@ def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:
     return point_at(plan.shift, parameters, "the shift") if plan.shift else (0.0, 0.0)
 
 
-def _reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
+def reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
     """Whether a lap whose last trigger is `last` reaches the final point along the shift."""
     for value, end, d in zip(last, final, shift, strict=True):
         if abs(d) < 1e-9:

@@ -16,7 +16,8 @@ from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
 from eadp.errors import PathUndefined
 from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.executor import LATCHED, LIVE, PlanExecutor, Rules, reaches, shift_at
+from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
+from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
 
@@ -69,9 +70,9 @@ def first_change(itinerary, points):
 
 def to_next(itinerary):
     """Go straight to the trigger; the stages of these plans begin outside it."""
-    before = itinerary.stages_begun
+    before = itinerary.stages_started
     itinerary.advance(*itinerary.trigger_m)
-    assert itinerary.stages_begun == before + 1
+    assert itinerary.stages_started == before + 1
 
 
 # --- arming -----------------------------------------------------------------------------------------------------------
@@ -290,7 +291,7 @@ def test_a_circle_far_from_the_first_laps(off_m):
     itinerary = begun(plan_of(TOWER), (), (70.0, 0.0))
     for _ in range(4):
         to_next(itinerary)
-    assert (itinerary.lap, itinerary.offset_m) == (2, (600, 800))
+    assert (itinerary.cursor.lap, itinerary.cursor.offset_m) == (2, (600, 800))
     x, y = first_change(itinerary, arc((600, 800), 70 + off_m, -5, 300))
     assert math.degrees(math.atan2(y - 800, x - 600)) == pytest.approx(90, abs=0.51)
 
@@ -300,7 +301,7 @@ def test_a_curve_of_a_later_lap_past_its_trigger(off_m):
     itinerary = begun(plan_of(WAVES), (), (0.0, 0.0))
     to_next(itinerary)
     to_next(itinerary)
-    assert (itinerary.lap, itinerary.offset_m) == (1, (90, 50))
+    assert (itinerary.cursor.lap, itinerary.cursor.offset_m) == (1, (90, 50))
     beside = ((90 + x, 50 + 30 * math.sin(x / 40) + off_m) for x in (k / 4 for k in range(1600)))
     x, _ = first_change(itinerary, beside)
     assert x == pytest.approx(290, abs=15), "beside it, progress is only near to that on it"
@@ -390,7 +391,7 @@ class Published(Table):
 
 def lies(itinerary):
     """The itinerary's answer in the table's form."""
-    ox, oy = itinerary.offset_m
+    ox, oy = itinerary.cursor.offset_m
     local = (itinerary.trigger_m[0] - ox, itinerary.trigger_m[1] - oy)
     if itinerary.stage.kind == CIRCLE:
         circle = circle_of(itinerary.path, local, itinerary.stage.sense)
@@ -480,8 +481,8 @@ def test_offsets_of_laps_flown_are_never_worked_out_again():
     itinerary = begun(survey(), (0.0, 2.0))
     for _ in range(4 * 10 + 1):
         to_next(itinerary)
-    assert itinerary.lap == 10
-    assert itinerary.offset_m == pytest.approx((100, 10))
+    assert itinerary.cursor.lap == 10
+    assert itinerary.cursor.offset_m == pytest.approx((100, 10))
     before = lies(itinerary)
     assert itinerary.decide((-1000.0, 2.0), itinerary.trigger_m) is False, "it waits"
     assert lies(itinerary) == before
@@ -492,9 +493,11 @@ def test_offsets_of_laps_flown_are_never_worked_out_again():
     assert lies(itinerary)[1] == pytest.approx((135,)), "the line does not jump"
     # worked out from the start again, 10 (150 − 2 √3900) instead of 10 · 10: 151 m farther
     again = 10 * shift_at(survey(), (-1000.0, 2.0))[0]
-    assert again - itinerary.offset_m[0] == pytest.approx(151, abs=0.1)
+    assert again - itinerary.cursor.offset_m[0] == pytest.approx(151, abs=0.1)
     to_next(itinerary)
-    assert itinerary.offset_m == pytest.approx((100 + 150 - 2 * math.sqrt(3900), 10 + (75 - math.sqrt(3900)) / 5))
+    assert itinerary.cursor.offset_m == pytest.approx(
+        (100 + 150 - 2 * math.sqrt(3900), 10 + (75 - math.sqrt(3900)) / 5)
+    )
 
 
 def test_the_offset_is_the_sum_of_each_laps_shift():
@@ -507,7 +510,7 @@ def test_the_offset_is_the_sum_of_each_laps_shift():
             to_next(itinerary)
         r2 = math.sqrt(4900 + c1)
         wanted = [wanted[0] + 150 - 2 * r2, wanted[1] + (75 - r2) / 5]
-        assert itinerary.offset_m == pytest.approx(wanted)
+        assert itinerary.cursor.offset_m == pytest.approx(wanted)
         assert (itinerary.stage.index, itinerary.parameters[0]) == (1, c1)
 
 
@@ -524,7 +527,7 @@ def test_a_change_taken_back_in_time_does_nothing():
     itinerary.decide((0.0, 2.0), (0.0, 0.0))
     for _ in range(8):
         to_next(itinerary)
-    assert itinerary.offset_m == pytest.approx((20, 2))
+    assert itinerary.cursor.offset_m == pytest.approx((20, 2))
 
 
 LATE = """\
@@ -558,10 +561,10 @@ def test_a_parameter_waits_for_the_stage_before_the_first_whose_path_names_it():
         (1, 0, 3, 0),
         (1, 2, 3, 4),  # no path names c2 and c4: from the next lap on
     ]
-    assert itinerary.offset_m == (10, 0), "the shift of the lap that was flown with c2 = 0"
+    assert itinerary.cursor.offset_m == (10, 0), "the shift of the lap that was flown with c2 = 0"
     for _ in range(4):
         to_next(itinerary)
-    assert itinerary.offset_m == (22, 0)
+    assert itinerary.cursor.offset_m == (22, 0)
 
 
 def test_a_plan_that_does_not_repeat_has_no_shift():
@@ -641,7 +644,7 @@ trig:
 def laps_on(plan, parameters, laps):
     """An itinerary that has just begun a lap."""
     itinerary = begun(plan, parameters)
-    while itinerary.lap < laps:
+    while itinerary.cursor.lap < laps:
         to_next(itinerary)
     return itinerary
 
@@ -824,10 +827,10 @@ def test_a_curve_has_no_form():
 def test_what_is_watched_may_be_an_array():
     plain, arrayed = (begun(plan_of(ROUND_AND_ON), position=(50.0, 0.0)) for _ in range(2))
     for x, y in arc((0, 0), 50, 0, 400):
-        if not isinstance(arrayed.watch, np.ndarray):
-            arrayed.watch = np.array(arrayed.watch)
+        if not isinstance(arrayed.watch.numbers, np.ndarray):
+            arrayed.watch.numbers = np.array(arrayed.watch.numbers)
         assert plain.advance(x, y) == arrayed.advance(x, y)
-        assert list(plain.watch) == list(arrayed.watch)
+        assert list(plain.watch.numbers) == list(arrayed.watch.numbers)
     assert plain.stage.index == 2
 
 
@@ -839,17 +842,17 @@ def test_a_stage_may_be_left_anywhere_and_the_next_ones_lie_where_they_would():
     led, flown = (begun(plan, (0.0, 10.0)) for _ in range(2))
     here = (500.0, 500.0)
     for _ in range(5):
-        assert led.go_on(here)
-        assert flown.go_on(flown.trigger_m)
-    assert (led.stage.index, led.lap, led.stages_begun) == (2, 1, 6)
+        assert led.skip(here)
+        assert flown.skip(flown.trigger_m)
+    assert (led.stage.index, led.cursor.lap, led.stages_started) == (2, 1, 6)
     assert led.trigger_m == flown.trigger_m
-    assert led.offset_m == flown.offset_m == pytest.approx(shift_at(plan, (0.0, 10.0)))
+    assert led.cursor.offset_m == flown.cursor.offset_m == pytest.approx(shift_at(plan, (0.0, 10.0)))
 
 
 def test_how_many_stages_lie_between():
     itinerary = begun(survey(), (0.0, 10.0))
     assert [itinerary.stages_to(index) for index in (0, 1, 2, 3, 4, 5)] == [None, 4, 1, 2, 3, None]
-    itinerary.go_on(itinerary.trigger_m)
+    itinerary.skip(itinerary.trigger_m)
     assert [itinerary.stages_to(index) for index in (1, 2, 3, 4)] == [3, 4, 1, 2]
     once = begun(plan_of("0.1; 90; x\n0, 400\n0.1; 90; x - 1\n1, 500\n"))
     assert [once.stages_to(index) for index in (1, 2, 3)] == [None, 1, None]
@@ -860,7 +863,7 @@ def test_a_stage_that_is_told_to_go_on_is_not_left_but_the_plans_end_counts():
     trigger = itinerary.trigger_m
     for point in polyline((trigger[0] + 30, trigger[1] + 60), trigger, (trigger[0], trigger[1] - 50)):
         itinerary.stay(*point)
-    assert (itinerary.stages_begun, itinerary.complete) == (1, False)
+    assert (itinerary.stages_started, itinerary.complete) == (1, False)
     assert itinerary.advance(trigger[0], trigger[1] - 50), "once nothing tells otherwise"
     line = begun(plan_of("0.1; 90; x\n0, 400\n"))
     line.stay(0.0, 100.0)
@@ -875,8 +878,8 @@ def test_parameters_that_are_known_to_be_in_force_move_the_path_at_once():
     here = told.trigger_m
     waiting.decide((-500.0, 10.0), here)
     assert waiting.parameters == (0.0, 10.0)
-    assert told.believe((-500.0, 10.0), here)
+    assert told.take_in_force((-500.0, 10.0), here)
     assert told.parameters == (-500.0, 10.0)
     assert told.path(*here)[0] == pytest.approx(begun(plan, (-500.0, 10.0)).path(*here)[0])
-    assert not told.believe((-500.0, 10.0), here)
-    assert told.believe((-500.0, 99.0), here) is False, "clipped to the stage's set"
+    assert not told.take_in_force((-500.0, 10.0), here)
+    assert told.take_in_force((-500.0, 99.0), here) is False, "clipped to the stage's set"

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from common import ROOT
 from common.plans import PARTS, WAVES
+from common.routes import Tracked
 
 from eadp.cli.main import main
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
@@ -24,11 +25,12 @@ from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan import route as ahead
-from eadp.models.plan.executor import LIVE, PlanExecutor, Rules
+from eadp.models.plan.cursor import LIVE, Rules
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.legs import first_beyond_m, left_m, leg_points
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import Route, RoutePredictor, left_m
-from eadp.models.plan.trace import default_start, first_beyond_m, leg_points, nominal_legs
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
+from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.planning.estimation.estimator import EstimatorSettings
@@ -41,8 +43,6 @@ QUADRATURE = 2e-3
 """Relative error of times and turning on legs against fine steps."""
 FLOWN_IN_WIND = 0.03
 FLOWN = Rules()
-MARGIN_M = ahead.MARGIN_M
-"""As it is set."""
 
 A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
 ROUND_TWICE = """\
@@ -96,12 +96,6 @@ trig:
 """
 
 
-@pytest.fixture(autouse=True)
-def _exact_end(monkeypatch):
-    """Plans are over where they are, not where an aircraft is sure to have seen it: see the tests of the margin."""
-    monkeypatch.setattr(ahead, "MARGIN_M", 0.0)
-
-
 def plan_of(text) -> Plan:
     return read_plan(Text("p", text))[0]
 
@@ -136,7 +130,7 @@ def box_of(plan: Plan, index=0):
 
 def begun(plan, parameters, rules=FLOWN):
     start = default_start(plan, parameters)[0]
-    return RoutePredictor(plan, tuple(parameters), start, rules), start
+    return Tracked(plan, parameters, start, rules), start
 
 
 def of_legs(legs):
@@ -155,9 +149,9 @@ def alike(found, expected, tolerance=MICROMETRE):
 def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     follower, start = begun(survey(), (0.0, 10.0))
     fresh, begin = begun(survey(), (c1, 10.0))
-    alike(fresh.course((c1, 10.0)).legs, nominal_legs(survey(), (c1, 10.0), begin))
+    alike(fresh.route((c1, 10.0)).legs, nominal_legs(survey(), (c1, 10.0), begin))
     assert start != begin or c1 == 0
-    later = follower.course((c1, 10.0)).legs  # decided now, it waits for the first lap's end
+    later = follower.route((c1, 10.0)).legs  # decided now, it waits for the first lap's end
     assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
 
 
@@ -168,14 +162,14 @@ def test_plans_of_parts_at_take_off(share, with_profile):
     box = box_of(plan)
     parameters = (box.lo + share * (box.hi - box.lo), 10.0)[: len(plan.parameters)]
     follower, start = begun(plan, parameters)
-    alike(follower.course(parameters).legs, nominal_legs(plan, parameters, start))
+    alike(follower.route(parameters).legs, nominal_legs(plan, parameters, start))
 
 
 @pytest.mark.parametrize("text", [WAVES, ROUND_TWICE, "0.1; 90; x\n0, 400\n"], ids=["waves", "circle", "one stage"])
 def test_curves_and_explicit_plans(text):
     plan = plan_of(text)
     follower, start = begun(plan, ())
-    alike(follower.course(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
+    alike(follower.route(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
 
 
 @pytest.mark.parametrize("c1", [4.0, 7.5, 20.0])
@@ -183,30 +177,30 @@ def test_curves_and_explicit_plans(text):
 def test_two_path_parameters(c1, c2):
     plan = plan_of(TWO_PARAMETERS)
     follower, start = begun(plan, (c1, c2, 4.0))
-    alike(follower.course((c1, c2, 4.0)).legs, nominal_legs(plan, (c1, c2), start))
+    alike(follower.route((c1, c2, 4.0)).legs, nominal_legs(plan, (c1, c2), start))
 
 
 def test_the_published_plan(reference):
     plan = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
     for other in (plan, plan.laps()):
         follower, start = begun(other, ())
-        alike(follower.course(()).legs, nominal_legs(other, (), start))
+        alike(follower.route(()).legs, nominal_legs(other, (), start))
 
 
 def test_a_plan_whose_end_is_not_reached_is_refused():
     plan = plan_of(WAVES.replace("h = 0, 50", "h = 0, 0"))
     follower, _ = begun(plan, ())
     with pytest.raises(PathUndefined, match="does not reach"):
-        follower.course(())
+        follower.route(())
 
 
 def test_a_plan_that_cannot_be_flown_at_some_parameters_is_refused_there_alone():
     plan = plan_of("init:\na = 0, 50\npath:\n0.01; 90; (x - a)^2 + y^2 - c1\na + sqrt(c1), 0\ntrig:\n200, 0\n")
     follower, _ = begun(plan, (400.0,))
-    assert follower.course((400.0,)).legs
+    assert follower.route((400.0,)).legs
     with pytest.raises(PathUndefined):
-        follower.course((-1.0,))
-    assert follower.course((400.0,)).legs
+        follower.route((-1.0,))
+    assert follower.route((400.0,)).legs
 
 
 # --- in flight --------------------------------------------------------------------------------------------------------
@@ -225,7 +219,7 @@ class Flown:
 
 def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], float]]:
     """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
-    (ox, oy), (tx, ty), stage = itinerary.offset_m, itinerary.trigger_m, itinerary.stage
+    (ox, oy), (tx, ty), stage = itinerary.cursor.offset_m, itinerary.trigger_m, itinerary.stage
     local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
     if stage.kind == LINE:
         line = line_of(itinerary.path, local, stage.sense)
@@ -253,17 +247,16 @@ def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], f
     yield (tx, ty), length
 
 
-def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN, follower=None):
+def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
     """Fly exactly along the path; `decisions` are taken half way of stages, counted from 0.
 
-    Returns the stages flown, and what a follower told of each stage says of the rest at the begin of each.
+    Returns the stages flown, and the route that is left at the start of each.
     """
-    itinerary = PlanExecutor(plan, parameters, start, rules)
-    follower = follower or RoutePredictor(plan, tuple(parameters), start, rules)
+    itinerary, predictor = PlanExecutor(plan, parameters, start, rules), RoutePredictor()
     decided, begin = tuple(parameters), start
     flights, forecasts = [], []
     for k in range(500):
-        forecasts.append(follower.course(decided))
+        forecasts.append(predictor.route(itinerary.cursor.decide(decided), itinerary.joined_m))
         points = list(way(itinerary, begin))
         length, last, changed, half = 0.0, begin, False, len(points) // 2
         stage, trigger, own = itinerary.stage.index, itinerary.trigger_m, itinerary.parameters
@@ -271,7 +264,6 @@ def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN, follower=No
             if i == half and k in decisions:
                 decided = tuple(decisions[k])
                 itinerary.decide(decided, last)
-                follower.decide(decided)
             length, last = along, point
             changed = itinerary.advance(*point)
             if changed or itinerary.complete:
@@ -281,7 +273,6 @@ def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN, follower=No
             return flights, forecasts
         assert changed, f"stage {stage} is left at its trigger"
         assert math.dist(last, trigger) <= MILLIMETRE, "and not before"
-        follower.next_stage(itinerary.parameters)
         begin = trigger
     raise AssertionError("the flight does not end")
 
@@ -340,67 +331,58 @@ def test_with_two_path_parameters_every_stage_tells_the_rest(seed):
     told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
 
 
-def test_a_decision_that_comes_a_moment_late_is_corrected_by_what_is_observed():
-    # the planner decides in the very step in which the stage changes: the itinerary begins it with the old values
+def test_a_decision_taken_as_a_stage_starts_waits_for_the_next_lap():
+    # the planner decides in the very step in which the stage changes: the stage starts with the old values
     plan = nearly_a_point(survey())
     start = default_start(plan, (0.0, 10.0))[0]
-    itinerary, follower = PlanExecutor(plan, (0.0, 10.0), start, FLOWN), RoutePredictor(plan, (0.0, 10.0), start, FLOWN)
+    itinerary, predictor = PlanExecutor(plan, (0.0, 10.0), start, FLOWN), RoutePredictor()
     begin, new = start, (-900.0, 10.0)
     for k in range(12):
         for point, _ in way(itinerary, begin):
             changed = itinerary.advance(*point)
         assert changed
         begin = point
-        if k == 2:  # the next stage is the one at whose start path parameters take effect
-            follower.decide(new)
+        if k == 2:  # the stage that has just started is the one at whose start path parameters take effect
             itinerary.decide(new, begin)
-        follower.next_stage(itinerary.parameters)
-        course = follower.course(new if k >= 2 else (0.0, 10.0))
+        course = predictor.route(itinerary.cursor, itinerary.joined_m)
         assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
-        assert course.parameters[0][0] == itinerary.parameters[0]
+        assert course.parameters[0][0] == itinerary.parameters[0] == (0.0 if k < 6 else -900.0)
 
 
-def test_a_late_decision_where_sets_differ_between_stages():
+def test_a_decision_where_sets_differ_between_stages():
     plan = nearly_a_point(plan_of(BOXES_DIFFER))
     start = (0.0, 0.0)
-    itinerary, follower = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor(plan, (20.0,), start, FLOWN)
-    begin, new, course = start, (0.0,), follower.course((20.0,))
+    itinerary, predictor = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor()
+    begin, course = start, predictor.route(itinerary.cursor, start)
     for k in range(6):
         for point, _ in way(itinerary, begin):
             changed = itinerary.advance(*point)
         assert changed
         begin = point
-        if k == 1:  # c1 takes effect at the start of stage 1, whose set clips both values, and stage 2's does not
-            follower.decide(new)
-            itinerary.decide(new, begin)
-        follower.next_stage(itinerary.parameters)
+        if k == 1:  # c1 takes effect at the start of stage 2 (stage 1's path does not depend on it before that)
+            itinerary.decide((0.0,), begin)
         if k > 1:
-            assert course.legs[1].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE), "as told a stage before"
-        course = follower.course(new if k >= 1 else (20.0,))
+            assert course.legs[1].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE), "as a stage before"
+            assert course.parameters[1] == itinerary.parameters
+        course = predictor.route(itinerary.cursor, itinerary.joined_m)
         assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
         assert course.parameters[0] == itinerary.parameters
 
 
-def test_a_late_decision_is_told_from_what_was_decided_before_it_whatever_is_decided_for_computations():
-    text = BOXES_DIFFER.replace("[5, 10]\n", "[5, 10]\n[2, 10]\n").replace("[0, 20]\n", "[0, 20]\n[2, 10]\n")
-    follower = RoutePredictor(plan_of(text), (20.0, 10.0), (0.0, 0.0), FLOWN)
-    follower.next_stage((20.0, 10.0))
-    for decided in ((7.0, 10.0), (7.0, 6.0), (7.0, 8.0)):
-        follower.decide(decided)
-    follower.next_stage((10.0, 8.0))  # 20, cut to the set of the first stage
-    assert [own[0] for own in follower.course((7.0, 8.0)).parameters[:3]] == [10.0, 20.0, 7.0]
-
-
-def test_a_late_decision_in_a_plan_of_parts():
+def test_parameters_known_to_be_in_force_hold_until_the_next_latch():
     sets = PARTS.split("[-900, 0]\n")
     text = "[-900, 0]\n".join(sets[:4]) + "[-900, -500]\n" + "[-900, 0]\n".join(sets[4:])
-    follower = RoutePredictor(plan_of(text), (-100.0, 10.0), (10.0, 10.0), FLOWN)
-    for stage, told in ((2, -100.0), (3, -100.0)):
-        follower.next_stage((told, 10.0))
-        assert follower.stage.index == stage
+    follower = Tracked(plan_of(text), (-100.0, 10.0), (10.0, 10.0))
+    follower.next_stage()
+    follower.next_stage()
+    assert follower.stage.index == 3
     follower.decide((-800.0, 10.0))
-    follower.next_stage((-500.0, 10.0))  # -100, cut to the set of stage 4
-    assert [own[0] for own in follower.course((-800.0, 10.0)).parameters[:2]] == [-500.0, -100.0]
+    follower.next_stage()
+    assert follower.cursor.parameters[0] == -800.0
+    follower.cursor = follower.cursor.in_force((-100.0, 10.0))  # an autopilot that did not take it
+    assert follower.cursor.parameters[0] == -500.0, "clipped to the set of stage 4"
+    assert follower.cursor.decided == (-800.0, 10.0)
+    assert [own[0] for own in follower.route((-800.0, 10.0)).parameters[:2]] == [-500.0, -100.0]
 
 
 def test_live_changes_in_the_second_lap():
@@ -420,8 +402,8 @@ def test_live_changes_in_the_first_lap_move_stages_to_come():
     plan, rules = nearly_a_point(survey()), Rules(LIVE)
     follower, _ = begun(plan, (0.0, 10.0), rules)
     follower.decide((-900.0, 10.0))
-    assert follower.before_latch
-    course = follower.course((-900.0, 10.0))
+    assert follower.cursor.accepts_changes()
+    course = follower.route((-900.0, 10.0))
     assert {own[0] for own in course.parameters} == {-900.0}
 
 
@@ -433,8 +415,8 @@ def test_path_parameters_can_take_effect_with_the_next_stage_before_the_latch_al
     follower, _ = begun(plan, (0.0, 10.0))
     found = []
     for _ in range(8):
-        found.append((follower.stage.index, follower.before_latch))
-        follower.next_stage((0.0, 10.0))
+        found.append((follower.stage.index, follower.cursor.accepts_changes()))
+        follower.next_stage()
     assert found == [(1, False), (2, False), (3, True), (4, False)] * 2
 
 
@@ -446,12 +428,12 @@ def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
     rho = plan.path_count
     follower, _ = begun(plan, first)
     for _ in range(20):
-        course, kept = follower.course(moved), follower.course(first)
+        course, kept = follower.route(moved), follower.route(first)
         if len(course.legs) < 2:
             break
         taken = [a != b for a, b in zip(course.parameters[1][:rho], kept.parameters[1][:rho], strict=True)]
-        assert follower.before_latch == any(taken)
-        follower.next_stage(kept.parameters[1])
+        assert follower.cursor.accepts_changes() == any(taken)
+        follower.next_stage()
 
 
 # --- courses kept -----------------------------------------------------------------------------------------------------
@@ -461,15 +443,15 @@ def test_what_is_remembered_does_not_leak_between_parameters():
     rng, plan = random.Random(5), survey()
     follower, _ = begun(plan, (-200.0, 10.0))
     for _ in range(3):
-        follower.next_stage((-200.0, 10.0))
+        follower.next_stage()
     asked = [(rng.choice([-1000.0, -999.999999, -300.0, 0.0, rng.uniform(-1000, 0)]), 10.0) for _ in range(25)]
-    found = {parameters: of_legs(follower.course(parameters).legs) for parameters in asked}
+    found = {parameters: of_legs(follower.route(parameters).legs) for parameters in asked}
     for parameters, legs in found.items():
         fresh, _ = begun(plan, (-200.0, 10.0))
         for _ in range(3):
-            fresh.next_stage((-200.0, 10.0))
-        assert of_legs(fresh.course(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
-        assert np.array_equal(of_legs(follower.course(parameters).legs), legs)
+            fresh.next_stage()
+        assert of_legs(fresh.route(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
+        assert np.array_equal(of_legs(follower.route(parameters).legs), legs)
 
 
 @pytest.mark.parametrize("make", [survey, with_computations])
@@ -478,9 +460,9 @@ def test_after_is_the_course_from_the_next_stage(make):
     parameters = (-150.0, 10.0)
     follower, _ = begun(plan, parameters)
     for _ in range(6):
-        course = follower.course(parameters)
-        follower.next_stage(course.parameters[1])
-        after, fresh = course.after(), follower.course(parameters)
+        course = follower.route(parameters)
+        follower.next_stage()
+        after, fresh = course.after(), follower.route(parameters)
         alike(after.legs, fresh.legs)
         assert after.parameters == fresh.parameters
         wind = (2.0, 5.0)
@@ -492,7 +474,7 @@ def test_after_is_the_course_from_the_next_stage(make):
 def test_free_and_shares_by_leg():
     plan = plan_of(TWO_PARAMETERS)
     follower, _ = begun(plan, (5.0, 0.0, 6.0))
-    course = follower.course((5.0, 0.0, 6.0))
+    course = follower.route((5.0, 0.0, 6.0))
     for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
         for j, box in enumerate(leg.stage.sets):
             assert course.free[j, i] == (box.lo < box.hi)
@@ -512,8 +494,8 @@ def test_a_course_of_no_legs_takes_no_time():
 
 def test_stages_without_sets_have_no_shares():
     plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
-    follower = RoutePredictor(plan, (3.0,), (3.0, 0.0), FLOWN)
-    course = follower.course((3.0,))
+    follower = Tracked(plan, (3.0,), (3.0, 0.0))
+    course = follower.route((3.0,))
     assert not course.shares.any()
     assert not course.free.any()
     assert course.shares.shape == course.free.shape == (1, 1)
@@ -545,7 +527,7 @@ def test_times_and_turning_against_fine_steps(make, wind_mps):
     plan = make()
     parameters = (9.0, 5.0, 4.0)[: len(plan.parameters)] if plan.path_count != 1 else (-400.0, 10.0)
     follower, _ = begun(plan, parameters)
-    course = follower.course(parameters)
+    course = follower.route(parameters)
     some = [*range(4), len(course.legs) - 1]
     times, turning = course.times_s(15.0, wind_mps)
     for i in sorted({i for i in some if i < len(course.legs)}):
@@ -557,7 +539,7 @@ def test_times_and_turning_against_fine_steps(make, wind_mps):
 
 def test_in_calm_air_time_is_length_over_speed():
     follower, _ = begun(survey(), (-400.0, 10.0))
-    course = follower.course((-400.0, 10.0))
+    course = follower.route((-400.0, 10.0))
     times, _ = course.times_s(15.0, (0.0, 0.0))
     assert times == pytest.approx([leg.distance_m / 15 for leg in course.legs], rel=1e-9)
 
@@ -565,7 +547,7 @@ def test_in_calm_air_time_is_length_over_speed():
 @pytest.mark.parametrize("wind_mps", [(0.0, 15.5), (20.0, 0.0), (0.0, -15.0)])
 def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
     follower, _ = begun(survey(), (-400.0, 10.0))
-    times, turning = follower.course((-400.0, 10.0)).times_s(15.0, wind_mps)
+    times, turning = follower.route((-400.0, 10.0)).times_s(15.0, wind_mps)
     assert not np.isfinite(times).all()
     assert (times > 0).all()
     assert np.isfinite(turning).all()
@@ -587,7 +569,7 @@ def test_a_simulated_flight_takes_the_times_told(wind):
     for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
         pass
     assert outcome.completed
-    course = RoutePredictor(plan, parameters, start, FLOWN).course(parameters)
+    course = Tracked(plan, parameters, start).route(parameters)
     times, _ = course.times_s(plane.airspeed_mps, wind.steady_mps)
     ends = [0.0, *outcome.stage_times_s, outcome.duration_s]
     durations = np.diff(ends)
@@ -606,7 +588,7 @@ def test_left_along_each_leg(make):
     plan = make()
     parameters = (-150.0, 10.0)[: len(plan.parameters)]
     follower, _ = begun(plan, parameters)
-    legs = follower.course(parameters).legs
+    legs = follower.route(parameters).legs
     for leg in [*legs[:6], legs[-1]]:
         points = list(leg_points(leg, 1.0))
         for i in range(0, len(points), 7):
@@ -619,8 +601,8 @@ def test_left_along_each_leg(make):
 
 
 def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
-    follower = RoutePredictor(plan_of(ROUND_TWICE), (), (50.0, 0.0), FLOWN)
-    leg = follower.course(()).legs[0]
+    follower = Tracked(plan_of(ROUND_TWICE), (), (50.0, 0.0))
+    leg = follower.route(()).legs[0]
     assert leg.length_m == pytest.approx(100 * math.pi)
     assert left_m(leg, (50.0, 0.0), 0.0) == pytest.approx(100 * math.pi)
     assert left_m(leg, (50.0, 0.0), 310.0) == pytest.approx(0, abs=MICROMETRE)
@@ -631,7 +613,7 @@ def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
 def test_left_stays_within_the_leg():
     follower, _ = begun(survey(), (-400.0, 10.0))
     rng = random.Random(3)
-    for leg in follower.course((-400.0, 10.0)).legs[:8]:
+    for leg in follower.route((-400.0, 10.0)).legs[:8]:
         for _ in range(20):
             place = (rng.uniform(-500, 500), rng.uniform(-500, 500))
             assert 0 <= left_m(leg, place, rng.uniform(0, leg.distance_m)) <= leg.distance_m
@@ -653,8 +635,8 @@ def first_by_steps(leg, final, shift, radius_m, step_m=0.01):
 
 def a_leg(path, begin, trigger, rotation=90):
     plan = plan_of(f"0.1; {rotation}; {path}\n{trigger[0]!r}, {trigger[1]!r}\n")
-    follower = RoutePredictor(plan, (), begin, FLOWN)
-    return follower.course(()).legs[0]
+    follower = Tracked(plan, (), begin)
+    return follower.route(()).legs[0]
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -723,43 +705,36 @@ def flown_survey(c1):
     return len(outcome.stage_times_s) + 1, outcome.duration_s
 
 
-def told_survey(c1):
+def told_survey(c1, margin_m=0.0):
     """The same as forecast."""
     follower, _ = begun(survey(), (c1, 10.0))
-    course = follower.course((c1, 10.0))
+    course = follower.route((c1, 10.0), margin_m)
     return len(course.legs), float(course.times_s(15.0, (0.0, 0.0))[0].sum())
 
 
-def test_with_a_margin_before_it_an_end_that_is_just_reached_is_the_end(monkeypatch):
+def test_with_a_margin_before_it_an_end_that_is_just_reached_is_the_end():
     # at c1 = 0 the last lap's line ends on the final point to a hair: the aircraft, a little beside it, is done
     stages, seconds = flown_survey(0.0)
-    monkeypatch.setattr(ahead, "MARGIN_M", -1.0)
-    told = told_survey(0.0)
+    told = told_survey(0.0, -1.0)
     assert (stages, told[0]) == (61, 61)
     assert told[1] == pytest.approx(seconds, rel=0.005)
-    monkeypatch.setattr(ahead, "MARGIN_M", 0.0)
     assert told_survey(0.0)[0] == 65, "exactly, it is a lap more"
 
 
-def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on(monkeypatch):
+def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on():
     # at c1 = -1000 the plan is over at the end of a line, and on the turn after it where more is asked for
     follower, _ = begun(survey(), (-1000.0, 10.0))
     told = []
     for margin_m in (0.0, 3.0):
-        follower.margin_m = margin_m
-        course = follower.course((-1000.0, 10.0))
+        course = follower.route((-1000.0, 10.0), margin_m)
         told.append(sum(leg.distance_m for leg in course.legs))
     assert 0 < told[1] - told[0] < 10
-    assert begun(survey(), (0.0, 10.0))[0].margin_m == 0.0
-    monkeypatch.setattr(ahead, "MARGIN_M", MARGIN_M)
-    assert begun(survey(), (0.0, 10.0))[0].margin_m == MARGIN_M > 0
 
 
 @pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
-def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(monkeypatch, c1):
-    monkeypatch.setattr(ahead, "MARGIN_M", MARGIN_M)
+def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(c1):
     stages, seconds = flown_survey(c1)
-    told = told_survey(c1)
+    told = told_survey(c1, MARGIN_M)
     assert stages - 1 <= told[0] <= stages + 4
     lap_s = seconds / (stages / 4)
     assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s

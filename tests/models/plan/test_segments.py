@@ -10,8 +10,8 @@ from common.plans import PARTS
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan.text import plan_text, read_plan
 from eadp.io.text.streams import Text
-from eadp.models.plan.cursor import PlanCursor
-from eadp.models.plan.executor import PlanExecutor, Rules
+from eadp.models.plan.cursor import PlanCursor, Rules
+from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import nominal_legs
 from eadp.validation.check import check_plan
 
@@ -20,12 +20,12 @@ def plan(text=PARTS):
     return read_plan(Text("p", text))[0]
 
 
-def stages(walk):
-    """Each stage's index with the state of its part, to the end."""
+def stages(cursor):
+    """Each stage's index with the loop variables of its segment, to the end."""
     found = []
-    while not walk.done:
-        found.append((walk.place.stage.index, *walk.place.state))
-        walk.next()
+    while cursor is not None:
+        found.append((cursor.stage.index, *cursor.state))
+        cursor = cursor.next()
     return found
 
 
@@ -39,22 +39,19 @@ def test_laps_follow_one_another_until_the_condition_holds(c1):
     while s < 90:
         expected += [(index, pytest.approx(s)) for index in (2, 3, 4, 5)]
         s = min(s + step(c1), 90)
-    assert stages(PlanCursor(plan(), [c1, 10])) == [*expected, (6,)]
+    assert stages(PlanCursor.start(plan(), [c1, 10])) == [*expected, (6,)]
 
 
 def test_a_change_waits_for_the_stage_before_the_laps_bend():
-    walk = PlanCursor(plan(), [0.0, 10.0])
-    walk.next()
-    assert walk.place.stage.index == 2
-    walk.decide([-900.0, 4.0])
-    assert walk.place.parameters == (0.0, 4.0)  # the computation at once, the path not yet
-    walk.next()
-    assert walk.place.parameters == (0.0, 0.0)  # inhibited on the turn
-    walk.next()
-    assert walk.place.parameters == (-900.0, 4.0)  # stage 4 comes before the circle that c1 bends
-    walk.next()
-    walk.next()
-    assert walk.place.state == pytest.approx((step(-900),))
+    cursor = PlanCursor.start(plan(), [0.0, 10.0]).next()
+    assert cursor.stage.index == 2
+    cursor = cursor.decide((-900.0, 4.0))
+    assert cursor.parameters == (0.0, 4.0)  # the computation at once, the path not yet
+    cursor = cursor.next()
+    assert cursor.parameters == (0.0, 0.0)  # inhibited on the turn
+    cursor = cursor.next()
+    assert cursor.parameters == (-900.0, 4.0)  # stage 4 comes before the circle that c1 bends
+    assert cursor.next().next().state == pytest.approx((step(-900),))
 
 
 def test_laps_that_are_over_before_they_begin_are_passed_over():
@@ -63,7 +60,7 @@ def test_laps_that_are_over_before_they_begin_are_passed_over():
         .replace("x - 10\n", "x - 100\n")
         .replace("10, 100", "100, 100")
     )
-    assert [index for index, *_ in stages(PlanCursor(plan(text), [0.0, 10.0]))] == [1, 6]
+    assert [index for index, *_ in stages(PlanCursor.start(plan(text), [0.0, 10.0]))] == [1, 6]
 
 
 def test_laps_without_end_are_refused():
@@ -184,7 +181,7 @@ def test_where_others_tell_what_is_flown():
     itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
     stages = [itinerary.stage.index]
     ahead = {index: itinerary.stages_to(index) for index in range(len(plan().stages) + 2)}
-    while itinerary.go_on((0.0, 0.0)):
+    while itinerary.skip((0.0, 0.0)):
         stages.append(itinerary.stage.index)
     assert itinerary.complete
     first = {index: stages.index(index, 1) if index in stages[1:] else None for index in ahead}
@@ -194,12 +191,12 @@ def test_where_others_tell_what_is_flown():
 
 def test_parameters_that_are_known_to_be_in_force():
     itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
-    itinerary.go_on(itinerary.trigger_m)
-    assert itinerary.believe((-400.0, 10.0), itinerary.trigger_m)
+    itinerary.skip(itinerary.trigger_m)
+    assert itinerary.take_in_force((-400.0, 10.0), itinerary.trigger_m)
     assert itinerary.parameters == (-400.0, 10.0)
     last = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
     while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan().stages)) is not None:
-        last.go_on(last.trigger_m)
+        last.skip(last.trigger_m)
     x, y = last.trigger_m
     for point in ((x, y - 50), (x, y)):
         assert not last.complete

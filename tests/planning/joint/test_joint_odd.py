@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from common import ROOT
+from common.observations import observation
 
 from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.plan.cursor import Rules
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
@@ -36,9 +40,9 @@ def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
     for k in range(1, int(length_m / SPEED_MPS)):
         y = SPEED_MPS * k
         stage = int(y // stage_m) + 1
-        seen = Observation(
-            float(k), 0.0, y, stage, stage, MOTION_W + 9.8, soc(k), parameters, None, (0.0, SPEED_MPS), np.pi / 2
-        )
+        own = {"power_w": MOTION_W + 9.8, "velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
+        plan = pilot._mission.plan
+        seen = observation(plan, parameters, float(k), 0.0, y, started=stage, soc=soc(k), **own)
         decisions.append(pilot.update(seen))
         parameters = decisions[-1].parameters
     return decisions
@@ -64,7 +68,8 @@ def test_a_wind_stronger_than_the_airspeed_is_said():
     pilot = planner_for(plan, (10.0,))
     decision = None
     for k in range(1, 60):  # blown backwards
-        seen = Observation(float(k), 0.0, 100.0 - 3 * k, 1, 1, 46.0, PLENTY, (10.0,), None, (0.0, -3.0), np.pi / 2)
+        own = {"velocity_mps": (0.0, -3.0), "heading_rad": np.pi / 2}
+        seen = observation(plan, (10.0,), float(k), 0.0, 100.0 - 3 * k, soc=PLENTY, **own)
         decision = pilot.update(seen)
     assert "cannot be flown" in decision.reason
     assert decision.parameters == (10.0,)
@@ -114,19 +119,28 @@ def test_power_that_the_battery_does_not_allow_is_said():
     assert pilot.report.infeasible > 0
 
 
-def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_course():
+def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route():
     plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
     pilot = planner_for(plan, (0.0, 10.0), battery=Battery(capacity_ah=0.6, crate_per_h=20.0), start=(-45.0, 216.0))
-    first = (0.0, 10.0)
+    itinerary, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)
+
+    def seen(time_s, x_m, y_m, soc):
+        joined_m, started = itinerary.joined_m, itinerary.stages_started
+        return Observation(time_s, x_m, y_m, itinerary.cursor, joined_m, started, 46.0, soc)
+
     for k in range(1, 31):
-        stage = 1 + k // 10
-        soc = 1.0 if k < 30 else 0.5
-        pilot.update(Observation(float(k), -40.0, -60.0, min(stage, 3), min(stage, 3), 46.0, soc, first))
+        if k in (10, 20):
+            itinerary.skip(itinerary.trigger_m)
+        pilot.update(seen(float(k), -40.0, -60.0, 1.0 if k < 30 else 0.5))
         if k == 20:  # nothing but the loss of charge is to change the path
-            first = pilot.update(Observation(20.5, -40.0, -60.0, 3, 3, 46.0, soc, first)).parameters
-    decided = pilot.update(Observation(30.5, -40.0, -60.0, 3, 3, 46.0, 0.5, first)).parameters
+            first = pilot.update(seen(20.5, -40.0, -60.0, 1.0)).parameters
+            itinerary.decide(first, (-40.0, -60.0))
+    decided = pilot.update(seen(30.5, -40.0, -60.0, 0.5)).parameters
     assert decided[0] != first[0], "decided in the last moment of stage 3"
-    pilot.update(Observation(31.0, 35.0, 0.0, 4, 4, 46.0, 0.5, first))  # begun with what was in force before
+    itinerary.skip(itinerary.trigger_m)
+    itinerary.decide(decided, itinerary.joined_m)  # a moment after stage 4 has started with what was in force before
+    pilot.update(seen(31.0, 35.0, 0.0, 0.5))
     ahead = pilot._ahead
-    again = ahead._follower.course(pilot._decision.parameters)
+    assert ahead.course(ahead.shares).parameters[0][0] == first[0] == itinerary.parameters[0]
+    again = RoutePredictor().route(itinerary.cursor.decide(pilot._decision.parameters), itinerary.joined_m)
     assert ahead.course(ahead.shares).parameters == again.parameters

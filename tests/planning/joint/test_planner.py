@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from common import ROOT
+from common.observations import observation
 from common.recorder import Recorder
 
 from eadp.core.flight.battery import soc_rate_per_s
@@ -25,7 +26,7 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.knapsack import Increments
 from eadp.planning.joint.planner import JUMPED, NEW_STAGE, TIME, WARM_UP_S
 from eadp.planning.joint.program import Candidate
-from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
+from eadp.planning.registry import JointPlanner, Mission, PlannerSettings
 from eadp.simulation.loop import Outcome, fly
 
 RESERVE = 0.05
@@ -107,8 +108,8 @@ def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
         for a, b in itertools.pairwise(flight.pilot.seen):
             if a.parameters[0] != b.parameters[0]:
                 changed += 1
-                assert b.stages_begun > a.stages_begun
-                assert (b.stages_begun - 1) % 4 == 3, "at the start of stage 4, the first that the next lap needs it in"
+                assert b.stages_started > a.stages_started
+                assert (b.stages_started - 1) % 4 == 3, "at the start of stage 4, the first to need it"
     assert changed > 1
 
 
@@ -233,9 +234,9 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
         own = max(parameters[0], 2.0) if running(stage) else 0.0
         power = MOTION_W + (float(np.interp(own, [2, 10], [4.8, 9.8])) if running(stage) else 0.0)
         soc += soc_rate_per_s(power, battery.voltage_v, battery.resistance_ohm, battery.capacity_ah, battery.k_b_per_s)
-        seen = Observation(
-            float(k), 0.0, SPEED_MPS * k, stage, stage, power, soc - lost(k), (own,), None, (0.0, SPEED_MPS), np.pi / 2
-        )
+        motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
+        plan, y, known = pilot._mission.plan, SPEED_MPS * k, soc - lost(k)
+        seen = observation(plan, (own,), float(k), 0.0, y, started=stage, power_w=power, soc=known, **motion)
         decisions.append(pilot.update(seen))
         parameters = decisions[-1].parameters
     return decisions, soc

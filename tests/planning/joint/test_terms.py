@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from common.routes import Tracked
 from scipy.optimize import brentq, linprog
 
 from eadp.core import compiled
@@ -16,8 +17,6 @@ from eadp.io.plan.text import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile
-from eadp.models.plan.executor import Rules
-from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.planning.joint import terms as prospects
 from eadp.planning.joint.knapsack import fill_greedy
@@ -93,9 +92,9 @@ class Case:
         rng = np.random.default_rng(self.seed)
         count = len(self.plan.parameters)
         first = tuple(self.plan.hull(i).hi for i in range(count)) if self.plan.has_sets else ()
-        follower = RoutePredictor(self.plan, first, (0.0, -50.0), Rules())
+        follower = Tracked(self.plan, first, (0.0, -50.0))
         decided = tuple(box.lo + 0.7 * (box.hi - box.lo) for box in (self.plan.hull(i) for i in range(len(first))))
-        self.course = follower.course(decided)
+        self.course = follower.route(decided)
         n = len(self.course.legs)
         motion = rng.uniform(30, 40, n)
         self.segments = RouteLoad(rng.uniform(2, 20, n), motion, motion + rng.uniform(0, 3, n), 5.0, 100.0)
