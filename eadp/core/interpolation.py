@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 Point = tuple[float, ...]
 Kind = Literal["linear", "pchip"]
 
@@ -336,7 +336,7 @@ def _cell(knots: Point, value: float) -> tuple[int, float]:
     return i, (value - knots[i]) / (knots[i + 1] - knots[i])
 
 
-def _cells(knots: FloatArray, values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+def _cells(knots: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
     """`_cell` of many values."""
     i = np.minimum(np.searchsorted(knots, values, side="right"), len(knots) - 1) - 1
     return i, (values - knots[i]) / (knots[i + 1] - knots[i])
@@ -392,7 +392,7 @@ class _Scattered:
     values: FloatArray
     lower: FloatArray
     span: FloatArray
-    vertices: NDArray[np.intp]
+    vertices: IntArray
     transforms: FloatArray
     origins: FloatArray
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.harmonics import coefficients_of_state, signal_w, state_of_phases
 
 if TYPE_CHECKING:
     from eadp.core.signals.spectrum import Spectrum
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.disturbance import learned
 from eadp.core.signals.harmonics import design_matrix
 from eadp.core.signals.outliers import spikes
 from eadp.core.signals.spectrum import Spectrum, analyse
 from eadp.models.energy import Disturbance, EnergyModel, energy_model
-
-FloatArray = NDArray[np.float64]
 
 LEAST_SHARE = 0.05
 """Part of the noise's variance that a disturbance must have to be told, and"""
@@ -46,7 +45,7 @@ class EnergyFit:
     spectrum: Spectrum
     times_s: FloatArray
     power_w: FloatArray
-    spikes: NDArray[np.int64]
+    spikes: IntArray
 
 
 def fit_energy(

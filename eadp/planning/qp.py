@@ -17,9 +17,8 @@ import osqp
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible, SolverFailed
-
-FloatArray = NDArray[np.float64]
 
 UNBOUNDED = 1e30
 TOLERANCE = 1e-7

@@ -9,11 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
-
-FloatArray = NDArray[np.float64]
 
 
 def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:

@@ -13,11 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
-
-FloatArray = NDArray[np.float64]
 
 HUBER = 1.345
 """Residuals beyond this many standard deviations count less: 95 % efficient where the noise is normal."""

@@ -9,13 +9,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.compiled import is_on, quick
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import Point
-
-FloatArray = NDArray[np.float64]
 
 FIRST_STD_MPS = 10.0
 """Standard deviation of each component of a wind that nothing is known of."""

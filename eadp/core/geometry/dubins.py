@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point, wrap_angle_rad
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 Pose = tuple[float, float, float]
 """x, y [m] and heading [rad], 0 east, counter-clockwise."""
 

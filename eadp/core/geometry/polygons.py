@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
+
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
 

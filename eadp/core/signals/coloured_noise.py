@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 _LENGTHS = 12
 _COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none

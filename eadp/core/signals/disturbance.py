@@ -14,12 +14,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import is_on, quick
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = 1024
 """Most samples that `learned` looks at, unless told otherwise."""
@@ -167,7 +166,7 @@ def learned(
     )
 
 
-def _kept(count: int, most: int) -> NDArray[np.int64]:
+def _kept(count: int, most: int) -> IntArray:
     """Indices of at most `most` of `count` samples: half of them evenly, half in runs; fewer where the two meet."""
     if count <= most:
         return np.arange(count)

@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.disturbance import process_noise, rate_per_s, transition
 from eadp.core.signals.harmonics import output_row, rotation_matrix
-
-FloatArray = NDArray[np.float64]
 
 _SHORT = 0.05
 """λ times a duration below which a difference of nearly equal numbers is replaced by its series."""

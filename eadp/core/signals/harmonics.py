@@ -9,9 +9,9 @@ Source: letter, Eqs. 3-7 and Lemma III.1, with the start of the lemma corrected:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 
 def output_row(order: int) -> FloatArray:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import fft
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import MIN_PERIODS
-
-FloatArray = NDArray[np.float64]
 
 POINTS = 2000
 """Most points of the even grid that positions are put on."""

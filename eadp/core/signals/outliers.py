@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 WINDOW = 11
 """Samples whose median one is compared with: five before it and five after it."""

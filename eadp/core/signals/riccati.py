@@ -14,11 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.compiled import is_on, quick
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,13 +28,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.coloured_noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 from eadp.core.signals.harmonics import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.int64]
 
 MIN_SAMPLES = 20
 """Fewer samples than this are not analysed."""
@@ -375,7 +374,7 @@ class _Grid:
         self._power = self._transform(weighted.reshape(shape))
         self._square = samples.square
 
-    def _transform(self, blocks: NDArray[np.float64] | IntArray) -> ComplexArray:
+    def _transform(self, blocks: FloatArray | IntArray) -> ComplexArray:
         transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
         return transform
 

@@ -15,8 +15,8 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import quick
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
@@ -26,8 +26,6 @@ from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor
 from eadp.models.plan.executor import LIVE, Rules, Vector, latch_stage, reaches, shift_at, shifting_stage
 from eadp.models.plan.plan import COMPUTATION, Plan, Stage, point_at
 from eadp.models.plan.trace import Leg, first_beyond_m, leg_length_m, leg_points
-
-FloatArray = NDArray[np.float64]
 
 NODES_PER_QUARTER, MOST_NODES = 4, 16
 CURVE_NODES = 24
@@ -58,7 +56,7 @@ class Route:
     nodes: tuple[Nodes, ...]
 
     @cached_property
-    def _flat(self) -> tuple[Nodes, NDArray[np.intp], NDArray[np.intp]]:
+    def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
         """The nodes of all legs that differ, to which of these each belongs, and which each leg has: laps repeat."""
         places: dict[int, int] = {}
         order = np.array([places.setdefault(id(nodes), len(places)) for nodes in self.nodes])
@@ -67,7 +65,7 @@ class Route:
         return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
 
     @cached_property
-    def _kinds(self) -> tuple[list[int], NDArray[np.intp]]:
+    def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
         places: dict[tuple[int, Vector], int] = {}
         keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
@@ -114,7 +112,7 @@ class Route:
             shares.append(told)
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
-    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, NDArray[np.intp]]]:
+    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
         firsts, order = self._kinds
         places: dict[object, int] = {}
@@ -133,7 +131,7 @@ class Route:
         return tuple(leg.stage.index for leg in self.legs)
 
     @cached_property
-    def stages(self) -> NDArray[np.intp]:
+    def stages(self) -> IntArray:
         """The stage of each leg, from 1, shape (legs,)."""
         return np.array(self.shape, dtype=np.intp)
 
@@ -481,8 +479,8 @@ def _times_s(
     cosine: FloatArray,
     sine: FloatArray,
     curvature_per_m: FloatArray,
-    of_node: NDArray[np.intp],
-    order: NDArray[np.intp],
+    of_node: IntArray,
+    order: IntArray,
     airspeed_mps: float,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:

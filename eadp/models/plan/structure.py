@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.expression import Expression, constant, difference, is_zero, scaled, simplified, substituted
 from eadp.errors import EadpError, ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan, PointExpression, Stage
 from eadp.models.plan.segments import LoopVariable, Segment, State
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Where in their sets the parameters are looked at, as shares; without sets, the parameters themselves."""

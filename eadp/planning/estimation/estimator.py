@@ -14,14 +14,13 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals import forecasting
 from eadp.core.signals.disturbance import DisturbanceFit, learned, rate_per_s, stationary_covariance
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
-FloatArray = NDArray[np.float64]
 EXACT, PUBLISHED = "exact", "published"
 
 FIRST_STD_W, FIRST_SHARE = 10.0, 0.5

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.compiled import quick
 from eadp.core.signals import forecasting
 from eadp.core.signals.kalman import predict, update
 from eadp.core.signals.riccati import CovarianceMap, step_map
-
-FloatArray = NDArray[np.float64]
 
 BLOCK_DOUBLINGS = 4
 BLOCK = 2**BLOCK_DOUBLINGS

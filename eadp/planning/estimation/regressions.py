@@ -6,12 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eadp.models.plan.executor import Vector
 from eadp.models.plan.plan import Box
-
-FloatArray = NDArray[np.float64]
 
 RATIO_STD = 0.02
 """Standard deviation of flown to forecast time before anything is flown: of what every leg shares."""

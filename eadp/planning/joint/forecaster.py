@@ -12,8 +12,8 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.compiled import quick
 from eadp.core.flight.wind import GUST_TIME_S, WindFilter
 from eadp.core.geometry.curves import Point
@@ -24,8 +24,6 @@ from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
 from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
-
-FloatArray = NDArray[np.float64]
 
 WIND_STEP_MPS = 0.02
 """A wind that has changed by less is planned with as before."""

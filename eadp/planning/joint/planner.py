@@ -16,8 +16,8 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 from eadp.models.plan.executor import Vector
 from eadp.models.plan.route import Route
@@ -35,8 +35,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.forecaster import Forecaster, ripple_w
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
-
-FloatArray = NDArray[np.float64]
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 

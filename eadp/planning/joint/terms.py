@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import quick
 from eadp.core.flight.battery import drains_per_s
 from eadp.errors import Infeasible
@@ -19,9 +19,7 @@ from eadp.models.computing import Computing
 from eadp.models.plan.executor import Vector
 from eadp.models.plan.plan import Box, Plan
 from eadp.models.plan.route import Route
-from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, IntArray, concave_envelope
-
-FloatArray = NDArray[np.float64]
+from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 
 QUALITY, TOTAL = "quality", "total"
 MOST_CONFIGURATIONS = 50_000

@@ -32,15 +32,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.battery import current_slope_a_per_w, currents_a
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
-FloatArray = NDArray[np.float64]
 Table = list[list[float]]
 Numbers = Any
 
@@ -154,7 +153,7 @@ class ComputationLevels:
             return np.full_like(c, self._slopes[0] if len(self._slopes) else 0.0)
         return self._slopes[self.pieces(c, side), None]
 
-    def pieces(self, c: FloatArray, side: int = 1) -> NDArray[np.intp]:
+    def pieces(self, c: FloatArray, side: int = 1) -> IntArray:
         """One computation: which linear piece each step is on, shape (M,); at a knot, the one on a side."""
         nudge = side * BEND * (self.knots[-1] - self.knots[0])
         return np.clip(np.searchsorted(self.knots, c[:, 0] + nudge, "right") - 1, 0, len(self.knots) - 2)
