@@ -12,7 +12,7 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.core.expressions.expression import Expression
+    from eadp.core.expressions.tree import Expression
     from eadp.errors import Fault
     from eadp.models.plan.plan import Finding, Plan, PointExpression, Stage
     from eadp.validation.check import Report
@@ -54,7 +54,8 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.errors import Fault, InputError, PathUndefined
-    from eadp.io.plan.text import plan_text, read_plan
+    from eadp.io.plan.reader import read_plan
+    from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
 
     if trace is not None and not trace > 0:
@@ -96,7 +97,7 @@ def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     """Parameters as set, else as at take-off: each at its maximum, or 0 where it has no set."""
     import math
 
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
 
     values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     for raw in overrides or []:
@@ -209,7 +210,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
     """A stage's path and trigger with the quantities of its part put in."""
-    from eadp.core.expressions.expression import substituted
+    from eadp.core.expressions.tree import substituted
     from eadp.errors import ExpressionError
 
     if stage.part is None or not stage.part.quantities:
@@ -248,7 +249,7 @@ def _number_or_text(part: Any) -> float | str:
 
 def _table(plan: Plan) -> str:
     """A plan for people."""
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]

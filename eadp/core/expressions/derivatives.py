@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from eadp.core.expressions.expression import (
+from eadp.core.expressions.tree import (
     PARAMETER,
     Call,
     Expression,
@@ -27,6 +27,7 @@ from eadp.core.expressions.expression import (
     Product,
     Sum,
     Symbol,
+    children,
     evaluate,
 )
 from eadp.errors import PathUndefined
@@ -392,8 +393,6 @@ def _has_parameters(node: Node) -> bool:
 
 
 def _names_any(node: Node, wanted: Callable[[str], bool]) -> bool:
-    from eadp.core.expressions.expression import children
-
     waiting = [node]
     while waiting:
         part = waiting.pop()

@@ -12,18 +12,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from eadp.core.expressions.algebra import is_zero
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.expressions.expression import (
-    Expression,
-    Negative,
-    Node,
-    Number,
-    Power,
-    Product,
-    Sum,
-    Symbol,
-    is_zero,
-)
+from eadp.core.expressions.tree import Expression, Negative, Node, Number, Power, Product, Sum, Symbol
 from eadp.errors import PathUndefined
 
 LINE, CIRCLE, CURVE = "line", "circle", "curve"

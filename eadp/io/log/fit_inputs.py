@@ -11,7 +11,7 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.lap_time import lap_time_s
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.log.power_log import Columns, PowerLog, read_power_log
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
 from eadp.models.energy_fit import EnergyFit, fit_energy

@@ -15,7 +15,7 @@ from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import summarise
 from eadp.io.flight.inputs import Files, FlightInputs, load_flight
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import ends_as_model, parse_profile
 from eadp.io.scenario.scenario_file import Scenario, read_scenario, scenario_document, scenario_of
 from eadp.io.text.streams import Text

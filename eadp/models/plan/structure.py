@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.expressions.expression import Expression, constant, difference, is_zero, scaled, simplified, substituted
+from eadp.core.expressions.algebra import is_zero, simplified
+from eadp.core.expressions.tree import Expression, constant, difference, scaled, substituted
 from eadp.errors import EadpError, ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan, PointExpression, Stage
 from eadp.models.plan.segments import LoopVariable, Segment, State

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
+from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.curves import (
     CIRCLE,
     CURVE,

@@ -20,7 +20,7 @@ from eadp.cli.main import main
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, walk
 from eadp.errors import PathUndefined
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing

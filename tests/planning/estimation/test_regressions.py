@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.plan import Box
 from eadp.planning.estimation import regressions as observed

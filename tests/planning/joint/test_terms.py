@@ -12,7 +12,7 @@ from scipy.optimize import brentq, linprog
 
 from eadp.core import compiled
 from eadp.core.flight.battery import soc_rate_per_s
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile

@@ -1,4 +1,4 @@
-"""Plan text: the papers' format and its dialects in, canonical text out.
+"""Reader of plan text: the papers' format and its dialects.
 
 Source: draft 002, Appendix II.
 """
@@ -11,20 +11,20 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from eadp.core.expressions.expression import (
+from eadp.core.expressions.algebra import is_zero
+from eadp.core.expressions.reader import read_expression, read_expressions
+from eadp.core.expressions.tree import (
     FUNCTIONS,
     Expression,
     constant,
     difference,
     evaluate,
-    is_zero,
     number_text,
-    read_expression,
-    read_expressions,
     substituted,
     total,
 )
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
+from eadp.io.plan.writer import point_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.plan import (
     ROTATIONS,
@@ -235,8 +235,8 @@ class _Reader:
         """A number in parameters and quantities."""
         value = self._expression(line, text, start)
         for name in ("x", "y"):
-            if value is not None and name in value.places:
-                self._fault(line, start + value.places[name], f"a value that depends on {name}", "numbers and names")
+            if value is not None and name in value.offsets:
+                self._fault(line, start + value.offsets[name], f"a value that depends on {name}", "numbers and names")
                 return None
         return value
 
@@ -387,7 +387,7 @@ class _Reader:
                 used = sorted(values[0].names & names)
                 if used:
                     what = f"the first value of {name} names {used[0]}"
-                    self._fault(line, start + values[0].places[used[0]], what, "numbers and parameters")
+                    self._fault(line, start + values[0].offsets[used[0]], what, "numbers and parameters")
                 group.coordinates[name] = (values[0], values[1], place)
             else:
                 group.coordinates[name] = (values[0], None, place)
@@ -400,7 +400,7 @@ class _Reader:
             for other in sorted((formula.names & formulas) - known):
                 source = "itself" if other == name else f"{other}, which stands below it"
                 message = f"{name} is computed from {source}"
-                self._fault(line, start + formula.places[other], message, "formulas above it")
+                self._fault(line, start + formula.offsets[other], message, "formulas above it")
             known.add(name)
 
     # --- headers
@@ -615,8 +615,8 @@ class _Reader:
         if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
             return
         message = (
-            f"the shift ({_point_text(plan.header_shift)}) is neither what the stages do, "
-            f"({_point_text(plan.shift)}), nor its opposite"
+            f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
+            f"({point_text(plan.shift)}), nor its opposite"
         )
         self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
 
@@ -660,7 +660,7 @@ class _Reader:
             parts += [part for first, shift, _ in group.coordinates.values() for part in (first, shift) if part]
             parts += [*(group.final or ()), *(group.until or ())]
         parts += [*(self._header_shift or ())]
-        return max((part.highest_parameter for part in parts), default=0)
+        return max((part.max_parameter for part in parts), default=0)
 
     def _check_indices(self, count: int, path_count: int) -> None:
         """An index without a set is an error at the expression that names it."""
@@ -679,10 +679,10 @@ class _Reader:
                 named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
         named += [("the shift", value, self._header_shift_line, 1) for value in self._header_shift or ()]
         for who, part, number, column in named:
-            if part is not None and part.highest_parameter > count:
-                name = f"c{part.highest_parameter}"
+            if part is not None and part.max_parameter > count:
+                name = f"c{part.max_parameter}"
                 message = f"{who} names {name} where stages have {count} sets"
-                self._fault(_Line(number, "", column), part.places.get(name, 0), message, f"a set for {name}")
+                self._fault(_Line(number, "", column), part.offsets.get(name, 0), message, f"a set for {name}")
         if not self._faults:
             self._fault(_Line(1, "", 1), 0, f"c{path_count} is named where stages have {count} sets", "a set for it")
 
@@ -771,8 +771,8 @@ class _Reader:
             return None
         for part in pair:
             for name in ("x", "y"):
-                if name in part.places:
-                    self._fault(line, part.places[name], f"a point that depends on {name}", "numbers and parameters")
+                if name in part.offsets:
+                    self._fault(line, part.offsets[name], f"a point that depends on {name}", "numbers and parameters")
                     return None
         return pair[0], pair[1]
 
@@ -805,7 +805,7 @@ def _shifts(first: Expression, later: Expression, shift: PointExpression) -> boo
     """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, looked at where it is defined."""
     points = ((0.0, 0.0), (37.3, -11.9), (-83.1, 141.7), (211.9, 73.3), (-17.7, -197.3))
     for sample in (0.0, -0.37, 0.81, -211.3):
-        count = max(first.highest_parameter, later.highest_parameter, *(part.highest_parameter for part in shift))
+        count = max(first.max_parameter, later.max_parameter, *(part.max_parameter for part in shift))
         c = [sample * (1 + 0.1 * i) for i in range(count)]
         differences = []
         try:
@@ -820,66 +820,3 @@ def _shifts(first: Expression, later: Expression, shift: PointExpression) -> boo
         if max(values) - min(values) > 1e-9 * scale:
             return False
     return True
-
-
-# --- writing ----------------------------------------------------------------------------------------------------------
-
-
-def plan_text(plan: Plan) -> str:
-    """Canonical text of a plan; reading it again gives the same plan."""
-    lines = []
-    if plan.computations:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
-        lines.append(f"%: computations {', '.join(names)}")
-    if plan.trigger_radius_m != TRIGGER_RADIUS_M:
-        lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
-    if plan.min_radius_m is not None:
-        lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
-    if plan.origin_deg is not None:
-        lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
-    if plan.header_shift is not None:
-        lines.append(_point_text(plan.header_shift))
-    if plan.parts:
-        for part in plan.parts:
-            lines += _part_lines(plan, part)
-        return "\n".join([*lines, ""])
-    short = plan.short_form
-    if short is None:
-        parts = tuple((stage.path, stage.trigger) for stage in plan.stages)
-    else:
-        parts = short.stages
-        lines += ["init:", f"n = {len(plan.stages)}"]
-        lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
-        lines.append("path:")
-    for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
-        lines += _stage_lines(stage, path, trigger)
-    if short is not None and plan.final is not None:
-        lines += ["trig:", _point_text(plan.final)]
-    return "\n".join([*lines, ""])
-
-
-def _part_lines(plan: Plan, part: Segment) -> list[str]:
-    """The sections of a part."""
-    lines = []
-    if part.repeats or part.quantities:
-        lines += ["init:", f"n = {part.count}"]
-        for q in part.quantities:
-            lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
-    lines.append("path:")
-    for stage in plan.stages[part.first : part.first + part.count]:
-        lines += _stage_lines(stage, stage.path, stage.trigger)
-    if part.until is not None:
-        lines += ["trig:", f"{part.until[0].text} >= {part.until[1].text}"]
-    return lines
-
-
-def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
-    return [
-        f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
-        _point_text(trigger),
-        *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
-    ]
-
-
-def _point_text(point: PointExpression) -> str:
-    return f"{point[0].text}, {point[1].text}"
