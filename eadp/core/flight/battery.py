@@ -95,11 +95,6 @@ def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float)
     return 1.0 / np.sqrt(discriminant)
 
 
-def terminal_voltage_v(current: float, voltage_v: float, resistance_ohm: float) -> float:
-    """Voltage at the terminals under a current [V]: V − R I."""
-    return voltage_v - resistance_ohm * current
-
-
 def soc_rate_per_s(
     power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
 ) -> float:

@@ -28,12 +28,6 @@ def wrap_angle_rad(angle_rad: float) -> float:
     return math.pi if wrapped == -math.pi else wrapped
 
 
-def rotate(vector: Point, angle_rad: float) -> Point:
-    """A vector turned counter-clockwise: R(90°) = [[0, −1], [1, 0]]."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
-
-
 # --- kind of a path, from its expression ------------------------------------------------------------------------------
 
 _Coefficient = Fraction | Node

@@ -93,16 +93,6 @@ def stationary_covariance(std_w: float, time_s: float) -> FloatArray:
     return std_w**2 * np.diag([1.0, rate_per_s(time_s) ** 2])
 
 
-def covariance_w2(apart_s: ArrayLike, std_w: float, time_s: float) -> FloatArray:
-    """Covariance [W²] of the process with itself `apart_s` [s] later, any shape.
-
-    Source: Rasmussen and Williams 2006, Eq. 4.17.
-    """
-    turns = rate_per_s(time_s) * np.abs(np.asarray(apart_s, dtype=float))
-    covariance: FloatArray = std_w**2 * (1 + turns) * np.exp(-turns)
-    return covariance
-
-
 @dataclass(frozen=True, slots=True)
 class DisturbanceFit:
     """What samples tell: σ [W] and ℓ [s] of the disturbance, the white noise beside it [W], and how likely that is."""

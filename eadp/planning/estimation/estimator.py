@@ -93,12 +93,6 @@ class Estimator(Protocol):
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading."""
 
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Motion power [W] and its variance [W²], `ahead_s` [s] after the last reading; the sensor's noise is apart."""
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """Energy [J] of the motion from the last reading on, over a duration [s], and its variance [J²]."""
-
     @property
     def state_w(self) -> FloatArray:
         """The energy state q [W], shape (2·order + 1,)."""
@@ -289,45 +283,9 @@ class ExactEstimator:
         power: FloatArray = self._rows(ahead_s) @ self._filter.state
         return power
 
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The forecast and its variance; see `Estimator.forecast_with_variance`.
-
-        The variance is that of the state as it is known, of the noise yet to come, and of the period: the slope of the
-        forecast by it times its standard deviation, and never more than a phase that nobody knows would make.
-        """
-        rows, known, moves = self._rows(ahead_s), self._filter, self._filter.dynamics
-        # C e^{At} P e^{Aᵀt} Cᵀ + what noise adds + (∂h/∂T)² var T
-        variance = np.einsum("ni,ij,nj->n", rows, known.covariance, rows)
-        variance += forecasting.power_variance_w2(moves.drift_w2_per_s, moves.std_w, moves.time_s, ahead_s)
-        if self.period_s is not None:
-            slope = forecasting.power_by_period(known.state, self.period_s, ahead_s)
-            variance += np.minimum((slope * self._period_std_s) ** 2, float(self._amplitude_w2().sum()))
-        return rows @ known.state, variance
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """The energy and its variance, in closed form; see `Estimator.energy_forecast`.
-
-        Of the power's errors along the way it knows how they go together. Variances as `forecast_with_variance` has.
-        """
-        known, moves = self._filter, self._filter.dynamics
-        row = forecasting.energy_row(moves.order, moves.period_s, moves.time_s, duration_s)
-        variance = float(row @ known.covariance @ row) + forecasting.energy_variance_j2(
-            moves.drift_w2_per_s, moves.period_s, moves.std_w, moves.time_s, duration_s
-        )
-        if self.period_s is not None:
-            slope = forecasting.energy_by_period(known.state, self.period_s, duration_s)
-            omega = 2 * math.pi / self.period_s * np.arange(1, self._order + 1)
-            most = float((self._amplitude_w2() / omega**2).sum())
-            variance += min((slope * self._period_std_s) ** 2, most)
-        return float(row @ known.state), variance
-
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
         moves = self._filter.dynamics
         return _power_rows(moves.order, moves.period_s, moves.time_s, np.asarray(ahead_s, dtype=float).tobytes())
-
-    def _amplitude_w2(self) -> FloatArray:
-        """Squared amplitude of each harmonic, shape (r,) [W²]."""
-        return _squared_amplitudes(self._filter.state)
 
     # --- the model
 
@@ -501,13 +459,3 @@ class PublishedEstimator:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
         assert self.period_s is not None
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
-
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The forecast, and 0 for its variance: the published filter's covariances tell none."""
-        return self.forecast(ahead_s), np.zeros(len(ahead_s))
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """The energy [J] of the forecast, and 0 for its variance: the published filter's covariances tell none."""
-        assert self.period_s is not None
-        row = forecasting.energy_row(self._order, self.period_s, 1.0, duration_s)
-        return float(row[:-2] @ self.state_w), 0.0

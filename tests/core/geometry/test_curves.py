@@ -24,7 +24,6 @@ from eadp.core.geometry.curves import (
     line_of,
     path_kind,
     project,
-    rotate,
     tangent,
     walk,
     wrap_angle_rad,
@@ -359,17 +358,6 @@ def test_wrapped_ends():
     assert wrap_angle_rad(-math.pi) == math.pi
     assert wrap_angle_rad(math.pi) == math.pi
     assert wrap_angle_rad(0.0) == 0
-
-
-@unhurried
-@given(points, st.floats(-7, 7))
-def test_rotation_is_multiplication_by_a_complex_number(vector, angle):
-    turned = complex(*vector) * complex(math.cos(angle), math.sin(angle))
-    assert rotate(vector, angle) == near((turned.real, turned.imag))
-
-
-def test_rotation_by_90_degrees_is_the_spec_matrix():
-    assert rotate((3.0, 4.0), math.pi / 2) == near(tuple(np.array([[0, -1], [1, 0]]) @ [3, 4]))
 
 
 # --- onto a path and along it -----------------------------------------------------------------------------------------

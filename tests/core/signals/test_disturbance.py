@@ -16,7 +16,6 @@ from eadp.core.signals.disturbance import (
     DisturbanceFit,
     _innovations,
     _kept,
-    covariance_w2,
     learned,
     process_noise,
     stationary_covariance,
@@ -106,7 +105,9 @@ def test_prediction_does_not_depend_on_how_time_is_cut(cuts, std_w, time_s):
 def test_the_states_have_the_covariance_of_a_matern():
     apart = np.array([0.0, 0.3, 2.0, -2.0, 11.0])
     ours = [(transition(abs(t), 4.0) @ stationary_covariance(0.7, 4.0))[0, 0] for t in apart]
-    assert covariance_w2(apart, 0.7, 4.0) == pytest.approx(ours)
+    # σ² (1 + λ|τ|) e^{−λ|τ|}: Rasmussen and Williams 2006, Eq. 4.17
+    turns = math.sqrt(3) / 4.0 * np.abs(apart)
+    assert 0.7**2 * (1 + turns) * np.exp(-turns) == pytest.approx(ours)
 
 
 # --- likelihood
