@@ -1,6 +1,6 @@
 """The one door to numba: functions of numbers and arrays, compiled to machine code where `eadp[fast]` is installed.
 
-A function is written once. It runs as plain Python, or compiled once a process has been told to (`switch_on`): numba
+A function is written once. It runs as plain Python, or compiled once a process has been told to (`enable`): numba
 takes half a second to import, which one flight is not worth. Both do the same arithmetic in the same order but for sums
 over arrays, which numpy adds up pairwise; no fast-math: nothing else is reassociated.
 
@@ -37,20 +37,20 @@ def available() -> bool:
     return True
 
 
-def switch_on(on: bool = True) -> bool:
+def enable(on: bool = True) -> bool:
     """Use compiled code from here on in this process, or no longer; whether it is used."""
     global _on
     _on = on and available()
     return _on
 
 
-def is_on() -> bool:
+def enabled() -> bool:
     """Whether compiled code is used."""
     return _on
 
 
-def quick(function: F, *helpers: Callable[..., Any]) -> F:
-    """A function, or where `switch_on` says so its compiled form.
+def jitted(function: F, *helpers: Callable[..., Any]) -> F:
+    """A function, or where `enable` says so its compiled form.
 
     Parameters
     ----------

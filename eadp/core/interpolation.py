@@ -26,7 +26,7 @@ Kind = Literal["linear", "pchip"]
 EDGE = 1e-9
 """How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
 
-LEFT_OUT_LIMIT = 200_000
+LEAVE_ONE_OUT_LIMIT = 200_000
 """Largest work of leaving out each of n scattered points: n times the simplices of them all."""
 
 
@@ -49,8 +49,8 @@ class Interpolant:
 
     lower: Point
     upper: Point
-    _least: Point
-    _most: Point
+    _lower_edge: Point
+    _upper_edge: Point
     _varying: tuple[int, ...]
     _piece: _Piece
 
@@ -71,10 +71,10 @@ class Interpolant:
         Infeasible
             Outside the measured range, NaN included.
         """
-        for value, least, most in zip(configuration, self._least, self._most, strict=True):
-            if not least <= value <= most:
+        for value, low, high in zip(configuration, self._lower_edge, self._upper_edge, strict=True):
+            if not low <= value <= high:
                 raise Infeasible(f"{tuple(configuration)} is outside the measured range")
-        return self._piece.at(self._moving(self.clipped(configuration)))
+        return self._piece.at(self._varying_part(self.clipped(configuration)))
 
     def __call__(self, configurations: ArrayLike) -> FloatArray:
         """Values at many configurations.
@@ -95,7 +95,7 @@ class Interpolant:
         """
         asked = np.asarray(configurations, dtype=np.float64)
         points = asked.reshape(-1, len(self.lower))
-        if not np.all((np.array(self._least) <= points) & (points <= np.array(self._most))):
+        if not np.all((np.array(self._lower_edge) <= points) & (points <= np.array(self._upper_edge))):
             raise Infeasible("a configuration is outside the measured range")
         clipped = np.clip(points, self.lower, self.upper)
         return self._piece.many(clipped[:, self._varying]).reshape(asked.shape[:-1])
@@ -122,7 +122,7 @@ class Interpolant:
         if not all(map(math.isfinite, configuration)):
             raise Infeasible(f"{tuple(configuration)} is not a finite configuration")
         result = list(self.clipped(configuration))
-        for axis, value in zip(self._varying, self._piece.nearest(self._moving(result)), strict=True):
+        for axis, value in zip(self._varying, self._piece.nearest(self._varying_part(result)), strict=True):
             result[axis] = value
         return tuple(result)
 
@@ -131,7 +131,7 @@ class Interpolant:
         bounds = zip(configuration, self.lower, self.upper, strict=True)
         return tuple([min(max(value, lower), upper) for value, lower, upper in bounds])
 
-    def _moving(self, configuration: Sequence[float]) -> Sequence[float]:
+    def _varying_part(self, configuration: Sequence[float]) -> Sequence[float]:
         return [configuration[axis] for axis in self._varying]
 
 
@@ -176,7 +176,7 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
 
 
-def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
+def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
     """What the other measurements predict at each configuration, itself left out.
 
     One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
@@ -200,24 +200,24 @@ def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear"
         As `interpolant`.
     """
     points, measured = _checked(configurations, values)
-    moving = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
-    n, d = moving.shape
+    varying = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
+    n, d = varying.shape
     if d == 0 or n < 3:
         return np.full(n, np.nan)
-    order = np.lexsort(moving.T[::-1])
+    order = np.lexsort(varying.T[::-1])
     predicted = np.empty(n)
-    predicted[order] = _left_out_sorted(moving[order], measured[order], kind)
+    predicted[order] = _leave_one_out_sorted(varying[order], measured[order], kind)
     return predicted
 
 
-def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
+def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
     n, d = points.shape
     if d == 1 and kind == "pchip":
-        return _left_out_of_cubic(points[:, 0], values)
+        return _leave_one_out_cubic(points[:, 0], values)
     levels = [np.unique(column) for column in points.T]
     shape = tuple(map(len, levels))
     if n != math.prod(shape):
-        return _left_out_of_scatter(points, values)
+        return _leave_one_out_scattered(points, values)
     table, total, count = values.reshape(shape), np.zeros(shape), np.zeros(shape)
     for axis, knots in enumerate(levels):
         across, sums, counts = (np.moveaxis(array, axis, -1) for array in (table, total, count))
@@ -228,7 +228,7 @@ def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> Floa
     return mean
 
 
-def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     predicted = np.full(len(knots), np.nan)
     for i in range(1, len(knots) - 1):
         # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
@@ -238,10 +238,10 @@ def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     return predicted
 
 
-def _left_out_of_scatter(points: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_scattered(points: FloatArray, values: FloatArray) -> FloatArray:
     n = len(points)
     predicted = np.full(n, np.nan)
-    if n * len(_scattered(points, values).vertices) > LEFT_OUT_LIMIT:
+    if n * len(_scattered(points, values).vertices) > LEAVE_ONE_OUT_LIMIT:
         return predicted
     for i in range(n):
         with suppress(Infeasible):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.signals.disturbance import learned
+from eadp.core.signals.disturbance import fit_disturbance
 from eadp.core.signals.harmonics import design_matrix
 from eadp.core.signals.outliers import spikes
 from eadp.core.signals.spectrum import Spectrum, analyse
@@ -86,9 +86,9 @@ def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -
     """What of the residual stays a while; None where it is white."""
     residual = power_w - model.power_w(times_s)
     columns = design_matrix(times_s, 1 / model.period_s if model.period_s else 0.0, model.order)
-    found = learned(times_s, residual, columns=columns)
+    found = fit_disturbance(times_s, residual, columns=columns)
     if found.std_w > LARGEST_RATIO * float(np.std(residual)):
-        found = learned(times_s, residual)
+        found = fit_disturbance(times_s, residual)
     long = found.time_s > LONGEST_SHARE * float(times_s[-1])
     least = (LEAST_SHARE_LONG if long else LEAST_SHARE) * (found.std_w**2 + found.noise_w**2)
     lasts = found.time_s > LEAST_STEPS * float(np.median(np.diff(times_s)))

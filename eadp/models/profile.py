@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.interpolation import Interpolant, Kind, interpolant, left_out
+from eadp.core.interpolation import Interpolant, Kind, interpolant, leave_one_out
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -149,9 +149,9 @@ class Profile:
     def left_out_w(self) -> FloatArray:
         """What the others predict at each configuration, shape (n,) [W]; NaN where they do not enclose it.
 
-        See `eadp.core.interpolation.left_out`.
+        See `eadp.core.interpolation.leave_one_out`.
         """
-        return left_out(self.configurations, self.power_w, self.interpolation)
+        return leave_one_out(self.configurations, self.power_w, self.interpolation)
 
     @property
     def leave_one_out(self) -> LeaveOneOutError | None:

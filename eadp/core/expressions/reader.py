@@ -28,8 +28,8 @@ from eadp.core.expressions.tree import (
     FUNCTIONS,
     LENGTH_LIMIT,
     NESTING_LIMIT,
+    NON_SMOOTH_FUNCTIONS,
     PARAMETER,
-    ROUGH_FUNCTIONS,
     Call,
     Expression,
     Negative,
@@ -111,7 +111,7 @@ class _Reader:
         self._next = 0
         self._depth = 0
         self._offsets: dict[str, int] = {}
-        self._rough = ""
+        self._non_smooth = ""
         self.token = self._tokens[0]
         self._before = _Token("start", "", 0)
 
@@ -130,9 +130,9 @@ class _Reader:
         raise ExpressionError(token.offset, f"{printable(token.text, 40)!r} cannot stand here", expected)
 
     def expression(self) -> Expression:
-        self._offsets, self._rough = {}, ""
+        self._offsets, self._non_smooth = {}, ""
         part = self._sum()
-        return Expression(part.node, dict(self._offsets), part.size, self._rough)
+        return Expression(part.node, dict(self._offsets), part.size, self._non_smooth)
 
     # each rule of the grammar, from the loosest to the tightest
 
@@ -229,8 +229,8 @@ class _Reader:
         name = token.text
         if self.token.text != "(":
             self.fail(f"( after {name}")
-        if name in ROUGH_FUNCTIONS:
-            self._rough = self._rough or name
+        if name in NON_SMOOTH_FUNCTIONS:
+            self._non_smooth = self._non_smooth or name
         self._deeper()
         arguments = [self._sum()]
         while self.token.text == ",":

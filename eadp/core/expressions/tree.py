@@ -32,7 +32,7 @@ FUNCTIONS: dict[str, tuple[int, int]] = {
 }
 """Function → fewest and most arguments."""
 
-ROUGH_FUNCTIONS = frozenset({"abs", "min", "max"})
+NON_SMOOTH_FUNCTIONS = frozenset({"abs", "min", "max"})
 """Functions that are not twice differentiable everywhere."""
 
 PARAMETER = re.compile(r"c([1-9][0-9]{0,2})\Z")
@@ -105,7 +105,7 @@ class Expression:
     node: Node
     offsets: Mapping[str, int] = field(default_factory=dict, compare=False)
     size: int = field(default=1, compare=False)
-    rough: str = field(default="", compare=False)
+    non_smooth: str = field(default="", compare=False)
     """The first function in it that is not twice differentiable everywhere, or ''."""
 
     @cached_property
@@ -153,16 +153,16 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
     """
     size = expression.size
     offsets = {name: offset for name, offset in expression.offsets.items() if name not in values}
-    rough = expression.rough
+    non_smooth = expression.non_smooth
 
     def build(node: Node) -> Node:
-        nonlocal size, rough
+        nonlocal size, non_smooth
         if isinstance(node, Symbol):
             if node.name not in values:
                 return node
             value = values[node.name]
             size += value.size
-            rough = rough or value.rough
+            non_smooth = non_smooth or value.non_smooth
             offset = expression.offsets.get(node.name, 0)
             if size > SIZE_LIMIT:
                 raise ExpressionError(offset, "an expression of too many parts", f"at most {SIZE_LIMIT}")
@@ -186,7 +186,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
         raise ExpressionError(offset, f"nested deeper than {NESTING_LIMIT} levels", f"at most {NESTING_LIMIT}")
     node = build(expression.node)
     _check_constants(node, offset)
-    return Expression(node, offsets, size, rough)
+    return Expression(node, offsets, size, non_smooth)
 
 
 def _depth(node: Node) -> int:
@@ -262,7 +262,7 @@ def scaled(a: Expression, factor: float) -> Expression:
         return constant(factor * a.at() if factor else 0.0)
     if factor == 1:
         return a
-    return Expression(Product(((False, number.node), (False, a.node))), a.offsets, a.size + 2, a.rough)
+    return Expression(Product(((False, number.node), (False, a.node))), a.offsets, a.size + 2, a.non_smooth)
 
 
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:

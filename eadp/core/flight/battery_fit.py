@@ -22,12 +22,12 @@ HUBER = 1.345
 """Residuals beyond this many standard deviations count less: 95 % efficient where the noise is normal."""
 
 PASSES = 50
-LEAST_SAMPLES = 20
+MIN_SAMPLES = 20
 
-LEAST_CHARGE = 0.05
+MIN_CHARGE_USED = 0.05
 """Share of the capacity that must have been used before a slope of the voltage is looked for."""
 
-CERTAIN = 3.0
+SIGNIFICANCE = 3.0
 """Standard errors that a slope or a resistance must be away from 0 to be called found."""
 
 
@@ -95,8 +95,8 @@ def fit_battery(
     Source: letter, Sec. III-C.
     """
     t, volts, amps = (np.asarray(values, dtype=float) for values in (times_s, voltage_v, current_a))
-    if len(t) < LEAST_SAMPLES:
-        raise Infeasible(f"{len(t)} readings of voltage and current; {LEAST_SAMPLES} or more are needed")
+    if len(t) < MIN_SAMPLES:
+        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
     # ḃ = −k_b I/Q_c, the current straight between readings
     used = np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
     charge = soc - k_b_per_s * used / capacity_ah
@@ -104,19 +104,19 @@ def fit_battery(
         drawn = float(used.max()) / 3600
         raise Infeasible(f"the log draws {drawn:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
     notes = ["capacity and k_b cannot be told from voltage and current: they are as given"]
-    vary = float(np.ptp(charge)) >= LEAST_CHARGE
+    vary = float(np.ptp(charge)) >= MIN_CHARGE_USED
     if not vary:
         notes.append(
             f"only {100 * np.ptp(charge):.1f} % of the charge is used: the voltage is taken as the same at any charge"
         )
     constant = _regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
     linear = _regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
-    if linear is not None and not linear.values[2] > CERTAIN * linear.std(2):
+    if linear is not None and not linear.values[2] > SIGNIFICANCE * linear.std(2):
         notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
         linear = None
     fit = linear or constant
     ohm, ohm_std = float(fit.values[1]), fit.std(1)
-    found = ohm > CERTAIN * ohm_std
+    found = ohm > SIGNIFICANCE * ohm_std
     if not found:
         notes.append(
             f"the resistance cannot be told: the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A, "
@@ -177,7 +177,7 @@ def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> 
         if done or scale == 0:
             break
         weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
-    lags = _memory(residual)
+    lags = _correlation_lags(residual)
     inner = columns.T @ (columns * weights[:, None])
     scores = columns * (weights * residual)[:, None]
     middle = scores.T @ scores
@@ -191,7 +191,7 @@ def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> 
     return _Regression(values, covariance, rms, lags / 2 * float(np.median(np.diff(times_s))))
 
 
-def _memory(residual: FloatArray) -> int:
+def _correlation_lags(residual: FloatArray) -> int:
     """Lags over which residuals are alike: twice those until their autocorrelation has fallen to a twentieth."""
     n = len(residual)
     centred = residual - residual.mean()

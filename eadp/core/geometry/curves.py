@@ -280,7 +280,7 @@ def tangent(path: PathFunction, point: Point, sense: int) -> Point:
     return -sense * gy / norm, sense * gx / norm
 
 
-def walk(path: PathFunction, start: Point, sense: int, step_m: float) -> Iterator[Point]:
+def points_along(path: PathFunction, start: Point, sense: int, step_m: float) -> Iterator[Point]:
     """Points along a path from the point of it near `start`, `step_m` [m] apart, without end.
 
     The midpoint rule along the tangent, then back onto the path by Newton's steps.
@@ -302,7 +302,7 @@ def curve_length_m(path: PathFunction, start: Point, end: Point, sense: int, *, 
     step_m = min(5.0, max(0.1, math.dist(start, end) / 100))
     length = 0.0
     ahead = False
-    for point in walk(path, start, sense, step_m):
+    for point in points_along(path, start, sense, step_m):
         t = tangent(path, point, sense)
         rest = (end[0] - point[0]) * t[0] + (end[1] - point[1]) * t[1]
         if ahead and rest <= 0 and math.dist(point, end) < max(5 * step_m, 5.0):

@@ -24,7 +24,7 @@ from eadp.errors import Infeasible
 Pose = tuple[float, float, float]
 """x, y [m] and heading [rad], 0 east, counter-clockwise."""
 
-SHORTEST_PIECE_M = 1e-9
+MIN_PIECE_M = 1e-9
 """What is shorter is no piece of a path."""
 
 TOUCHING = 1e-10
@@ -79,13 +79,13 @@ class DubinsPath:
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        """The arcs and straights that are not shorter than `SHORTEST_PIECE_M`, each from the end of the one before.
+        """The arcs and straights that are not shorter than `MIN_PIECE_M`, each from the end of the one before.
 
         The first leaves the start, the last arrives at the end, and the middle one joins the two, so that rounding
         stays inside the path.
         """
         turns = [TURNS[letter] for letter in self.word]
-        kept = [length >= SHORTEST_PIECE_M for length in self.lengths_m]
+        kept = [length >= MIN_PIECE_M for length in self.lengths_m]
         leave, arrive = self.start, self.end
         if kept[0]:
             leave = _advanced(self.start, turns[0], self.radius_m, self.lengths_m[0])

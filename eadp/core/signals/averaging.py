@@ -15,12 +15,12 @@ from eadp.core.arrays import FloatArray
 class SampleMean(NamedTuple):
     """The mean of samples [their unit] and what is known of it.
 
-    `spread` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is how many
+    `std` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is how many
     independent samples would tell as much, never more than there are. Of one sample both deviations are 0.
     """
 
     mean: float
-    spread: float
+    std: float
     standard_error: float
     samples: int
     effective: float

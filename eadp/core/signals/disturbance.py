@@ -18,21 +18,21 @@ from numpy.typing import ArrayLike
 from scipy.special import gammainc
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import is_on, quick
+from eadp.core.compiled import enabled, jitted
 
-SAMPLES = 1024
-"""Most samples that `learned` looks at, unless told otherwise."""
+MAX_SAMPLES = 1024
+"""Most samples that `fit_disturbance` looks at, unless told otherwise."""
 RUNS = 8
 """Of more samples half are taken evenly, half in this many runs of consecutive ones."""
-FEWEST = 8
+MIN_FREE_SAMPLES = 8
 """Samples left after the columns' coefficients; with fewer there is no telling a disturbance from noise."""
 
 _TIMES, _SHARES = 8, 8
-_NEAR = np.linspace(-1.0, 1.0, 5)
+_ZOOM_OFFSETS = np.linspace(-1.0, 1.0, 5)
 _ZOOMS = 3
-_MOST_LOGIT = 12.0
+_MAX_LOGIT = 12.0
 _FORGOTTEN = 40.0
-_LEAST_NOISE = 1e-12
+_MIN_NOISE = 1e-12
 
 
 def rate_per_s(time_s: float) -> float:
@@ -103,12 +103,12 @@ class DisturbanceFit:
     log_likelihood: float
 
 
-def learned(
+def fit_disturbance(
     time_s: ArrayLike,
     residual_w: ArrayLike,
     *,
     columns: ArrayLike | None = None,
-    samples: int = SAMPLES,
+    samples: int = MAX_SAMPLES,
 ) -> DisturbanceFit:
     """The disturbance and the white noise under which a residual is likeliest.
 
@@ -133,19 +133,19 @@ def learned(
     -------
     Learned
         The time constant is between the shortest step and the span. All white (`std_w` 0) where there are fewer than
-        `FEWEST` samples more than columns, or where they do not vary.
+        `MIN_FREE_SAMPLES` samples more than columns, or where they do not vary.
 
     Source: Schweppe 1965 (likelihood of the innovations); Patterson and Thompson 1971 (restricted likelihood).
     """
     times = np.asarray(time_s, dtype=float)
     power = np.asarray(residual_w, dtype=float)
     table = np.empty((len(times), 0)) if columns is None else np.asarray(columns, dtype=float)
-    keep = _kept(len(times), samples)
+    keep = _subsampled(len(times), samples)
     times, series = times[keep], _orthonormal(table[keep], power[keep])
     least = max((1e-7 * float(np.max(np.abs(power), initial=0.0))) ** 2, 1e-300)
     white = _white(series, least)
     span_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
-    if len(times) - series.shape[1] + 1 < FEWEST or white[0] <= least:
+    if len(times) - series.shape[1] + 1 < MIN_FREE_SAMPLES or white[0] <= least:
         return DisturbanceFit(0.0, span_s or 1.0, math.sqrt(white[0]), white[1])
     likelihood, variance, log_time, logit = _searched(times, series, least)
     if white[1] >= likelihood:
@@ -156,7 +156,7 @@ def learned(
     )
 
 
-def _kept(count: int, most: int) -> IntArray:
+def _subsampled(count: int, most: int) -> IntArray:
     """Indices of at most `most` of `count` samples: half of them evenly, half in runs; fewer where the two meet."""
     if count <= most:
         return np.arange(count)
@@ -177,8 +177,8 @@ def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[fl
     """The best log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
     steps = np.diff(times_s)
     low, high = math.log(float(steps.min())), math.log(float(times_s[-1] - times_s[0]))
-    spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MOST_LOGIT / (_SHARES - 1)])
-    log_times, logits = np.linspace(low, high, _TIMES), np.linspace(-_MOST_LOGIT, _MOST_LOGIT, _SHARES)
+    spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MAX_LOGIT / (_SHARES - 1)])
+    log_times, logits = np.linspace(low, high, _TIMES), np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _SHARES)
     best = (-math.inf, 0.0, low, 0.0)
     for _ in range(1 + _ZOOMS):
         grid = [axis.ravel() for axis in np.meshgrid(log_times, logits)]
@@ -186,8 +186,8 @@ def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[fl
         i = int(np.argmax(likelihood))
         if likelihood[i] > best[0]:
             best = (float(likelihood[i]), float(variance[i]), float(grid[0][i]), float(grid[1][i]))
-        log_times = np.clip(best[2] + spacing[0] * _NEAR, low, high)
-        logits = best[3] + spacing[1] * _NEAR
+        log_times = np.clip(best[2] + spacing[0] * _ZOOM_OFFSETS, low, high)
+        logits = best[3] + spacing[1] * _ZOOM_OFFSETS
         spacing /= 2
     return best
 
@@ -196,8 +196,8 @@ def _likelihoods(
     steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
     """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
-    if is_on():
-        gram, log_spread = quick(_grams)(_scaled_transitions(steps_s, time_s), series, share)
+    if enabled():
+        gram, log_spread = jitted(_grams)(_scaled_transitions(steps_s, time_s), series, share)
         return _restricted(gram, log_spread, len(series), least)
     innovations, spread = _innovations(steps_s, series, time_s, share)
     root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
@@ -245,7 +245,7 @@ def _innovations(
     carried = np.zeros((len(time_s), 2, size + 2))
     left = np.zeros((len(series), len(time_s), size + 2))
     left[:, :, :size], left[:, :, size] = series[:, np.newaxis, :], share
-    noise = 1 - share + _LEAST_NOISE
+    noise = 1 - share + _MIN_NOISE
     for n, row in enumerate(left):
         if n:
             step = phi[n - 1]
@@ -269,7 +269,7 @@ def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[Floa
     x, row = np.zeros((2, size + 2)), np.zeros(size + 2)
     for j in range(len(share)):
         x[:] = 0.0
-        noise = 1 - share[j] + _LEAST_NOISE
+        noise = 1 - share[j] + _MIN_NOISE
         for n in range(count):
             if n:
                 a, b, c, d = phi[n - 1, j, 0, 0], phi[n - 1, j, 0, 1], phi[n - 1, j, 1, 0], phi[n - 1, j, 1, 1]

@@ -13,9 +13,9 @@ SIGMAS = 8.0
 """A spike is this many robust standard deviations from that median, and"""
 SHARE_OF_RANGE = 0.5
 """this part of the range of the middle 90 % of all samples, so that no crest of a clean signal is one."""
-LONGEST = 2
+MAX_RUN = 2
 """More samples in a row are no spike: something happened."""
-MOST = 0.1
+MAX_SHARE = 0.1
 """A larger part of a log is no spikes: its noise is so."""
 
 
@@ -30,7 +30,7 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
     Returns
     -------
     array of bool, shape (n,)
-        All false where the samples are fewer than the window, or the rule would take more than `MOST` of them.
+        All false where the samples are fewer than the window, or the rule would take more than `MAX_SHARE` of them.
     """
     power = np.asarray(power_w, dtype=float)
     if len(power) < WINDOW:
@@ -40,7 +40,7 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
     low, high = np.quantile(power, (0.05, 0.95)).tolist()
     far: NDArray[np.bool_] = np.abs(away) > max(SIGMAS * scale, SHARE_OF_RANGE * (high - low), 1e-12 * abs(high))
     found = far & ~_in_long_runs(far)
-    return found if np.mean(found) <= MOST else np.zeros_like(found)
+    return found if np.mean(found) <= MAX_SHARE else np.zeros_like(found)
 
 
 def _running_median(power_w: FloatArray) -> FloatArray:
@@ -54,5 +54,5 @@ def _in_long_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     result = np.zeros_like(mask)
     for start, end in edges.reshape(-1, 2).tolist():
-        result[start:end] = end - start > LONGEST
+        result[start:end] = end - start > MAX_RUN
     return result

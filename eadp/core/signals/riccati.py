@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import is_on, quick
+from eadp.core.compiled import enabled, jitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +27,10 @@ class CovarianceMap:
     information: FloatArray
     added: FloatArray
 
-    def of(self, covariance: FloatArray) -> FloatArray:
+    def apply(self, covariance: FloatArray) -> FloatArray:
         """The covariance that a covariance is taken to, shape (m, m), symmetric to the last bit."""
-        if is_on():
-            return quick(_mapped)(self.transition, self.information, self.added, covariance)
+        if enabled():
+            return jitted(_apply)(self.transition, self.information, self.added, covariance)
         # P (I + G P)⁻¹ = (I + P G)⁻¹ P
         left = np.linalg.solve(np.eye(len(covariance)) + covariance @ self.information, covariance)
         result = self.transition @ left @ self.transition.T + self.added
@@ -49,7 +49,7 @@ class CovarianceMap:
         return CovarianceMap(transition, 0.5 * (information + information.T), 0.5 * (added + added.T))
 
 
-def _mapped(transition: FloatArray, information: FloatArray, added: FloatArray, covariance: FloatArray) -> FloatArray:
+def _apply(transition: FloatArray, information: FloatArray, added: FloatArray, covariance: FloatArray) -> FloatArray:
     """H + A P (I + G P)⁻¹ Aᵀ in loops, for compiled code: numba takes ten seconds over `np.linalg.solve`."""
     n = len(covariance)
     matrix, left = np.eye(n), covariance.copy()

@@ -49,7 +49,7 @@ MAX_CHANCE = 0.03
 """And noise without a period may look as periodic as this with at most this probability."""
 MAX_STD_RATIO = 0.1
 """And it must be known to this part of itself: what happens once may have any period."""
-BEYOND = 1.02
+RANGE_MARGIN = 1.02
 """How far a period may come to lie beyond the range it is looked for in."""
 PRIOR_RATIO = 1.3
 """A period is looked for within this factor of a prior."""
@@ -68,10 +68,10 @@ _TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
 _SURE = 1e-4  # chance of one frequency below which a longer period stands against its part
 _EVIDENT = 1e-9  # chance below which no surrogates are drawn
 _SURROGATES, _SEED = 48, 20260101
-_SETTLE_OVERSAMPLING = 12
-_SETTLE_BINS = 9  # to the shortest period
+_COLOURED_OVERSAMPLING = 12
+_COLOURED_BINS = 9  # to the shortest period
 _MARGIN = 2.0  # of log-likelihood that another period must be better by
-_WORTH = 2.5  # log-likelihood that a harmonic must bring, of two coefficients
+_HARMONIC_PENALTY = 2.5  # log-likelihood that a harmonic must bring, of two coefficients
 _ZOOMS = 6
 _WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 95 % hold for 88 to 96 %
 _WHITE = 1.3  # an inflation up to which noise counts as white
@@ -172,22 +172,22 @@ def analyse(
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
     samples = _Samples(times - times[0], power - power.mean())
     shortest_s, longest_s = _range_s(samples, period_prior_s)
-    mean_w, spread_w = float(power.mean()), float(power.std(ddof=1))
-    if spread_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
-        return _aperiodic(samples, mean_w, spread_w, 0.0)
+    mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
+    if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
+        return _aperiodic(samples, mean_w, std_w, 0.0)
     frequency_hz = _search(samples, shortest_s, longest_s)
     frequency_hz, free_order = _refine(samples, frequency_hz)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
     # a search of everything ends here where nothing is forecast; near a prior the likelihood may still know better
     if free_r2 < MIN_CV_R2 and period_prior_s is None:
-        return _aperiodic(samples, mean_w, spread_w, free_r2, frequency_hz)
-    found = _judge(samples, frequency_hz, free_order, shortest_s, longest_s)
-    inside = shortest_s / BEYOND <= 1 / found.frequency_hz <= longest_s * BEYOND
+        return _aperiodic(samples, mean_w, std_w, free_r2, frequency_hz)
+    found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+    inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
     if not (found.periodic and inside):
-        return _aperiodic(samples, mean_w, spread_w, found.cv_r2, found.frequency_hz, found.chance)
-    if order is not None and order > (highest := _max_order(samples, 1 / found.frequency_hz, order)):
-        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / found.frequency_hz:.4g} s"
-        raise Infeasible(f"order {order} is too high: {least} to order {highest} at most")
+        return _aperiodic(samples, mean_w, std_w, found.cv_r2, found.frequency_hz, found.chance)
+    if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
+        min_error = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / found.frequency_hz:.4g} s"
+        raise Infeasible(f"order {order} is too high: {min_error} to order {max_order} at most")
     return _periodic(samples, found, order or found.order, mean_w)
 
 
@@ -205,7 +205,7 @@ class _Found(NamedTuple):
         return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
 
 
-def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
+def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
     """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
     bins = _bins(samples, 1 / frequency_hz, order)
     evidence = _evidence(bins, 1 / frequency_hz, order)
@@ -219,10 +219,13 @@ def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float
     coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
     if chance > _EVIDENT or coloured:
         low_hz, high_hz = 1 / longest_s, 1 / shortest_s
-        settled = _settle(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
-        chance = chance if settled.chance is None else settled.chance
+        peak = _coloured(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
+        chance = chance if peak.chance is None else peak.chance
         if coloured:
-            frequency_hz, std_s = settled.frequency_hz, _WIDENED * settled.std_hz / settled.frequency_hz**2
+            frequency_hz, std_s = (
+                peak.frequency_hz,
+                _WIDENED * peak.std_hz / peak.frequency_hz**2,
+            )
             order = _choose_order(samples, frequency_hz)
             evidence = _evidence(bins, 1 / frequency_hz, order)
     return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
@@ -292,15 +295,15 @@ def _held_out(sums: _Sums, order: int) -> FloatArray:
     return error
 
 
-def _by_order(sums: _Sums, highest: int) -> FloatArray:
+def _by_order(sums: _Sums, max_order: int) -> FloatArray:
     """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row have brought nothing."""
     errors = [_held_out(sums, 1)]
-    least, at = float(errors[0].sum(axis=-1).min()), 1
-    for order in range(2, highest + 1):
+    min_error, at = float(errors[0].sum(axis=-1).min()), 1
+    for order in range(2, max_order + 1):
         errors.append(_held_out(sums, order))
         error = float(errors[-1].sum(axis=-1).min())
-        if error < least:
-            least, at = error, order
+        if error < min_error:
+            min_error, at = error, order
         if order >= at + _PATIENCE:
             break
     return np.array(errors)
@@ -462,15 +465,15 @@ def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
         errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
     error = np.concatenate(errors)
     padded = np.pad(error, 1, constant_values=np.inf)
-    lowest = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
-    return index[lowest[np.argsort(error[lowest], kind="stable")[:_PEAKS]]]
+    minima = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
+    return index[minima[np.argsort(error[minima], kind="stable")[:_PEAKS]]]
 
 
 def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
     """The best of some neighbouring frequencies and all orders."""
-    highest = _max_order(samples, 1 / (grid.step_hz * index[0]))
-    sums = grid.sums(index, highest)
-    errors = _by_order(sums, highest)
+    max_order = _max_order(samples, 1 / (grid.step_hz * index[0]))
+    sums = grid.sums(index, max_order)
+    errors = _by_order(sums, max_order)
     best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
     return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
 
@@ -489,9 +492,9 @@ def _refine(samples: _Samples, frequency_hz: float) -> tuple[float, int]:
 
 def _choose_order(samples: _Samples, frequency_hz: float) -> int:
     """The smallest order that forecasts no worse than the best."""
-    highest = _max_order(samples, 1 / frequency_hz)
-    sums = _sums(samples, frequency_hz, highest)
-    errors = _by_order(sums, highest)
+    max_order = _max_order(samples, 1 / frequency_hz)
+    sums = _sums(samples, frequency_hz, max_order)
+    errors = _by_order(sums, max_order)
     best = errors[np.argmin(errors.sum(axis=-1))]
     total = float(samples.square.sum())
     return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
@@ -559,7 +562,7 @@ def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Ev
     return _Evidence(chance, bins, periodic)
 
 
-class _Settled(NamedTuple):
+class _ColouredResult(NamedTuple):
     """The likeliest period in coloured noise, and the chance that noise alone makes one as likely, if asked for."""
 
     frequency_hz: float
@@ -567,29 +570,31 @@ class _Settled(NamedTuple):
     chance: float | None
 
 
-def _settle(bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
+def _coloured(
+    bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool
+) -> _ColouredResult:
     """Search the range again for the frequency under which the bins are likeliest, the noise fitted with it.
 
     Surrogates are judged by the same search: noise of the model that suits the bins best without a period. It sees no
     shorter period than the bins do, so that the chance is raised by as much as the range asked for is wider.
     """
-    step_hz = 1 / (_SETTLE_OVERSAMPLING * bins.covered_s)
-    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_SETTLE_BINS * bins.width_s))
+    step_hz = 1 / (_COLOURED_OVERSAMPLING * bins.covered_s)
+    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_COLOURED_BINS * bins.width_s))
     grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
-    highest = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
-    designs = np.stack([design_matrix(bins.times_s, f, highest) for f in grid])
-    worth = _WORTH * np.arange(1, highest + 1)[:, np.newaxis]
-    score = bins.scan(designs)[0].gain - worth
-    likeliest = float(grid[int(np.argmax(score.max(axis=0)))])
-    if score[:, -1].max() >= score.max() - _MARGIN:
+    max_order = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    designs = np.stack([design_matrix(bins.times_s, f, max_order) for f in grid])
+    penalty = _HARMONIC_PENALTY * np.arange(1, max_order + 1)[:, np.newaxis]
+    penalised = bins.scan(designs)[0].gain - penalty
+    likeliest = float(grid[int(np.argmax(penalised.max(axis=0)))])
+    if penalised[:, -1].max() >= penalised.max() - _MARGIN:
         likeliest = frequency_hz
     chance = None
     if judge:
         draws = bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))
-        drawn = np.array([float((one.gain - worth).max()) for one in bins.scan(designs, draws)])
+        drawn = np.array([float((one.gain - penalty).max()) for one in bins.scan(designs, draws)])
         wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
-        chance = min(1.0, tail(float(score.max()), drawn) * wider)
-    return _Settled(*_posterior(bins, likeliest, highest, step_hz, low, high), chance)
+        chance = min(1.0, tail(float(penalised.max()), drawn) * wider)
+    return _ColouredResult(*_posterior(bins, likeliest, max_order, step_hz, low, high), chance)
 
 
 def _posterior(
@@ -604,17 +609,17 @@ def _posterior(
         density = _mixture(bins.scan(designs)[0])
         weight = np.exp(density - density.max())
         at, step = int(np.argmax(density)), float(grid[1] - grid[0])
-        spread = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
-        if spread > 1.5 * step:
+        std = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
+        if std > 1.5 * step:
             break
         grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
-    return float(grid[at]) + step * _vertex(density, at), max(spread, step / 4)
+    return float(grid[at]) + step * _vertex(density, at), max(std, step / 4)
 
 
 def _mixture(scan: LikelihoodScan) -> FloatArray:
     """Logarithm of the density of the frequency, every order counted by how likely it is at its best."""
     orders = np.arange(1, len(scan.gain) + 1)
-    weight = scan.gain.max(axis=1) - _WORTH * orders - scan.posterior.max(axis=1)
+    weight = scan.gain.max(axis=1) - _HARMONIC_PENALTY * orders - scan.posterior.max(axis=1)
     density: FloatArray = np.logaddexp.reduce(scan.posterior + weight[:, np.newaxis], axis=0)
     return density
 
@@ -697,7 +702,7 @@ def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> 
 
 
 def _aperiodic(
-    samples: _Samples, mean_w: float, spread_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
+    samples: _Samples, mean_w: float, std_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
 ) -> Spectrum:
     return Spectrum(
         periodic=False,
@@ -708,7 +713,7 @@ def _aperiodic(
         amplitude_w=np.empty(0),
         amplitude_std_w=np.empty(0),
         phase_rad=np.empty(0),
-        noise_std_w=spread_w,
+        noise_std_w=std_w,
         cv_r2=cv_r2,
         chance=chance,
         samples=len(samples.times_s),
@@ -725,7 +730,7 @@ def _mean_std_w(samples: _Samples) -> float:
 # ---- for a picture -----------------------------------------------------------------------------------------------
 
 
-def scores(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
+def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
     """Cross-validated R² over the periods that a log can tell.
 
     Parameters

@@ -45,7 +45,7 @@ _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
-QUANTITIES_LIMIT = 200
+VARIABLES_LIMIT = 200
 """Most quantities of laps that end on a condition."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
@@ -367,9 +367,9 @@ class _Reader:
         """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
         formulas: set[str] = set()
         names = {name for name, _, _ in group.definitions}
-        if len(names) > QUANTITIES_LIMIT:
-            line = group.definitions[QUANTITIES_LIMIT][2]
-            self._fault(line, 0, f"{len(names)} quantities in a part", f"at most {QUANTITIES_LIMIT}")
+        if len(names) > VARIABLES_LIMIT:
+            line = group.definitions[VARIABLES_LIMIT][2]
+            self._fault(line, 0, f"{len(names)} quantities in a part", f"at most {VARIABLES_LIMIT}")
             return
         for name, start, line in group.definitions:
             rest = line.text[start:]
@@ -698,8 +698,8 @@ class _Reader:
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
-            if stage.path.rough:
-                used = stage.path.rough
+            if stage.path.non_smooth:
+                used = stage.path.non_smooth
                 message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
                 self._findings.append(
                     Finding("warning", stage.index, stage.line, "not-smooth", message, draft.path_column)

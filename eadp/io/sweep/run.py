@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from eadp import __version__
-from eadp.core.compiled import switch_on
+from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import summarise
@@ -104,7 +104,7 @@ class FlyRun:
 
     def __call__(self, run: Run) -> Result:
         """Fly; whatever goes wrong is the result's error."""
-        if switch_on(self._fast) and not self._warm:
+        if enable(self._fast) and not self._warm:
             self._warm = True
             self._begin(run)
         begun_s = time.perf_counter()

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import quick
+from eadp.core.compiled import jitted
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of
@@ -92,7 +92,7 @@ class Route:
         if not self.legs:
             return np.zeros(0), np.zeros(0)
         nodes, of_node, order = self._flat
-        return quick(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
+        return jitted(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
 
     @cached_property
     def free(self) -> FloatArray:

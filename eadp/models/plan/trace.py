@@ -9,7 +9,17 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent, walk
+from eadp.core.geometry.curves import (
+    CIRCLE,
+    LINE,
+    Point,
+    circle_of,
+    curve_length_m,
+    line_of,
+    points_along,
+    project,
+    tangent,
+)
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor
 from eadp.models.plan.executor import beyond, reaches, shift_at
@@ -218,7 +228,7 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
         circle = circle_of(path, trigger, stage.sense)
         point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
     else:
-        point = next(itertools.islice(walk(path, trigger, -stage.sense, 1.0), 100, None))
+        point = next(itertools.islice(points_along(path, trigger, -stage.sense, 1.0), 100, None))
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 
@@ -282,7 +292,7 @@ def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tu
             angle = first + circle.turn * sweep * i / count
             yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
     else:
-        points = walk(path, start, stage.sense, leg.distance_m / count or 1.0)
+        points = points_along(path, start, stage.sense, leg.distance_m / count or 1.0)
         for _ in range(count):
             point = next(points)
             yield point, _heading(leg, point)

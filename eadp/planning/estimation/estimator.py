@@ -17,7 +17,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, learned, rate_per_s, stationary_covariance
+from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
@@ -36,16 +36,16 @@ NOMINAL_PERIOD_SHARE, ONE_LAP_SHARE = 0.05, 0.02
 LEARN_PERIODS, LEARN_APERIODIC_S = 6, 300.0
 """Length of the window that noise is learned from, in periods, or in seconds without a period."""
 
-LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MOST = 2, 60.0, 10
+LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MAX_PERIODS = 2, 60.0, 10
 """When noise is first learned, in periods or in seconds without one, from where laps begin; then after one and a half
-times as long as that is ago, but after `LEARN_MOST` periods, or as many times `LEARN_FIRST_S`, at the latest."""
+times as long as that is ago, but after `LEARN_MAX_PERIODS` periods, or as many times `LEARN_FIRST_S`, at the latest."""
 
 EXACT_SENSOR_W = 1e-6
 """Noise of a sensor that is said to have none, or next to none."""
 
 LEARN_SAMPLES = 192
 READINGS_KEPT = 20_000
-LEAST_NOISE_W, LEAST_DISTURBANCE_W = 0.02, 0.05
+MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
 """No quieter than this, whatever is learned: a calm flight may become unquiet."""
 
 SHORTEST_DISTURBANCE_S = 0.01
@@ -81,13 +81,13 @@ class Estimator(Protocol):
     def observe(self, time_s: float, motion_w: float | None) -> float:
         """Take a reading [W], or None where there is none; return what was forecast for it [W]."""
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
         """Take one or more readings in order; return what was forecast for the last one [W]."""
 
     def lap(self, time_s: float) -> None:
         """A lap has ended."""
 
-    def begin_lap(self, time_s: float) -> None:
+    def start_lap(self, time_s: float) -> None:
         """A lap begins that follows no other: what went before is no lap's time."""
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
@@ -137,7 +137,7 @@ class ExactEstimator:
 
     The period is the last lap's time. How far it may be off is told by how much laps differ from one to the next, and
     harmonics may drift as fast as that turns them. White noise and disturbance are learned in flight by their
-    likelihood, see `eadp.core.signals.disturbance.learned`.
+    likelihood, see `eadp.core.signals.disturbance.fit_disturbance`.
 
     Parameters
     ----------
@@ -168,12 +168,12 @@ class ExactEstimator:
         noise_w = max(settings.noise_w, EXACT_SENSOR_W)
         self._noise = (noise_w, settings.disturbance_std_w, settings.disturbance_time_s)
         state = np.zeros(2 * self._order + 3)
-        self._begun = state_w is not None
+        self._started = state_w is not None
         if state_w is not None:
             state[:-2] = state_w[: 2 * self._order + 1]
         self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
         self._time_s: float | None = None
-        self._learn_since_s = 0.0
+        self._learn_from_s = 0.0
         self._laps = _Laps()
         self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
         self._learn_at_s = math.inf
@@ -210,8 +210,8 @@ class ExactEstimator:
             if step_s > 0:
                 self._filter.predict(step_s)
             return self._filter.expected_w()
-        if not self._begun:
-            self._begin(motion_w)
+        if not self._started:
+            self._start(motion_w)
         if step_s > 0 and not self._settings.gate_w:
             expected = self._filter.follow(step_s, motion_w)
         else:
@@ -222,29 +222,29 @@ class ExactEstimator:
                 self._learn(time_s)
         return expected
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Readings together where nothing but the filter has to look at each; see `Estimator.observe_all`."""
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """Readings together where nothing but the filter has to look at each; see `Estimator.observe_batch`."""
         expected, n = 0.0, 0
         while n < len(times_s):
             # up to where noise is learned next
             end = bisect.bisect_left(times_s, self._learn_at_s, n)
             readings = [value for value in motion_w[n:end] if value is not None]
-            if self._time_s is None or not self._begun or self._settings.gate_w or not readings:
+            if self._time_s is None or not self._started or self._settings.gate_w or not readings:
                 end = n + 1
                 expected = self.observe(times_s[n], motion_w[n])
             elif len(readings) < end - n:
                 expected = _one_by_one(self, times_s[n:end], motion_w[n:end])
             else:
-                expected = self._filter.follow_all(self._time_s, times_s[n:end], readings)
+                expected = self._filter.follow_batch(self._time_s, times_s[n:end], readings)
                 self._time_s = times_s[end - 1]
                 if self._settings.learn_noise:
                     self._readings.extend(zip(times_s[n:end], readings, strict=True))
             n = end
         return expected
 
-    def _begin(self, motion_w: float) -> None:
+    def _start(self, motion_w: float) -> None:
         """Start from the first reading: all of it is level."""
-        self._begun = True
+        self._started = True
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
         self._filter.restart(state, self._first_covariance(motion_w))
@@ -268,10 +268,10 @@ class ExactEstimator:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
-            self._period_std_s = _spread_s(times)
+            self._period_std_s = _lap_time_std_s(times)
             self._filter.dynamics = self._dynamics(self._filter.state)
 
-    def begin_lap(self, time_s: float) -> None:
+    def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
         self._laps = _Laps([time_s])
         self._learn_from(time_s)
@@ -311,31 +311,31 @@ class ExactEstimator:
     def _learn_from(self, time_s: float) -> None:
         """Learn noise from readings from now on: what was flown before the laps is not like them."""
         self._readings.clear()
-        self._learn_since_s = time_s
+        self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
         """Noise and disturbance by their likelihood in the readings of a window, whatever the harmonics are."""
         unit_s = self.period_s or LEARN_FIRST_S
-        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_since_s), unit_s), LEARN_MOST * unit_s)
+        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
         times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         times, power = times[times > time_s - window_s], power[times > time_s - window_s]
         angle = 2 * math.pi * self._laps.turns(times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
-        found = learned(times, power, columns=columns, samples=LEARN_SAMPLES)
+        found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
         if math.isfinite(found.log_likelihood):
             self._relearn(found)
 
     def _relearn(self, found: DisturbanceFit) -> None:
         """Go on with another noise. A state from readings that were noisier than it was thought is less certain."""
         before = self._density_w2_s()
-        if found.std_w >= LEAST_DISTURBANCE_W:
+        if found.std_w >= MIN_DISTURBANCE_W:
             disturbance = (found.std_w, found.time_s)
         else:
-            disturbance = (LEAST_DISTURBANCE_W, self._noise[2])
-        self._noise = (max(found.noise_w, LEAST_NOISE_W), *disturbance)
+            disturbance = (MIN_DISTURBANCE_W, self._noise[2])
+        self._noise = (max(found.noise_w, MIN_NOISE_W), *disturbance)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
         self._filter.dynamics = self._dynamics(self._filter.state)
 
@@ -364,13 +364,13 @@ class _Laps:
         """Laps flown at some times, from anywhere: ended ones are one turn each, others as the period says."""
         marks = self._marks_s or [float(times_s[0])]
         far = 1e6
-        places = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
+        marks_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
         count = np.arange(len(marks), dtype=float)
-        turns: FloatArray = np.interp(times_s, places, np.concatenate([[-far], count, [count[-1] + far]]))
+        turns: FloatArray = np.interp(times_s, marks_s, np.concatenate([[-far], count, [count[-1] + far]]))
         return turns
 
 
-def _spread_s(times_s: list[float]) -> float:
+def _lap_time_std_s(times_s: list[float]) -> float:
     """Standard deviation of the next lap's time about the last one's [s]: of the changes from lap to lap so far."""
     if len(times_s) < 3:
         return ONE_LAP_SHARE * times_s[-1]
@@ -435,8 +435,8 @@ class PublishedEstimator:
         self._state = state
         return expected
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """One step each; see `Estimator.observe_all`."""
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """One step each; see `Estimator.observe_batch`."""
         return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
@@ -451,7 +451,7 @@ class PublishedEstimator:
         """Restart the clock."""
         self._clock.lap(time_s)
 
-    def begin_lap(self, time_s: float) -> None:
+    def start_lap(self, time_s: float) -> None:
         """Restart the clock without a lap's time."""
         self._clock.begin(time_s)
 

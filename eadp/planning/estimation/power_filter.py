@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import quick
+from eadp.core.compiled import jitted
 from eadp.core.signals import forecasting
 from eadp.core.signals.kalman import predict, update
 from eadp.core.signals.riccati import CovarianceMap, step_map
@@ -125,7 +125,7 @@ class EnergyFilter:
             self._hold()
         return expected
 
-    def follow_all(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
+    def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
         """`follow` readings at some times [s], the first after `before_s`; return what was expected of the last [W]."""
         steps = [after - before for before, after in itertools.pairwise((before_s, *times_s))]
         expected, n, count = 0.0, 0, len(steps)
@@ -144,7 +144,7 @@ class EnergyFilter:
 
     def _follow_held(self, measured_w: FloatArray) -> float:
         """Take readings of one block, the gain held; return what was expected of the last [W]."""
-        held = quick(_held)
+        held = jitted(_held)
         self.state, expected = held(self._transition, self._output, self._gain, self.state, measured_w)
         self._held += len(measured_w)
         if self._held == BLOCK:
@@ -178,7 +178,7 @@ class EnergyFilter:
         """Take the covariance through the readings that the state has already seen."""
         for k, powers in enumerate(self._maps):
             if self._held >> k & 1:
-                self._covariance = powers.of(self._covariance)
+                self._covariance = powers.apply(self._covariance)
         self._held = 0
 
     def _step_by_step(self) -> None:

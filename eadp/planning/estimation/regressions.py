@@ -26,12 +26,12 @@ LEVEL_SHARE = 0.05
 UNKNOWN_W = (1000.0, 30.0)
 """Standard deviations of level flight's power and of a bank's where nothing is known of either [W]."""
 
-SPELL_S, FADE_S = 5.0, 900.0
-POWER_SHARE, LEAST_POWER_W, SPELLS_KNOWN = 0.03, 0.2, 3
+WINDOW_S, FADE_S = 5.0, 900.0
+POWER_SHARE, MIN_POWER_STD_W, PRIOR_WINDOWS = 0.03, 0.2, 3
 """How far a spell's mean power is off before any is flown, as a share of the level's and at least [W]; and how many
 spells that knowledge is worth."""
 
-JUMP, JUMP_STDS, LEAST_JUMP = 0.01, 6.0, 1e-3
+JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 """A reading farther off than this, and than so many standard deviations, is odd; of an exact gauge, by the last."""
 
 EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS = 1e-8, 0.02, 60
@@ -120,7 +120,7 @@ class MotionPower:
         level = level_w or 0.0
         self._prior = np.array([level, TURN_SHARE * level])
         self._spread = np.array([level_share * level, TURN_SHARE * level]) if level_w else np.array(UNKNOWN_W)
-        self._first_noise = SPELL_S * max(POWER_SHARE * level, LEAST_POWER_W) ** 2
+        self._first_noise = WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2
         self._noise = self._first_noise
         # sums over spells, weighted by their time: of 1, x, x², y, xy, y²
         self._sums = np.zeros(6)
@@ -129,7 +129,7 @@ class MotionPower:
         self._covariance = np.diag(self._spread**2)
         self._energy_j = self._seconds = 0.0
 
-    def reset_spell(self) -> None:
+    def reset_window(self) -> None:
         """Begin a spell."""
         self._energy_j = self._seconds = 0.0
 
@@ -137,20 +137,20 @@ class MotionPower:
         """Take a reading of the motion's power [W] over a step [s] on a leg of mean tan² φ `slope`."""
         self._energy_j += power_w * step_s
         self._seconds += step_s
-        if self._seconds >= SPELL_S - 1e-9:
-            self.end_spell(slope)
+        if self._seconds >= WINDOW_S - 1e-9:
+            self.end_window(slope)
 
-    def end_spell(self, slope: float) -> None:
+    def end_window(self, slope: float) -> None:
         """A spell has ended."""
         seconds = self._seconds
-        if seconds < SPELL_S / 2:
-            self.reset_spell()
+        if seconds < WINDOW_S / 2:
+            self.reset_window()
             return
         mean = self._energy_j / seconds
         kept = math.exp(-seconds / FADE_S)
         self._sums = kept * self._sums + seconds * np.array([1, slope, slope**2, mean, slope * mean, mean**2])
         self._spells = kept * self._spells + 1
-        self.reset_spell()
+        self.reset_window()
         n, x, xx, y, xy, yy = self._sums
         rows, told = np.array([[n, x], [x, xx]]), np.array([y, xy])
         first = np.diag(1 / self._spread**2)
@@ -160,7 +160,7 @@ class MotionPower:
             best = np.linalg.solve(information, first @ self._prior + told / noise)
             # Σ t (y − a − b x)²
             squares = max(float(yy - 2 * best @ told + best @ rows @ best), 0.0)
-            noise = (SPELLS_KNOWN * self._first_noise + squares * 1.0) / (SPELLS_KNOWN + self._spells)
+            noise = (PRIOR_WINDOWS * self._first_noise + squares * 1.0) / (PRIOR_WINDOWS + self._spells)
         self._noise = noise
         self._mean, self._covariance = best, np.linalg.inv(first + rows / noise)
 
@@ -229,9 +229,9 @@ class ChargeFilter:
         self.variance *= 1 - gain
         return False
 
-    def in_doubt(self, soc: float) -> bool:
+    def is_ambiguous(self, soc: float) -> bool:
         """Whether the last reading was odd, or a charge that is not taken for one is: the next will tell."""
-        return self._odd > 0 or abs(soc - self.soc) > LEAST_JUMP
+        return self._odd > 0 or abs(soc - self.soc) > MIN_JUMP
 
     def _not_surer(self) -> None:
         """Not surer than a mean of the readings so far: the first of them was no better than the others."""
@@ -240,7 +240,7 @@ class ChargeFilter:
 
     def _jumps(self, error: float, drained: float) -> bool:
         if self._noise < EXACT_GAUGE and self._count > 2:
-            return abs(error) > LEAST_JUMP + 10 * drained
+            return abs(error) > MIN_JUMP + 10 * drained
         spread = math.sqrt(self.variance + self._noise)
         return self._count > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * spread
 

@@ -95,7 +95,7 @@ class JointPlanner(TrackingPlanner):
         read = o.time_s >= self._next_reading_s - 1e-9
         self._track(o)
         self._jumped |= read and ahead.read(o, self._computing_w)
-        self._looked_s, self._in_doubt = o.time_s, ahead.in_doubt(o.soc)
+        self._looked_s, self._in_doubt = o.time_s, ahead.is_ambiguous(o.soc)
         if self._jumped:
             why = JUMPED
         elif not why and o.time_s >= self._next_s - 1e-9:

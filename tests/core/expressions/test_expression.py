@@ -323,10 +323,10 @@ def test_lists_of_expressions():
 
 
 def test_the_first_function_that_is_not_smooth_is_known():
-    assert read_expression("x + max(x, abs(y))").rough == "max"
-    assert read_expression("sqrt(x)").rough == ""
+    assert read_expression("x + max(x, abs(y))").non_smooth == "max"
+    assert read_expression("sqrt(x)").non_smooth == ""
     first, second = read_expressions("abs(x), y")
-    assert (first.rough, second.rough) == ("abs", "")
+    assert (first.non_smooth, second.non_smooth) == ("abs", "")
 
 
 @unhurried
@@ -668,8 +668,8 @@ def test_substitution_keeps_offsets_names_and_size():
     whole = substituted(outer, {"left": inner})
     assert whole.text == "y - (min(c3, 2) - 1)^2"
     assert whole.offsets == {"y": 0, "c3": 4}, "where the name stood"
-    assert whole.rough == "min"
-    assert (outer.rough, outer.names) == ("", {"y", "left"}), "unchanged"
+    assert whole.non_smooth == "min"
+    assert (outer.non_smooth, outer.names) == ("", {"y", "left"}), "unchanged"
     assert read_expression(whole.text).node == whole.node
 
 
@@ -813,7 +813,7 @@ def test_what_sympy_says_in_words_of_its_own_is_refused():
         from_sympy(sympy.Piecewise((c1, c1 > 0), (0, True)))
     with pytest.raises(ExpressionError):
         from_sympy(sympy.zoo)
-    assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).rough in ("max", "abs")
+    assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).non_smooth in ("max", "abs")
 
 
 def test_an_expression_is_its_tree():

@@ -23,9 +23,9 @@ from eadp.core.geometry.curves import (
     curve_length_m,
     line_of,
     path_kind,
+    points_along,
     project,
     tangent,
-    walk,
     wrap_angle_rad,
 )
 from eadp.errors import PathUndefined
@@ -398,7 +398,7 @@ def test_no_value_is_said():
 
 
 def test_walking_keeps_to_the_path_with_even_steps():
-    steps = list(itertools.islice(walk(path("y - 10*sin(x/20)"), (0.0, 3.0), -1, 0.5), 200))
+    steps = list(itertools.islice(points_along(path("y - 10*sin(x/20)"), (0.0, 3.0), -1, 0.5), 200))
     for (x0, y0), (x1, y1) in itertools.pairwise(steps):
         assert y1 == pytest.approx(10 * math.sin(x1 / 20), abs=1e-7)
         assert math.dist((x0, y0), (x1, y1)) == pytest.approx(0.5, rel=LENGTH_SHARE)

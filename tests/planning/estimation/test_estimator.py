@@ -326,7 +326,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
     errors = {"power soon": [], "power later": [], "energy": []}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "DRIFT_SHARE", 0.0)  # what is simulated does not drift
-        patch.setattr(module, "LEAST_DISTURBANCE_W", 1e-3)
+        patch.setattr(module, "MIN_DISTURBANCE_W", 1e-3)
         settings = replace(settings, harmonic_drift_w_per_sqrt_s=0.0)
         for _ in range(RUNS):
             readings, power = sampled(rng, times, *truth)
@@ -380,7 +380,7 @@ def test_a_lap_that_follows_no_other_begins_the_count_anew():
     estimator = ExactEstimator(NOISES, PERIOD_S)
     for end_s in (30.0, 76.0):
         estimator.lap(end_s)
-    estimator.begin_lap(200.0)
+    estimator.start_lap(200.0)
     assert estimator.period_s == pytest.approx(46.0)
     estimator.lap(240.0)
     assert estimator.period_s == pytest.approx(40.0)
@@ -412,8 +412,8 @@ def test_a_calm_flight_keeps_the_least_noise():
         estimator = ExactEstimator(EstimatorSettings(), period_s)
         for time_s in np.arange(0.0, 200.0, 0.1):
             estimator.observe(time_s, 26.0)
-        assert estimator.noise_w == module.LEAST_NOISE_W
-        assert estimator.disturbance[0] == module.LEAST_DISTURBANCE_W
+        assert estimator.noise_w == module.MIN_NOISE_W
+        assert estimator.disturbance[0] == module.MIN_DISTURBANCE_W
         assert estimator.forecast(np.array([100.0])) == pytest.approx([26.0])
 
 

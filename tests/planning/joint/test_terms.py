@@ -236,11 +236,11 @@ def test_compiled_terms_are_the_plain_ones(name):
     it = CASES[name]()
     plain, wind = it.terms(), (3.0, -4.0)
     times = it.course.times_s(15.0, wind)
-    compiled.switch_on()
+    compiled.enable()
     try:
         fast, fast_times = it.terms(), it.course.times_s(15.0, wind)
     finally:
-        compiled.switch_on(False)
+        compiled.enable(False)
     assert np.array(fast_times) == pytest.approx(np.array(times), rel=ALGEBRA)
     for name in ("use", "gain", "least_use", "least_value"):
         assert getattr(fast.steps, name) == pytest.approx(getattr(plain.steps, name), rel=ALGEBRA, abs=1e-15)
