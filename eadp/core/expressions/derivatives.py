@@ -105,10 +105,6 @@ class _Jet:
     xy: _Value | None = None
     yy: _Value | None = None
 
-    @property
-    def fixed(self) -> bool:
-        return not self.v.inner
-
 
 _ONE = _Value("1.0", False)
 _TWO = _Value("2.0", False)
@@ -241,35 +237,34 @@ class _Writer:
     def _sum(self, node: Sum) -> _Jet:
         jet = self.jet(node.terms[0][1])
         for minus, term in node.terms[1:]:
-            other = self.jet(term)
-            join = self.subtract if minus else self.add
-            v = join(jet.v, other.v)
-            assert v is not None
-            pairs = ((jet.x, other.x), (jet.y, other.y), (jet.xx, other.xx), (jet.xy, other.xy), (jet.yy, other.yy))
-            jet = _Jet(v, *(join(a, b) for a, b in pairs))
+            jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
         return jet
 
     def _multiply(self, a: _Jet, b: _Jet) -> _Jet:
         v = self.times(a.v, b.v)
         assert v is not None
+        twice = (self.times(_TWO, self.times(a.x, b.x)), self.times(_TWO, self.times(a.y, b.y)))
+        mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
+        return self._two(v, a, b, (b.v, a.v), (twice[0], mixed, twice[1]))
+
+    def _two(
+        self,
+        f: _Value,
+        a: _Jet,
+        b: _Jet,
+        slopes: tuple[_Value, _Value],
+        bends: tuple[_Value | None, _Value | None, _Value | None],
+    ) -> _Jet:
+        """f(a, b) from f, (f_a, f_b), and the parts of its xx, xy, yy that hold products of first derivatives."""
 
         def first(da: _Value | None, db: _Value | None) -> _Value | None:
-            return self.add(self.times(da, b.v), self.times(a.v, db))
+            return self.add(self.times(slopes[0], da), self.times(slopes[1], db))
 
-        def second(daa: _Value | None, cross: _Value | None, dbb: _Value | None) -> _Value | None:
-            return self.add(self.add(self.times(daa, b.v), cross), self.times(a.v, dbb))
+        def second(daa: _Value | None, bend: _Value | None, dbb: _Value | None) -> _Value | None:
+            return self.add(self.add(self.times(slopes[0], daa), bend), self.times(slopes[1], dbb))
 
-        twice_x = self.times(_TWO, self.times(a.x, b.x))
-        twice_y = self.times(_TWO, self.times(a.y, b.y))
-        mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
-        return _Jet(
-            v,
-            first(a.x, b.x),
-            first(a.y, b.y),
-            second(a.xx, twice_x, b.xx),
-            second(a.xy, mixed, b.xy),
-            second(a.yy, twice_y, b.yy),
-        )
+        pairs = zip((a.xx, a.xy, a.yy), bends, (b.xx, b.xy, b.yy), strict=True)
+        return _Jet(f, first(a.x, b.x), first(a.y, b.y), *(second(*parts) for parts in pairs))
 
     def _compose(self, u: _Jet, f: _Value, f1: _Value | None, f2: _Value | None) -> _Jet:
         """f(u) from f, f' and f'' at u: (f∘u)_ab = f'' u_a u_b + f' u_ab."""
@@ -342,30 +337,13 @@ class _Writer:
         fab = self.let(f"{fb.text} * {fb.text} - {fa.text} * {fa.text}", fa, fb)
         faa = self.negate(fbb)
 
-        def first(da: _Value | None, db: _Value | None) -> _Value | None:
-            return self.add(self.times(fa, da), self.times(fb, db))
-
-        def second(
-            a1: _Value | None,
-            a2: _Value | None,
-            a12: _Value | None,
-            b1: _Value | None,
-            b2: _Value | None,
-            b12: _Value | None,
-        ) -> _Value | None:
+        def bend(a1: _Value | None, a2: _Value | None, b1: _Value | None, b2: _Value | None) -> _Value | None:
             total = self.times(faa, self.times(a1, a2))
             total = self.add(total, self.times(fab, self.add(self.times(a1, b2), self.times(a2, b1))))
-            total = self.add(total, self.times(fbb, self.times(b1, b2)))
-            return self.add(total, first(a12, b12))
+            return self.add(total, self.times(fbb, self.times(b1, b2)))
 
-        return _Jet(
-            f,
-            first(a.x, b.x),
-            first(a.y, b.y),
-            second(a.x, a.x, a.xx, b.x, b.x, b.xx),
-            second(a.x, a.y, a.xy, b.x, b.y, b.xy),
-            second(a.y, a.y, a.yy, b.y, b.y, b.yy),
-        )
+        bends = (bend(a.x, a.x, b.x, b.x), bend(a.x, a.y, b.x, b.y), bend(a.y, a.y, b.y, b.y))
+        return self._two(f, a, b, (fa, fb), bends)
 
     def _choose(self, a: _Jet, b: _Jet, relation: str) -> _Jet:
         test = f"{a.v.text} {relation} {b.v.text}"
@@ -376,10 +354,15 @@ class _Writer:
             one, two = first or _Value("0.0", False), second or _Value("0.0", False)
             return self.let(f"{one.text} if {test} else {two.text}", one, two, a.v, b.v)
 
-        v = pick(a.v, b.v)
-        assert v is not None
-        pairs = ((a.x, b.x), (a.y, b.y), (a.xx, b.xx), (a.xy, b.xy), (a.yy, b.yy))
-        return _Jet(v, *(pick(one, two) for one, two in pairs))
+        return _each(pick, a, b)
+
+
+def _each(join: Callable[[_Value | None, _Value | None], _Value | None], a: _Jet, b: _Jet) -> _Jet:
+    """Each part of two jets joined."""
+    v = join(a.v, b.v)
+    assert v is not None
+    pairs = ((a.x, b.x), (a.y, b.y), (a.xx, b.xx), (a.xy, b.xy), (a.yy, b.yy))
+    return _Jet(v, *(join(one, two) for one, two in pairs))
 
 
 @lru_cache(maxsize=65536)

@@ -224,20 +224,14 @@ def constant_value(node: Node, values: Sequence[float | None], offset: int) -> f
         message = f"a constant exponent of {values[1]:g}"
         raise ExpressionError(offset, message, f"an exponent from -{EXPONENT_LIMIT} to {EXPONENT_LIMIT}")
     known = [value for value in values if value is not None]
+    if isinstance(node, Sum):  # sums and products are checked over their constant parts
+        node = Sum(tuple([term for term, value in zip(node.terms, values, strict=True) if value is not None]))
+    elif isinstance(node, Product):
+        node = Product(tuple([part for part, value in zip(node.factors, values, strict=True) if value is not None]))
+    elif len(known) < len(values):
+        return None
     try:
-        # sums and products are checked over their constant parts, in the order in which they are evaluated
-        if isinstance(node, Sum):
-            signed = zip((minus for minus, _ in node.terms), values, strict=True)
-            value = _add([-part if minus else part for minus, part in signed if part is not None])
-        elif isinstance(node, Product):
-            signed = zip((divides for divides, _ in node.factors), values, strict=True)
-            value = _multiply([(divides, part) for divides, part in signed if part is not None])
-        elif len(known) < len(values):
-            return None
-        elif isinstance(node, Power):
-            value = math.pow(known[0], known[1])
-        else:
-            value = -known[0] if isinstance(node, Negative) else _OPERATIONS[node.function](*known)
+        value = _combined(node, known)
     except (ArithmeticError, ValueError):
         raise ExpressionError(offset, "a constant part without a finite real value", "a finite real number") from None
     if not abs(value) <= CONSTANT_LIMIT:
@@ -280,21 +274,6 @@ def constant(value: float) -> Expression:
 # --- values -----------------------------------------------------------------------------------------------------------
 
 
-def _add(terms: Sequence[float]) -> float:
-    # one by one, as the tree is evaluated: another order may round to another value
-    total = 0.0
-    for term in terms:
-        total += term
-    return total
-
-
-def _multiply(factors: Sequence[tuple[bool, float]]) -> float:
-    result = 1.0
-    for divides, value in factors:
-        result = result / value if divides else result * value
-    return result
-
-
 _OPERATIONS: dict[str, Callable[..., float]] = {
     **{
         name: getattr(math, name)
@@ -326,35 +305,39 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
 
 
 def unchecked_value(node: Node, values: Mapping[str, float]) -> float:
-    # plain loops: a generator would double the depth of the stack
+    """`evaluate` with the errors of the arithmetic, and KeyError for a symbol without a value."""
     if isinstance(node, Number):
         return node.value
     if isinstance(node, Symbol):
         return math.pi if node.name == "pi" else values[node.name]
+    parts = []
+    for part in children(node):  # a plain loop: a comprehension would double the depth of the stack
+        parts.append(unchecked_value(part, values))
+    return _combined(node, parts)
+
+
+def _combined(node: Node, values: Sequence[float]) -> float:
+    """Value of a node from the values of its parts."""
     if isinstance(node, Sum):
         total = 0.0
-        for minus, term in node.terms:
-            value = unchecked_value(term, values)
+        for (minus, _), value in zip(node.terms, values, strict=True):
             total = total - value if minus else total + value
         return total
     if isinstance(node, Product):
         product = 1.0
-        for divides, factor in node.factors:
-            value = unchecked_value(factor, values)
+        for (divides, _), value in zip(node.factors, values, strict=True):
             product = product / value if divides else product * value
         return product
     if isinstance(node, Power):
-        # math.pow refuses what would be complex, where ** would return it
-        return math.pow(unchecked_value(node.base, values), unchecked_value(node.exponent, values))
+        return math.pow(*values)  # refuses what would be complex, where ** would return it
     if isinstance(node, Negative):
-        return -unchecked_value(node.operand, values)
-    arguments = []
-    for argument in node.arguments:
-        arguments.append(unchecked_value(argument, values))
-    return _OPERATIONS[node.function](*arguments)
+        return -values[0]
+    assert isinstance(node, Call)
+    return _OPERATIONS[node.function](*values)
 
 
 def symbols(node: Node) -> set[str]:
+    """Names of the symbols in a tree."""
     found: set[str] = set()
     waiting = [node]
     while waiting:

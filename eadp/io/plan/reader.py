@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from eadp.core.expressions.algebra import is_zero
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import (
     FUNCTIONS,
@@ -37,7 +36,7 @@ from eadp.models.plan.plan import (
     Stage,
 )
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.structure import find_shift, find_structure, header_disagrees, tidy
+from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -61,22 +60,27 @@ class _Line:
     text: str
     column: int
 
+    def after(self, offset: int) -> _Line:
+        """The rest of the line from an offset on."""
+        return _Line(self.number, self.text[offset:], self.column + offset)
+
+
+_START = _Line(1, "", 1)
+
 
 @dataclass(slots=True)
 class _Draft:
     """A stage being read; parts that could not be read stay None."""
 
-    line: int
-    column: int = 1
+    line: _Line
     gain: float | None = None
     rotation: int | None = None
     path: Expression | None = None
+    path_line: _Line = field(default_factory=lambda: _START)
     trigger: PointExpression | None = None
+    trigger_line: _Line | None = None
     sets: list[Box | None] = field(default_factory=list)
     set_lines: list[_Line] = field(default_factory=list)
-    path_column: int = 1
-    trigger_line: int = 0
-    trigger_columns: tuple[int, int] = (1, 1)
 
 
 @dataclass(slots=True)
@@ -95,11 +99,7 @@ class _Group:
     n: tuple[int, _Line] | None = None
     final: PointExpression | None = None
     until: tuple[Expression, Expression] | None = None
-    final_line: _Line = field(default_factory=lambda: _Line(1, "", 1))
-
-    def changing(self) -> dict[str, tuple[Expression, Expression, _Line]]:
-        """The coordinates that have a shift."""
-        return {name: (first, move, line) for name, (first, move, line) in self.coordinates.items() if move is not None}
+    final_line: _Line = field(default_factory=lambda: _START)
 
 
 def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
@@ -120,10 +120,9 @@ class _Reader:
         self._faults: list[Fault] = []
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
-        self._headers: dict[str, tuple[_Line, int]] = {}
+        self._headers: dict[str, _Line] = {}
         self._header_shift: PointExpression | None = None
-        self._header_shift_line = 1
-        self._sectioned = False
+        self._header_shift_line = _START
         self._section = ""
         self._groups: list[_Group] = []
         self._numbered = 0
@@ -141,7 +140,7 @@ class _Reader:
             if line is not None and line.text.strip():
                 self._read_line(line)
         if not self._drafts and not self._faults:
-            self._fault(_Line(1, "", 1), 0, "no stage", STAGE_EXPECTED)
+            self._fault(_START, 0, "no stage", STAGE_EXPECTED)
         self._finish_stages()
         self._check_faults()
         plan = self._assembled()
@@ -168,18 +167,16 @@ class _Reader:
         if stripped[:1] in ("%", "#"):
             if stripped[:2] == "%:":
                 offset = len(text) - len(stripped) + 2
-                self._read_header(_Line(number, text[offset:], column + offset))
+                self._read_header(_Line(number, text, column).after(offset))
             return None
         return _Line(number, text, column)
 
     def _read_line(self, line: _Line) -> None:
         section = _SECTION.match(line.text)
         if section:
-            if self._drafts and not self._sectioned:
-                self._fault(
-                    line, 0, f"a section {section[1]}: after stages without sections", "sections from the start"
-                )
-            self._sectioned = True
+            if self._drafts and not self._groups:
+                what = f"a section {section[1]}: after stages without sections"
+                self._fault(line, 0, what, "sections from the start")
             self._begin_section(section[1], line)
         elif self._section == "init":
             self._read_definition(line)
@@ -247,27 +244,25 @@ class _Reader:
         elif ";" in line.text:
             self._read_head(line)
         elif not self._drafts:
-            if self._header_shift is not None or self._sectioned:
+            if self._header_shift is not None or self._groups:
                 self._fault(line, 0, "neither a stage nor a header", STAGE_EXPECTED)
             else:
-                self._header_shift_line = line.number
+                self._header_shift_line = line
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
-        elif self._drafts[-1].trigger_line > 0:
-            self._fault(
-                line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage"
-            )
+        elif self._drafts[-1].trigger_line not in (None, _START):
+            what = f"stage {len(self._drafts)} has its trigger already"
+            self._fault(line, 0, what, "a set like [2, 10] or a new stage")
         else:
             self._read_trigger(line)
 
     # --- lines of a stage
 
     def _read_head(self, line: _Line) -> None:
-        draft = _Draft(line.number, line.column)
+        draft = _Draft(line)
         self._drafts.append(draft)
         parts = line.text.split(";")
         if len(parts) != 3:
-            expected = STAGE_EXPECTED
-            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", expected)
+            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", STAGE_EXPECTED)
             return
         starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
         draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
@@ -282,27 +277,25 @@ class _Reader:
             draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
         path = parts[2].lstrip()
         start = starts[2] + len(parts[2]) - len(path)
-        draft.path_column = line.column + start
+        draft.path_line = line.after(start)
         draft.path = self._expression(line, path, start)
         if draft.path is not None and not draft.path.names & {"x", "y"}:
             self._fault(line, start, "a path that names neither x nor y", "a path function of x and y")
 
     def _read_trigger(self, line: _Line) -> None:
         draft = self._drafts[-1]
-        draft.trigger_line = line.number
+        draft.trigger_line = line
         draft.trigger = self._point(line, f"the trigger of stage {len(self._drafts)}, like -115, 146")
-        draft.trigger_columns = (line.column, line.column)
 
     def _read_set(self, line: _Line) -> None:
         if not self._drafts:
             self._fault(line, 0, "a set before the first stage", STAGE_EXPECTED)
             return
         draft = self._drafts[-1]
-        if not draft.trigger_line:
-            self._fault(
-                line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146"
-            )
-            draft.trigger_line = -1
+        if draft.trigger_line is None:
+            what = f"a set before the trigger of stage {len(self._drafts)}"
+            self._fault(line, 0, what, "its trigger, like -115, 146")
+            draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
         draft.sets.append(self._box(line, line.text, 0, which))
         draft.set_lines.append(line)
@@ -323,10 +316,9 @@ class _Reader:
             self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
             return None
         if values[0] > values[1]:
-            message = (
-                f"a set whose lower bound {number_text(values[0])} is above its upper bound {number_text(values[1])}"
-            )
-            self._fault(line, offset, message, "lower bound first")
+            low, high = map(number_text, values)
+            what = f"a set whose lower bound {low} is above its upper bound {high}"
+            self._fault(line, offset, what, "lower bound first")
             return None
         return Box(*values)
 
@@ -352,7 +344,7 @@ class _Reader:
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
         if group.conditional:  # what it may name stands below it, too: read once all names are known
-            group.coordinates[name] = (*_NOWHERE, _Line(line.number, rest, line.column + start))
+            group.coordinates[name] = (*_NOWHERE, line.after(start))
             group.definitions.append((name, start, line))
             return
         pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
@@ -361,7 +353,7 @@ class _Reader:
             pair = None
         if pair is None:  # the name is known all the same: one mistake is one fault
             pair = list(_NOWHERE)
-        group.coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
+        group.coordinates[name] = (pair[0], pair[1], line.after(start))
 
     def _read_definitions(self, group: _Group) -> None:
         """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
@@ -409,8 +401,7 @@ class _Reader:
         stripped = line.text.strip()
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
-        value = line.text[start:].lstrip()
-        start = len(line.text) - len(value)
+        start = len(line.text) - len(line.text[start:].lstrip())
         known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
         if key not in known:
             message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
@@ -418,18 +409,16 @@ class _Reader:
             return
         if key in self._headers:
             self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
-        self._headers[key] = (_Line(line.number, value, line.column + start), line.number)
+        self._headers[key] = line.after(start)
 
     def _header_number(self, key: str, expected: str) -> float | None:
-        if key not in self._headers:
-            return None
-        line, _ = self._headers[key]
-        return self._number(line, line.text, 0, expected, lambda value: value > 0)
+        line = self._headers.get(key)
+        return self._number(line, line.text, 0, expected, lambda value: value > 0) if line else None
 
     def _header_computations(self) -> tuple[tuple[str, str], ...]:
-        if "computations" not in self._headers:
+        line = self._headers.get("computations")
+        if line is None:
             return ()
-        line, _ = self._headers["computations"]
         result: list[tuple[str, str]] = []
         seen: set[str] = set()
         offset = 0
@@ -447,9 +436,9 @@ class _Reader:
         return tuple(result)
 
     def _header_sets(self) -> dict[int, Box]:
-        if "sets" not in self._headers:
+        line = self._headers.get("sets")
+        if line is None:
             return {}
-        line, _ = self._headers["sets"]
         result: dict[int, Box] = {}
         position = 0
         while line.text[position:].strip():
@@ -467,9 +456,9 @@ class _Reader:
         return result
 
     def _header_origin(self) -> tuple[float, float] | None:
-        if "origin" not in self._headers:
+        line = self._headers.get("origin")
+        if line is None:
             return None
-        line, _ = self._headers["origin"]
         words = line.text.replace(",", " ").split()
         try:
             latitude, longitude = (float(word) for word in words)
@@ -485,13 +474,13 @@ class _Reader:
     def _finish_stages(self) -> None:
         """What can be said of the stages once all are read."""
         for index, draft in enumerate(self._drafts, 1):
-            if not draft.trigger_line:
+            if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
-                self._fault(_Line(draft.line, "", draft.column), 0, f"stage {index} has no trigger", expected)
+                self._fault(draft.line, 0, f"stage {index} has no trigger", expected)
         if not self._drafts:
             return
         self._check_set_counts()
-        if self._sectioned:
+        if self._groups:
             self._check_sections()
 
     def _check_set_counts(self) -> None:
@@ -499,7 +488,7 @@ class _Reader:
         for index, draft in enumerate(self._drafts, 1):
             if len(draft.sets) == first:
                 continue
-            place = draft.set_lines[-1] if draft.set_lines else _Line(draft.line, "", draft.column)
+            place = draft.set_lines[-1] if draft.set_lines else draft.line
             message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
             self._fault(place, 0, message, "the same number of sets in every stage")
 
@@ -526,11 +515,12 @@ class _Reader:
 
     def _check_short_form(self, group: _Group) -> None:
         """A plan of one part with a final point, as the papers write it."""
-        place = _Line(self._drafts[0].line, "", self._drafts[0].column)
         if group.final is None and not self._faults:
             self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
         if not group.coordinates and not self._faults:
-            self._fault(place, 0, "a section path: without coordinates", "a section init: that names some")
+            self._fault(
+                self._drafts[0].line, 0, "a section path: without coordinates", "a section init: that names some"
+            )
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
         """Each part with its stages."""
@@ -540,25 +530,22 @@ class _Reader:
 
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
-        path_count = self._path_count()
+        path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
         sets = self._header_sets()
         if sets and count:
-            line, _ = self._headers["sets"]
-            self._fault(line, 0, "a header sets beside stages that carry sets", "one or the other")
+            self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
         elif sets:
             count = max(sets)
             missing = [f"c{i}" for i in range(1, max(count, path_count) + 1) if i not in sets]
             if missing:
-                line, _ = self._headers["sets"]
-                self._fault(line, 0, f"no set for {', '.join(missing)}", "a set for every parameter")
+                self._fault(self._headers["sets"], 0, f"no set for {', '.join(missing)}", "a set for every parameter")
                 self._check_faults()
         if count:
             self._check_indices(count, path_count)
         computations = self._header_computations()
         if count >= path_count and count and computations and len(computations) != count - path_count:
-            line, _ = self._headers["computations"]
             message = f"{len(computations)} names for {count - path_count} computations"
-            self._fault(line, 0, message, "a name for each set after the paths'")
+            self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
         self._check_computation_sets(path_count, sets)
         self._check_faults()
         boxes = tuple(sets[i] for i in sorted(sets))
@@ -576,13 +563,14 @@ class _Reader:
             parts=parts,
         )
         self._check_smoothness(plan)
-        if parts:
-            return self._with_laps(plan)
-        return self._repeating(plan) if self._sectioned else self._structured(plan)
+        complete = self._with_laps if parts else self._repeating if self._groups else self._structured
+        plan = complete(plan)
+        self._compare_header(plan)
+        return plan
 
     def _parts(self) -> tuple[Segment, ...]:
         """The parts of a plan that has more than the papers' one."""
-        if not self._sectioned or (len(self._groups) == 1 and not self._groups[0].conditional):
+        if not self._groups or (len(self._groups) == 1 and not self._groups[0].conditional):
             return ()
         return tuple(
             Segment(
@@ -595,20 +583,14 @@ class _Reader:
         )
 
     def _with_laps(self, plan: Plan) -> Plan:
-        """A plan of parts: how many stages a lap has, and the shift of its laps where there is one."""
+        """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
         counts = {part.count for part in plan.parts if part.repeats}
-        plan = replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
-        self._compare_header(plan)
-        return plan
+        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:
-        """An explicit plan with the structure that its stages show."""
+        """An explicit plan with the structure found in its stages."""
         found = find_structure(plan)
-        if found is None:
-            return plan
-        plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
-        self._compare_header(plan)
-        return plan
+        return plan if found is None else replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
 
     def _compare_header(self, plan: Plan) -> None:
         """A finding where the first line's shift is neither what the stages do nor its opposite."""
@@ -618,20 +600,21 @@ class _Reader:
             f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
             f"({point_text(plan.shift)}), nor its opposite"
         )
-        self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
+        self._findings.append(Finding("warning", None, self._header_shift_line.number, "header-shift", message))
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
         assert draft.gain is not None
         assert draft.rotation in ROTATIONS
         own = tuple(box for box in draft.sets if box is not None)
-        firsts = {} if parts else {name: first for name, (first, _, _) in self._coordinates_of_all().items()}
+        firsts = {} if parts else {name: first for name, first, _ in self._short_form_coordinates()}
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
-        return Stage(index, draft.line, draft.gain, draft.rotation, path, trigger, own or boxes, part)
+        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, own or boxes, part)
 
-    def _coordinates_of_all(self) -> dict[str, tuple[Expression, Expression, _Line]]:
-        """The coordinates of the short form; of no other."""
-        return self._groups[0].changing() if self._groups else {}
+    def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
+        """Name, first value and shift of the coordinates of the short form; none without sections."""
+        table = self._groups[0].coordinates if self._groups else {}
+        return [(name, first, shift) for name, (first, shift, _) in table.items() if shift is not None]
 
     def _placed(self, draft: _Draft, values: Mapping[str, Expression]) -> tuple[Expression, PointExpression]:
         """A stage's path and trigger with its coordinates put in."""
@@ -639,11 +622,7 @@ class _Reader:
         assert draft.trigger is not None
         if not values:
             return draft.path, draft.trigger
-        parts = [
-            (draft.path, _Line(draft.line, "", draft.path_column)),
-            (draft.trigger[0], _Line(draft.trigger_line, "", draft.trigger_columns[0])),
-            (draft.trigger[1], _Line(draft.trigger_line, "", draft.trigger_columns[1])),
-        ]
+        parts = zip((draft.path, *draft.trigger), (draft.path_line, *[draft.trigger_line or _START] * 2), strict=True)
         placed = []
         for part, line in parts:
             try:
@@ -653,38 +632,26 @@ class _Reader:
                 self._check_faults()
         return placed[0], (placed[1], placed[2])
 
-    def _path_count(self) -> int:
-        """ρ: the highest index that any expression names."""
-        parts = [part for draft in self._drafts for part in (draft.path, *(draft.trigger or ())) if part is not None]
+    def _named(self) -> Iterator[tuple[str, Expression, _Line]]:
+        """Every expression that may name a parameter: what it belongs to, and where it stands."""
         for group in self._groups:
-            parts += [part for first, shift, _ in group.coordinates.values() for part in (first, shift) if part]
-            parts += [*(group.final or ()), *(group.until or ())]
-        parts += [*(self._header_shift or ())]
-        return max((part.max_parameter for part in parts), default=0)
+            for name, (first, shift, line) in group.coordinates.items():
+                yield from ((f"the coordinate {name}", value, line) for value in (first, shift) if value)
+            yield from (("the final point", value, group.final_line) for value in group.final or ())
+            yield from (("the end of the laps", value, group.final_line) for value in group.until or ())
+        for index, draft in enumerate(self._drafts, 1):
+            if draft.path:
+                yield f"stage {index}", draft.path, draft.path_line
+            yield from ((f"stage {index}", value, draft.trigger_line or _START) for value in draft.trigger or ())
+        yield from (("the shift", value, self._header_shift_line) for value in self._header_shift or ())
 
     def _check_indices(self, count: int, path_count: int) -> None:
         """An index without a set is an error at the expression that names it."""
-        if path_count <= count:
-            return
-        named: list[tuple[str, Expression | None, int, int]] = []
-        for group in self._groups:
-            for name, (first, shift, line) in group.coordinates.items():
-                named += [(f"the coordinate {name}", value, line.number, line.column) for value in (first, shift)]
-            end = group.final_line
-            named += [("the final point", value, end.number, end.column) for value in group.final or ()]
-            named += [("the end of the laps", value, end.number, end.column) for value in group.until or ()]
-        for index, draft in enumerate(self._drafts, 1):
-            named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
-            for value in draft.trigger or ():
-                named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
-        named += [("the shift", value, self._header_shift_line, 1) for value in self._header_shift or ()]
-        for who, part, number, column in named:
-            if part is not None and part.max_parameter > count:
+        for who, part, line in self._named():
+            if path_count > count < part.max_parameter:
                 name = f"c{part.max_parameter}"
                 message = f"{who} names {name} where stages have {count} sets"
-                self._fault(_Line(number, "", column), part.offsets.get(name, 0), message, f"a set for {name}")
-        if not self._faults:
-            self._fault(_Line(1, "", 1), 0, f"c{path_count} is named where stages have {count} sets", "a set for it")
+                self._fault(line, part.offsets.get(name, 0), message, f"a set for {name}")
 
     def _check_computation_sets(self, path_count: int, header_sets: Mapping[int, Box]) -> None:
         for draft in self._drafts:
@@ -693,17 +660,20 @@ class _Reader:
                     self._fault(line, 0, f"a computation's set that begins at {number_text(box.lo)}", "0 or more")
         for i, box in header_sets.items():
             if i > path_count and box.lo < 0:
-                line, _ = self._headers["sets"]
-                self._fault(line, 0, f"the set of computation c{i} begins at {number_text(box.lo)}", "0 or more")
+                self._fault(
+                    self._headers["sets"],
+                    0,
+                    f"the set of computation c{i} begins at {number_text(box.lo)}",
+                    "0 or more",
+                )
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             if stage.path.non_smooth:
                 used = stage.path.non_smooth
                 message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
-                self._findings.append(
-                    Finding("warning", stage.index, stage.line, "not-smooth", message, draft.path_column)
-                )
+                column = draft.path_line.column
+                self._findings.append(Finding("warning", stage.index, stage.line, "not-smooth", message, column))
 
     def _repeating(self, plan: Plan) -> Plan:
         """The short form: lap 1's stages, and the shift d that takes them to the next lap.
@@ -711,37 +681,32 @@ class _Reader:
         Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
         paths (letter, Eq. 2).
         """
-        coordinates, final = self._coordinates_of_all(), self._groups[0].final
-        moved = {name: total(first, shift) for name, (first, shift, _) in coordinates.items()}
+        coordinates = self._short_form_coordinates()
+        moved = {name: total(first, shift) for name, first, shift in coordinates}
         shift: PointExpression | None = None
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             path, trigger = self._placed(draft, moved)
             d = (difference(trigger[0], stage.trigger[0]), difference(trigger[1], stage.trigger[1]))
             if shift is None:
                 shift = (tidy(d[0]), tidy(d[1]))
-            expected = f"a shift of ({shift[0].text}, {shift[1].text})"
-            if not (_equal(d[0], shift[0]) and _equal(d[1], shift[1])):
+            expected = f"a shift of ({point_text(shift)})"
+            if not (equal(d[0], shift[0]) and equal(d[1], shift[1])):
                 message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
-                self._fault(_Line(draft.trigger_line, "", draft.trigger_columns[0]), 0, message, expected)
+                self._fault(draft.trigger_line or _START, 0, message, expected)
             elif not _shifts(stage.path, path, shift):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
-                self._fault(_Line(draft.line, "", draft.path_column), 0, message, expected)
+                self._fault(draft.path_line, 0, message, expected)
         if shift is not None and all(not part.names and part.at() == 0 for part in shift):
-            self._fault(_Line(self._drafts[0].line, "", 1), 0, "a plan that repeats without a shift", "a shift")
-        short = ShortForm(
-            tuple((name, first, move) for name, (first, move, _) in coordinates.items()),
-            tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger),
-        )
-        plan = replace(
+            self._fault(_Line(self._drafts[0].line.number, "", 1), 0, "a plan that repeats without a shift", "a shift")
+        stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
+        return replace(
             plan,
             repeats=True,
             shift=shift,
-            final=final,
+            final=self._groups[0].final,
             primitive_stages=len(plan.stages),
-            short_form=short,
+            short_form=ShortForm(tuple(coordinates), stages),
         )
-        self._compare_header(plan)
-        return plan
 
     # --- reading parts of a line, with faults noted
 
@@ -794,11 +759,6 @@ class _Reader:
 
 
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
-
-
-def _equal(a: Expression, b: Expression) -> bool:
-    gap = difference(a, b)
-    return is_zero(gap.node) if gap.names else abs(gap.at()) < 1e-9
 
 
 def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:

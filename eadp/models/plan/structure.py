@@ -175,18 +175,19 @@ def header_disagrees(plan: Plan) -> bool:
         return False
     dx, dy = plan.shift
     hx, hy = plan.header_shift
-    same = _equal(hx, dx) and _equal(hy, dy)
+    same = equal(hx, dx) and equal(hy, dy)
     opposite = _opposite(hx, dx) and _opposite(hy, dy)
     return not (same or opposite)
 
 
-def _equal(a: Expression, b: Expression) -> bool:
+def equal(a: Expression, b: Expression) -> bool:
+    """Whether two expressions have the same value for all values of their symbols."""
     gap = difference(a, b)
     return is_zero(gap.node) if gap.names else abs(gap.at()) < TOLERANCE
 
 
 def _opposite(a: Expression, b: Expression) -> bool:
-    return _equal(a, difference(constant(0.0), b))
+    return equal(a, difference(constant(0.0), b))
 
 
 def tidy(expression: Expression) -> Expression:
