@@ -1,7 +1,7 @@
-"""Interpolation of measured configurations: lines, PCHIP, grids, scattered points; never beyond the measured.
+"""Interpolation between measured configurations: linear, PCHIP, multilinear, barycentric; no extrapolation.
 
-A configuration is a point of d coordinates; the value measured there is a number. Coordinates that never
-change over the measurements are held: a configuration with another value there is outside.
+A configuration is a point of d coordinates with one measured value. A coordinate that is the same in all measurements
+is fixed: a configuration with another value there is outside the measured range.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Point = tuple[float, ...]
 Kind = Literal["linear", "pchip"]
 
 EDGE = 1e-9
-"""How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
+"""Tolerance at the edge of the measured range, as a fraction of it: rounding, not extrapolation."""
 
 LEAVE_ONE_OUT_LIMIT = 200_000
-"""Largest work of leaving out each of n scattered points: n times the simplices of them all."""
+"""Largest cost of leave-one-out prediction over n scattered points: n times their number of simplices."""
 
 
 class _Piece(ABC):
-    """An interpolation over the coordinates that change, inside their box."""
+    """An interpolation over the varying coordinates, inside their box."""
 
     @abstractmethod
     def at(self, point: Sequence[float]) -> float: ...
@@ -113,7 +113,7 @@ class Interpolant:
         return True
 
     def nearest(self, configuration: Sequence[float]) -> Point:
-        """The configuration to take in place of one that is outside.
+        """The nearest configuration inside the measured range.
 
         Each coordinate goes to its own measured range first; if that is still outside the hull of scattered
         points, to the nearest point of the hull, coordinates scaled by their ranges.
@@ -131,7 +131,7 @@ class Interpolant:
         return tuple(result)
 
     def clipped(self, configuration: Sequence[float]) -> Point:
-        """Each of d coordinates brought into its own measured range."""
+        """The configuration with each coordinate clipped to its measured range."""
         bounds = zip(configuration, self.lower, self.upper, strict=True)
         return tuple([min(max(value, lower), upper) for value, lower, upper in bounds])
 
@@ -181,11 +181,11 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
 
 
 def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
-    """What the other measurements predict at each configuration, itself left out.
+    """Leave-one-out prediction: the value at each configuration from the other measurements.
 
-    One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
-    the two neighbours on each line of the grid that has the point between two, the mean of the lines. Scattered points:
-    the interpolation of the others, for a point within their hull.
+    One varying coordinate: the interpolation of the others, for every inner point. A full grid: linear between the two
+    neighbours on each grid line that has the point inside, averaged over the lines. Scattered points: the interpolation
+    of the others, for a point within their hull.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "li
     -------
     array, shape (n,)
         Predicted values; NaN where the others do not enclose the point, and everywhere if the points are scattered and
-        so many that it would take long.
+        exceed `LEAVE_ONE_OUT_LIMIT`.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) ->
 def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     predicted = np.full(len(knots), np.nan)
     for i in range(1, len(knots) - 1):
-        # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
+        # a slope of PCHIP depends on two neighbours, at an end on three points: three on each side determine it
         others = [k for k in range(max(0, i - 3), min(len(knots), i + 4)) if k != i]
         with suppress(Infeasible):
             predicted[i] = _pchip(knots[others], values[others]).at((float(knots[i]),))
@@ -350,7 +350,7 @@ class _Cubic(_Piece):
 
     def at(self, point: Sequence[float]) -> float:
         value = point[0]
-        if value >= self.knots[-1]:  # else the last measured value would carry the rounding of its segment
+        if value >= self.knots[-1]:  # exact at the last knot, without the rounding of its segment
             return self.values[-1]
         i = bisect_right(self.knots, value) - 1
         a, b, c, d = self.coefficients[i]

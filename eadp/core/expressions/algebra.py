@@ -27,8 +27,8 @@ _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 
 def is_zero(node: Node) -> bool:
     """Whether a tree is zero for every value of its symbols.
 
-    Decided by its value at twelve places, wherever it has one, against the size of its parts: an expression of this
-    language that vanishes at all of them by accident is not met in practice, and no text can make the question costly.
+    Decided numerically, at twelve points, relative to the magnitude of its terms: expressions that vanish at all of
+    them by coincidence do not occur in practice, and the cost is linear in the size of the tree.
     """
     names = sorted(symbols(node) - {"pi"})
     seen = False
@@ -45,7 +45,7 @@ def is_zero(node: Node) -> bool:
 
 
 def _magnitude(node: Node, values: Mapping[str, float]) -> float:
-    """The sum of the absolute terms of a tree: what its rounding errors are measured by."""
+    """The sum of the absolute values of the terms of a tree: the scale of its rounding errors."""
     if isinstance(node, Sum):
         size = 0.0
         for _, term in node.terms:
@@ -97,9 +97,9 @@ def to_sympy(node: Node) -> Any:
 
 
 def simplified(expression: Expression) -> Expression:
-    """The same value multiplied out and collected, where that makes it shorter; else the expression itself.
+    """The expression multiplied out and collected by sympy, where that makes it shorter; else unchanged.
 
-    Only trees that cannot blow up are given to sympy: a power of a sum has as many terms as its exponent allows.
+    Only trees whose expansion is small are given to sympy: a power of a sum has as many terms as its exponent allows.
     """
     if not _tame(expression):
         return expression
@@ -107,7 +107,7 @@ def simplified(expression: Expression) -> Expression:
 
     try:
         simple = from_sympy(sympy.expand(to_sympy(expression.node)))
-    except (ExpressionError, ArithmeticError, ValueError, TypeError):  # what sympy makes of atan2(0, 0), for one
+    except (ExpressionError, ArithmeticError, ValueError, TypeError):  # for example atan2(0, 0)
         return expression
     return simple if len(simple.text) < len(expression.text) else expression
 
@@ -134,7 +134,7 @@ def from_sympy(tree: Any) -> Expression:
     Raises
     ------
     ExpressionError
-        If the tree holds what plan expressions have no word for.
+        If the tree holds a function or a constant that plan expressions do not have.
     """
     import sympy
 

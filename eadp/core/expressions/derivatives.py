@@ -3,8 +3,8 @@
 Forward-mode differentiation over the expression tree, written out as straight-line Python once per *shape* of an
 expression: every constant becomes an argument, so that the fifty circles of a survey share one compiled function. The
 work is linear in the size of the expression, where a computer-algebra derivative of a product of a thousand factors
-has a million terms. No text of a file reaches the compiler: the generated source holds operators, our own names and
-numbers of the differentiation rules alone.
+has a million terms. No text of a file reaches the compiler: the generated source holds operators, generated names and
+the numbers of the differentiation rules.
 
 What depends on parameters only is computed once, when parameters are bound; the inner function takes x and y.
 """
@@ -88,7 +88,7 @@ def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...], tu
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """The text of a computed value, and whether it depends on x or y (else it is bound once)."""
+    """The name of a computed value, and whether it depends on x or y (else it is computed once, when bound)."""
 
     text: str
     inner: bool
@@ -126,7 +126,7 @@ def _generate(root: Node) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
 
 
 class _Writer:
-    """Writes lines, each naming one new value; a text that was written before gives the old name."""
+    """Generator of source lines, each naming one new value; common subexpressions are written once."""
 
     def __init__(self) -> None:
         self.constants: list[float] = []
@@ -203,13 +203,13 @@ class _Writer:
         return self._function(node.function, jets[0])
 
     def _fixed(self, node: Node) -> _Value:
-        """A part without x and y: a constant becomes an argument, the rest is bound with the parameters."""
+        """A part without x and y: constants become arguments, the rest is computed when parameters are bound."""
         if not _has_parameters(node):
             name = f"k{len(self.constants)}"
             self.constants.append(evaluate(node, {}))
             return _Value(name, False)
         if isinstance(node, Symbol):
-            if not PARAMETER.match(node.name):  # a name of a file: it gets one of ours
+            if not PARAMETER.match(node.name):  # a loop variable of the file: replaced by a generated name
                 return _Value(self.others.setdefault(node.name, f"q{len(self.others)}"), False)
             self.parameters.add(node.name)
             return _Value(node.name, False)

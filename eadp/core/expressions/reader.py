@@ -59,7 +59,7 @@ class _Token:
 
 @dataclass(slots=True)
 class _Part:
-    """A tree under construction: the value of a constant one, and how many nodes it has."""
+    """A tree under construction: its value if it is constant, and its number of nodes."""
 
     node: Node
     value: float | None = None

@@ -19,10 +19,10 @@ DIGITS_LIMIT = 50
 EXPONENT_LIMIT = 64
 CONSTANT_LIMIT = 1e300
 SIZE_LIMIT = 20_000
-"""Most nodes of one tree, after the names of coordinates have been put in."""
+"""Most nodes of one tree, after coordinates have been substituted."""
 
 DEPTH_LIMIT = 4 * NESTING_LIMIT
-"""Most nodes above each other once coordinates are put in: what a text of the deepest nesting has."""
+"""Greatest depth of a tree after substitution: that of a text of the deepest nesting."""
 
 FUNCTIONS: dict[str, tuple[int, int]] = {
     **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "abs", "exp", "log"), (1, 1)),
@@ -30,7 +30,7 @@ FUNCTIONS: dict[str, tuple[int, int]] = {
     "min": (2, 64),
     "max": (2, 64),
 }
-"""Function → fewest and most arguments."""
+"""Function → minimum and maximum number of arguments."""
 
 NON_SMOOTH_FUNCTIONS = frozenset({"abs", "min", "max"})
 """Functions that are not twice differentiable everywhere."""
@@ -99,7 +99,7 @@ Node = Number | Symbol | Negative | Sum | Product | Power | Call
 class Expression:
     """A checked expression.
 
-    `offsets` gives, for each name it uses, the offset of its first use in the text it was read from.
+    `offsets` gives, for each name in it, the offset of its first use in the text that it was read from.
     """
 
     node: Node
@@ -120,7 +120,7 @@ class Expression:
 
     @property
     def max_parameter(self) -> int:
-        """The highest index i of any c_i in it; 0 without."""
+        """The largest index i of any c_i in it; 0 without."""
         return max((int(name[1:]) for name in self.names if PARAMETER.match(name)), default=0)
 
     def at(
@@ -149,7 +149,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
     Raises
     ------
     ExpressionError
-        At the first use of a symbol that makes the tree too large.
+        At the first symbol whose replacement makes the tree too large, or on a constant part that is not allowed.
     """
     size = expression.size
     offsets = {name: offset for name, offset in expression.offsets.items() if name not in values}
@@ -190,7 +190,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
 
 
 def _depth(node: Node) -> int:
-    """How many nodes lie above each other in a tree."""
+    """Depth of a tree."""
     deepest = 0
     waiting = [(node, 1)]
     while waiting:
@@ -260,7 +260,7 @@ def scaled(a: Expression, factor: float) -> Expression:
 
 
 def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
-    """A term of a sum where a symbol has become −b: a − (−b) is written a + b."""
+    """A term of a sum after substitution: a − (−b) is written a + b."""
     if minus and isinstance(old, Symbol) and isinstance(new, Negative):
         return False, new.operand
     return minus, new

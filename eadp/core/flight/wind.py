@@ -1,4 +1,4 @@
-"""Wind: how fast a path is flown in it, and what flight itself tells of it.
+"""Wind triangle: ground speed and bank in wind; wind estimation from ground velocity.
 
 Directions are of motion over ground, wind is the motion of the air: a wind along the direction of flight is a tailwind.
 """
@@ -16,20 +16,20 @@ from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import Point
 
 INITIAL_STD_MPS = 10.0
-"""Standard deviation of each component of a wind that nothing is known of."""
+"""Initial standard deviation of each wind component."""
 
 DRIFT_M2PS3 = 0.5**2 / 300
-"""How fast a mean wind changes: by half a metre per second in five minutes."""
+"""Random-walk intensity of the mean wind: half a metre per second in five minutes."""
 
 GUST_TIME_S = 5.0
-"""How long a gust stays: readings within this time tell the same."""
+"""Correlation time of gusts: readings within it count as one."""
 
 INITIAL_GUST_MPS, MIN_GUST_MPS = 1.0, 0.02
 BEND = 10.0
-"""How much more than its variance the bend of a reading without a heading counts as noise: it does not average out."""
+"""Weight of the linearisation error of a reading without a heading as noise: it does not average out."""
 
 FORGET_S = 60.0
-"""Over how long the spread of the gusts is taken."""
+"""Averaging time of the gusts' variance."""
 
 
 def ground_speeds_mps(
@@ -85,11 +85,11 @@ def squared_bank_slopes(
 
 
 class WindFilter:
-    """Mean wind from velocity over ground, and heading where it is known.
+    """Kalman filter of the mean wind from velocity over ground, and heading where it is known.
 
-    With a heading, v − s(cos θ, sin θ) is a reading of the wind. Without one, that ‖v − w‖ = s is, of its part along
-    the air velocity, linearised: courses in several directions tell both parts. Gusts are noise that stays for
-    `GUST_TIME_S`, so that a reading counts for as little as its share of that time.
+    With a heading, v − s(cos θ, sin θ) measures the wind. Without one, ‖v − w‖ = s, linearised, measures its component
+    along the air velocity: courses in several directions determine both components. Gusts are noise with a correlation
+    time of `GUST_TIME_S`, so that the weight of a reading is its share of that time.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class WindFilter:
 
     @property
     def gust_std_mps(self) -> float:
-        """Spread of the readings [m/s]."""
+        """Standard deviation of the gusts [m/s]."""
         return math.sqrt(self._state[5])
 
     @property
@@ -126,7 +126,7 @@ class WindFilter:
     def observe_batch(
         self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
     ) -> None:
-        """Take readings one after the other, each so long [s] after the one before; no number is no reading."""
+        """Take readings in order, each `steps_s` [s] after the one before; NaN is no reading."""
         columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
         if enabled():
             columns = [np.array(values) for values in columns]
@@ -134,10 +134,10 @@ class WindFilter:
 
 
 _WindState = tuple[float, float, float, float, float, float, float]
-"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time seen [s]."""
+"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time observed [s]."""
 
 
-# What follows may be compiled, see `eadp.core.compiled`.
+# The functions below may be compiled, see `eadp.core.compiled`.
 
 
 def _batch_updated(
@@ -156,7 +156,7 @@ def _batch_updated(
 def _updated(
     state: _WindState, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float
 ) -> _WindState:
-    """What is known after a reading: of no velocity nothing more; the heading may be no number."""
+    """The state after a reading; without a velocity unchanged. The heading may be NaN."""
     if math.isnan(vx + vy):
         return state
     wx, wy, pxx, pyy, pxy, gusts, seen_s = state
@@ -177,7 +177,7 @@ def _updated(
     air = math.sqrt(ax * ax + ay * ay)
     if air < 0.1 * airspeed_mps:
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
-    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
+    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; second order across it: ½ d⊥²/‖v − w‖ of the error's component across
     hx, hy = -ax / air, -ay / air
     along = hx * hx * pxx + 2 * hx * hy * pxy + hy * hy * pyy
     across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
@@ -203,9 +203,9 @@ def _corrected(
 def _gust_variance(
     gusts: float, seen_s: float, squared: float, state: float, counted_s: float, step_s: float
 ) -> tuple[float, float]:
-    """The gusts' variance and the time seen after an error, whose square is less what the wind is not known by.
+    """The gusts' variance and the time observed after an innovation, less the variance of the wind estimate.
 
-    The first estimate of the variance is forgotten as readings come.
+    The initial estimate of the variance fades as readings come in.
     """
     seen_s += step_s
     share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * GUST_TIME_S))

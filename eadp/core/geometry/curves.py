@@ -1,4 +1,4 @@
-"""Plane geometry of paths: which kind a path is, its direction of travel, and how far along it something lies.
+"""Plane geometry of paths: kind of a path, direction of travel, projection and distance along it.
 
 The rotation convention, stated once: angles are counter-clockwise from east, and a path with rotation 90 is travelled
 along its gradient turned by +90°, so counter-clockwise round a circle whose φ is positive outside; rotation 270 is the
@@ -133,7 +133,9 @@ def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return a + b
     if a == 0 or b == 0:
         return b if a == 0 else a
-    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)  # flat: a long sum must not become a deep one
+    first = (
+        a.terms if isinstance(a, Sum) else ((False, _node(a)),)
+    )  # flat, so that a long sum does not become a deep tree
     return Sum((*first, (False, _node(b))))
 
 
@@ -226,7 +228,7 @@ def line_of(path: PathFunction, near: Point, sense: int) -> Line:
 
 
 def circle_of(path: PathFunction, near: Point, sense: int) -> Circle:
-    """The circle of a path function of kind `circle`; φ is quadratic, so that one evaluation tells all.
+    """The circle of a path function of kind `circle`; φ is quadratic, so one evaluation determines it.
 
     Raises
     ------

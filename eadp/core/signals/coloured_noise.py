@@ -1,8 +1,8 @@
-"""Harmonics in coloured noise: how likely samples are, with every mixture of slow and white noise at its best.
+"""Likelihood of harmonics in coloured noise, maximised over mixtures of correlated and white noise.
 
-The noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a random walk or a
-drift, plus white noise. Samples are averaged in bins of equal width first, so that the matrices stay small, and the
-correlation matrices are taken apart once for all that is asked of one set of times.
+The noise has an exponential or a Matérn-3/2 correlation of any length, up to five times the log, where it resembles a
+random walk or a drift, plus white noise. Samples are averaged in bins of equal width first, so that the matrices stay
+small; each correlation matrix is decomposed once for a set of times.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from eadp.core.arrays import FloatArray
 _LENGTHS = 12
 _COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
 _SCANNED_PARTS = (0.99999, 0.999, 0.99, 0.93, 0.75, 0.4)
-_MAX_LENGTH_SHARE = 1 / 3  # of the time covered: what stays longer cannot be told from the mean
+_MAX_LENGTH_SHARE = 1 / 3  # of the time covered: longer correlation is not distinguishable from the mean
 _MAX_STD_RATIO = 2.0
 EULER_GAMMA = 0.5772156649015329
 
 
 class NoiseModel(NamedTuple):
-    """A noise model at its best for some columns: its likelihood, and its covariance in units of `variance`."""
+    """The maximum-likelihood noise model for some columns: its likelihood, and its covariance over `variance`."""
 
     log_likelihood: float
     correlation: FloatArray  # (bins, bins)
@@ -34,7 +34,7 @@ class NoiseModel(NamedTuple):
 
 
 class _Eigenbasis(NamedTuple):
-    """A correlation matrix K by its eigenvalues and vectors: ρK + (1 − ρ)I has the same vectors."""
+    """Eigenvalues and eigenvectors of a correlation matrix K: ρK + (1 − ρ)I has the same vectors."""
 
     eigenvalues: FloatArray
     vectors: FloatArray
@@ -53,19 +53,19 @@ class _Model(NamedTuple):
 class LikelihoodScan(NamedTuple):
     """Log-likelihoods over noise models and frequencies."""
 
-    gain: FloatArray  # (orders, frequencies): best of all noise models, less the best without harmonics
+    gain: FloatArray  # (orders, frequencies): maximum over noise models, less the maximum without harmonics
     posterior: FloatArray  # (orders, frequencies): the logarithm of the density at a flat prior
 
 
 @dataclass(frozen=True, eq=False)
 class TimeBins:
-    """Mean times and powers of n bins of equal width, those without a sample left out.
+    """Mean times and powers of n bins of equal width; bins without a sample are left out.
 
     Attributes
     ----------
     times_s, power_w : array, shape (n,)
     width_s, span_s : float
-        Of a bin; of the whole log [s].
+        Width of a bin; duration of the whole log [s].
     samples_per_bin : float
         The mean number of samples in one.
     """
@@ -95,7 +95,7 @@ class TimeBins:
             yield (1 + scaled) * np.exp(-scaled), length_s
 
     def best_noise(self, designs: Sequence[FloatArray]) -> list[NoiseModel]:
-        """For each matrix of columns, the noise model under which the bins are likeliest, coefficients included."""
+        """The maximum-likelihood noise model for each matrix of columns, their coefficients estimated too."""
         best = [(-np.inf, 0.0, 0.0, self._eigenbases[0])] * len(designs)
         for eigenbasis in self._eigenbases:
             target = eigenbasis.vectors.T @ self.power_w
@@ -110,11 +110,11 @@ class TimeBins:
         ]
 
     def coefficient_covariance(self, columns: FloatArray) -> FloatArray:
-        """Covariance of least squares' coefficients, whatever the noise may be.
+        """Covariance of least-squares coefficients, averaged over noise models.
 
-        That of every noise model, averaged by how likely each is: few bins cannot tell slow noise from white. What
-        stays longer than a third of the time they cover cannot be told from the mean either, and does not count; nor
-        does a noise with twice the spread of what the columns leave: it would be nearly a random walk.
+        Models are weighted by their likelihood: few bins do not separate correlated from white noise. Correlation
+        longer than a third of the time covered is not distinguishable from the mean and is left out; so is noise of
+        more than twice the standard deviation of the residuals, which would be nearly a random walk.
 
         Parameters
         ----------
@@ -142,9 +142,9 @@ class TimeBins:
         return total
 
     def _restricted(self, columns: FloatArray) -> Iterator[_Model]:
-        """Every noise model with its restricted likelihood: of what the columns cannot follow.
+        """Every noise model with its restricted likelihood, which accounts for the fitted coefficients.
 
-        The full likelihood would take noise that the columns have followed for noise that is not there.
+        The full likelihood would underestimate the noise by the part that the columns have fitted.
 
         Source: Patterson and Thompson 1971.
         """
@@ -204,7 +204,7 @@ class TimeBins:
         return [LikelihoodScan(gain[..., i].T, density[..., i].T) for i in range(powers.shape[1])]
 
     def surrogates(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Powers in the bins that have the noise which suits the bins best without any harmonics, shape (n, count)."""
+        """Draws [W] from the maximum-likelihood noise model without harmonics, shape (n, count)."""
         noise = self.best_noise([np.ones((len(self.times_s), 1))])[0]
         w, v = np.linalg.eigh(noise.correlation)
         draws: FloatArray = v @ (np.sqrt(np.maximum(w, 0.0))[:, np.newaxis] * rng.normal(size=(len(w), count)))
@@ -219,11 +219,11 @@ def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: flo
     times_s, power_w : array, shape (n,)
         Increasing times [s] and powers [W].
     width_s, span_s : float
-        Of a bin; of the log that the samples are from, which may be longer than they are [s].
+        Width of a bin; duration of the log that the samples are part of [s].
 
     Returns
     -------
-    Bins
+    TimeBins
     """
     bins = np.rint((times_s - times_s[0]) / width_s).astype(int)
     count = np.bincount(bins)
@@ -234,7 +234,7 @@ def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: flo
 
 
 def tail(statistic: float, drawn: FloatArray) -> float:
-    """Probability that a maximum as large comes from where others were drawn: Gumbel's law by their moments.
+    """p-value of a maximum: Gumbel's law fitted by moments to maxima of noise.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     """
     gram = white.transpose(0, 2, 1) @ white
     m = gram.shape[1]
-    # a rounding's worth of ridge: bins may leave a column undetermined
+    # a ridge of the size of rounding: bins may leave a column undetermined
     gram[:, np.arange(m), np.arange(m)] += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis]
     factor = np.linalg.cholesky(gram)
     fitted = np.linalg.solve(factor, white.transpose(0, 2, 1) @ target)
@@ -276,7 +276,7 @@ def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _profile(columns: FloatArray, power_w: FloatArray, variances: FloatArray) -> tuple[float, float]:
-    """Log-likelihood at the best coefficients and variance, and that variance, unbiased [W²]."""
+    """Maximum log-likelihood over coefficients and variance, and that variance, unbiased [W²]."""
     n, m = columns.shape
     root = np.sqrt(variances)
     white, target = columns / root[:, np.newaxis], power_w / root

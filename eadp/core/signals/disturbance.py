@@ -1,4 +1,4 @@
-"""A disturbance that stays a while: a Matérn-3/2 process as two states, its exact step, and what samples tell of it.
+"""Correlated disturbance: a Matérn-3/2 process as two states, its exact step, and its maximum-likelihood fit.
 
 The process d has mean 0 and the covariance σ² (1 + λ|τ|) e^{−λ|τ|}, λ = √3/ℓ, with σ its `std_w` and ℓ its `time_s`. It
 is smooth enough to have a slope, and with it as a second state it is a linear system driven by white noise:
@@ -21,11 +21,11 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import enabled, jitted
 
 MAX_SAMPLES = 1024
-"""Most samples that `fit_disturbance` looks at, unless told otherwise."""
+"""Most samples that `fit_disturbance` uses by default."""
 RUNS = 8
-"""Of more samples half are taken evenly, half in this many runs of consecutive ones."""
+"""Of more samples, half are taken evenly and half in this many runs of consecutive ones."""
 MIN_FREE_SAMPLES = 8
-"""Samples left after the columns' coefficients; with fewer there is no telling a disturbance from noise."""
+"""Fewest degrees of freedom: samples beyond the columns; with fewer all noise counts as white."""
 
 _TIMES, _SHARES = 8, 8
 _ZOOM_OFFSETS = np.linspace(-1.0, 1.0, 5)
@@ -63,7 +63,7 @@ def transition(step_s: float, time_s: float) -> FloatArray:
 
 
 def process_noise(step_s: float, std_w: float, time_s: float) -> FloatArray:
-    """Covariance of what one step adds to the two states.
+    """Process noise of one step of the two states.
 
     Parameters
     ----------
@@ -89,13 +89,13 @@ def process_noise(step_s: float, std_w: float, time_s: float) -> FloatArray:
 
 
 def stationary_covariance(std_w: float, time_s: float) -> FloatArray:
-    """Covariance of the two states when nothing is known but σ and ℓ: P∞ = diag(σ², λ²σ²), shape (2, 2)."""
+    """Stationary covariance of the two states: P∞ = diag(σ², λ²σ²), shape (2, 2)."""
     return std_w**2 * np.diag([1.0, rate_per_s(time_s) ** 2])
 
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceFit:
-    """What samples tell: σ [W] and ℓ [s] of the disturbance, the white noise beside it [W], and how likely that is."""
+    """Fitted σ [W] and ℓ [s] of the disturbance, standard deviation of the white noise [W], and the log-likelihood."""
 
     std_w: float
     time_s: float
@@ -110,12 +110,12 @@ def fit_disturbance(
     columns: ArrayLike | None = None,
     samples: int = MAX_SAMPLES,
 ) -> DisturbanceFit:
-    """The disturbance and the white noise under which a residual is likeliest.
+    """Maximum-likelihood fit of a disturbance and white noise to residuals.
 
     The likelihood is that of the innovations of a Kalman filter with the exact step, so sampling may be irregular. The
     variance is eliminated, the time constant and the disturbance's share of the variance are searched on a grid, then
-    on ever finer grids round its best. With `columns` the likelihood is the restricted one, of what the columns cannot
-    follow: coefficients fitted to the same samples do not make the noise look less than it is.
+    on finer grids round its maximum. With `columns` the likelihood is the restricted one, so that coefficients fitted
+    to the same samples do not bias the noise downwards.
 
     Parameters
     ----------
@@ -124,14 +124,14 @@ def fit_disturbance(
     residual_w : array, shape (n,)
         [W]; its mean counts as 0 unless a column is constant.
     columns : array, shape (n, p), optional
-        What the residual may also be made of, with coefficients of any size.
+        Regressors that the residual may also contain, with any coefficients.
     samples : int
-        Of more samples than this only as many are looked at: half evenly spread, half in `RUNS` runs of consecutive
-        ones, so that both slow and fast parts are seen.
+        Of more samples than this a subset is used: half evenly spaced, half in `RUNS` runs of consecutive ones, so
+        that both long and short correlation show.
 
     Returns
     -------
-    Learned
+    DisturbanceFit
         The time constant is between the shortest step and the span. All white (`std_w` 0) where there are fewer than
         `MIN_FREE_SAMPLES` samples more than columns, or where they do not vary.
 
@@ -167,14 +167,14 @@ def _subsampled(count: int, most: int) -> IntArray:
 
 
 def _orthonormal(columns: FloatArray, power_w: FloatArray) -> FloatArray:
-    """An orthonormal basis of what the columns can follow, and the power less that, beside each other."""
+    """An orthonormal basis of the columns and the power's residual, side by side."""
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-10 * np.max(size, initial=0.0)]
     return np.column_stack([basis, power_w - basis @ (basis.T @ power_w)])
 
 
 def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[float, float, float, float]:
-    """The best log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
+    """The maximum log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
     steps = np.diff(times_s)
     low, high = math.log(float(steps.min())), math.log(float(times_s[-1] - times_s[0]))
     spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MAX_LOGIT / (_SHARES - 1)])
@@ -236,8 +236,8 @@ def _innovations(
 ) -> tuple[FloatArray, FloatArray]:
     """Innovations of every series under every candidate, shape (n, k, p + 1), and their variance, shape (n, k).
 
-    The total variance is 1, of which the disturbance has `share`. The states are d and ḋ/λ, both of that variance, and
-    what is carried is by how much their covariance is less than it: Δ ← Φ Δ Φᵀ needs no process noise.
+    The total variance is 1, of which the disturbance has `share`. The states are d and ḋ/λ, both of that variance. The
+    recursion carries the reduction Δ = P∞ − P of their covariance: Δ ← Φ Δ Φᵀ needs no process noise.
     """
     size = series.shape[1]
     phi = _scaled_transitions(steps_s, time_s)
@@ -261,7 +261,7 @@ def _innovations(
 def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Σ e eᵀ/S of every candidate, shape (k, p + 1, p + 1), and Σ ln S: `_innovations` one candidate after the other.
 
-    What is quick compiled; `_innovations` takes all candidates at once, which is quick without.
+    Fast when compiled; `_innovations` vectorises over candidates, which is fast without numba.
     """
     count, size = series.shape
     gram = np.zeros((len(share), size, size))
@@ -299,6 +299,6 @@ def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[Floa
 def _scaled_transitions(steps_s: FloatArray, time_s: FloatArray) -> FloatArray:
     """e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)."""
     turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
-    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # numbers as small as e^−700 are slow
+    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow
     matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
     return matrix.reshape(*turns.shape, 2, 2)

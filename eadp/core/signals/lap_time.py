@@ -1,4 +1,4 @@
-"""The time of a lap from positions: where the aircraft is again where it was, less the drift from lap to lap."""
+"""Lap time from the autocorrelation of the position, the drift from lap to lap removed."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import MIN_PERIODS
 
 MAX_POINTS = 2000
-"""Most points of the even grid that positions are put on."""
+"""Most points of the even grid that positions are interpolated on."""
 MIN_CORRELATION = 0.5
-"""Correlation that a lap must have with the next one."""
+"""Smallest correlation of one lap with the next."""
 PEAK_SHARE = 0.8
-"""A shorter lag with this part of the best correlation is the lap: two laps are alike too."""
+"""The first peak with this share of the largest correlation is the lap: two laps correlate too."""
 MIN_POSITIONS = 20
 
 
@@ -31,7 +31,7 @@ def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
     Returns
     -------
     float or None
-        The lap [s]; None where no lag is alike, as on a flight that does not come back, or fewer than `MIN_POSITIONS`
+        The lap [s]; None where no lag correlates, as on a flight that does not return, or fewer than `MIN_POSITIONS`
         positions are known.
     """
     times, position = np.asarray(times_s, dtype=float), np.asarray(position_m, dtype=float)
@@ -49,7 +49,7 @@ def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
 
 
 def _correlation(position_m: FloatArray) -> FloatArray:
-    """Correlation of what overlaps at each lag, both axes together."""
+    """Normalised correlation of the overlap at each lag, both axes together."""
     n = len(position_m)
     size = fft.next_fast_len(2 * n, real=True)
     products = fft.irfft(np.abs(fft.rfft(position_m, size, axis=0)) ** 2, size, axis=0)[:n].sum(axis=1)
@@ -61,7 +61,7 @@ def _correlation(position_m: FloatArray) -> FloatArray:
 
 
 def _first_peak(correlation: FloatArray) -> float | None:
-    """The first lag, in steps, that is nearly as alike as the best one beyond the first descent below 0."""
+    """The first lag [steps] beyond the first descent below 0 whose peak is within `PEAK_SHARE` of the largest."""
     below = np.flatnonzero(correlation < 0)
     if not len(below) or below[0] + 2 >= len(correlation):
         return None

@@ -1,4 +1,4 @@
-"""What many readings in a row do to a covariance, as one map: the readings' values do not matter to it.
+"""Kalman filter's covariance over many readings as one map, independent of the readings' values.
 
 A prediction and a reading, and any sequence of them, take a covariance P to
 
@@ -28,7 +28,7 @@ class CovarianceMap:
     added: FloatArray
 
     def apply(self, covariance: FloatArray) -> FloatArray:
-        """The covariance that a covariance is taken to, shape (m, m), symmetric to the last bit."""
+        """The covariance after the steps of the map, shape (m, m), symmetric to the last bit."""
         if enabled():
             return jitted(_apply)(self.transition, self.information, self.added, covariance)
         # P (I + G P)⁻¹ = (I + P G)⁻¹ P
@@ -37,7 +37,7 @@ class CovarianceMap:
         return 0.5 * (result + result.T)
 
     def then(self, other: CovarianceMap) -> CovarianceMap:
-        """This map, and another one after it."""
+        """Composition: this map, then another."""
         identity = np.eye(len(self.added))
         # A₂ (I + H₁ G₂)⁻¹
         through = np.linalg.solve((identity + self.added @ other.information).T, other.transition.T).T

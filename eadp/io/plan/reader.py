@@ -45,7 +45,7 @@ _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
-"""Most quantities of laps that end on a condition."""
+"""Most loop variables of a segment."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Line:
-    """A line of the file without its number: where its text starts [column, from 1]."""
+    """A line of the file without its printed number; `column` is where its text starts, from 1."""
 
     number: int
     text: str
@@ -85,9 +85,9 @@ class _Draft:
 
 @dataclass(slots=True)
 class _Group:
-    """The sections of one part: its quantities by name (a shift of None is a formula), stages, and end.
+    """The sections of one segment: its loop variables by name (a shift of None is a formula), stages, and end.
 
-    `drafts` is where its stages begin among the plan's. A part with a condition is flown lap by lap until it holds.
+    `drafts` is the index of its first stage. A segment with a condition is flown lap by lap until it holds.
     """
 
     line: _Line
@@ -103,7 +103,7 @@ class _Group:
 
 
 def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
-    """Read a plan; what reading shows comes with it, errors excepted.
+    """Read a plan, with warnings about it.
 
     Raises
     ------
@@ -188,7 +188,7 @@ class _Reader:
     # --- sections
 
     def _begin_section(self, name: str, line: _Line) -> None:
-        """A section: of the part that is being read, or the first of the next part."""
+        """A section: of the current segment, or the first of the next."""
         group = self._groups[-1] if self._groups else None
         if group is not None and self._section == "init" and name != "init":
             self._read_definitions(group)
@@ -200,7 +200,7 @@ class _Reader:
         self._section = name
 
     def _ends_on_condition(self, number: int) -> bool:
-        """Whether the part whose sections begin on a line ends on a condition: its `trig:` holds a >=."""
+        """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
         section = ""
         for raw in self._source[number:]:
             text = _NUMBERED.sub("", raw, count=1)
@@ -229,7 +229,7 @@ class _Reader:
             group.until = (sides[0], sides[1])
 
     def _scalar(self, line: _Line, text: str, start: int) -> Expression | None:
-        """A number in parameters and quantities."""
+        """A number in parameters and loop variables."""
         value = self._expression(line, text, start)
         for name in ("x", "y"):
             if value is not None and name in value.offsets:
@@ -343,7 +343,7 @@ class _Reader:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
-        if group.conditional:  # what it may name stands below it, too: read once all names are known
+        if group.conditional:  # it may name what stands below it: read once all names are known
             group.coordinates[name] = (*_NOWHERE, line.after(start))
             group.definitions.append((name, start, line))
             return
@@ -351,17 +351,17 @@ class _Reader:
         if pair is not None and any(part.names & {"x", "y"} for part in pair):
             self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
             pair = None
-        if pair is None:  # the name is known all the same: one mistake is one fault
+        if pair is None:  # the name stays defined: one mistake is one fault
             pair = list(_NOWHERE)
         group.coordinates[name] = (pair[0], pair[1], line.after(start))
 
     def _read_definitions(self, group: _Group) -> None:
-        """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
+        """The loop variables of a repeating segment: a first value and an increment, or a formula."""
         formulas: set[str] = set()
         names = {name for name, _, _ in group.definitions}
         if len(names) > VARIABLES_LIMIT:
             line = group.definitions[VARIABLES_LIMIT][2]
-            self._fault(line, 0, f"{len(names)} quantities in a part", f"at most {VARIABLES_LIMIT}")
+            self._fault(line, 0, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
             return
         for name, start, line in group.definitions:
             rest = line.text[start:]
@@ -372,7 +372,9 @@ class _Reader:
                 self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
                 continue
             if any(part.names & {"x", "y"} for part in values):
-                self._fault(line, start, f"the quantity {name} depends on x or y", "numbers, parameters and quantities")
+                self._fault(
+                    line, start, f"the loop variable {name} depends on x or y", "numbers, parameters and loop variables"
+                )
                 continue
             place = group.coordinates[name][2]
             if len(values) == 2:
@@ -472,7 +474,7 @@ class _Reader:
     # --- from drafts to a plan
 
     def _finish_stages(self) -> None:
-        """What can be said of the stages once all are read."""
+        """Checks that need all stages."""
         for index, draft in enumerate(self._drafts, 1):
             if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
@@ -498,7 +500,7 @@ class _Reader:
                 stages, line = group.n
                 self._fault(line, 0, f"n = {stages} where {len(drafts)} stages follow", f"n = {len(drafts)}")
             elif not drafts and not self._faults:
-                self._fault(group.line, 0, "a part without stages", "a section path: with some")
+                self._fault(group.line, 0, "a segment without stages", "a section path: with some")
         if len(self._groups) == 1 and not self._groups[0].conditional:
             self._check_short_form(self._groups[0])
             return
@@ -507,14 +509,14 @@ class _Reader:
                 place = group.final_line if group.final else group.line
                 self._fault(place, 0, "laps that do not end on a condition", "a section trig: like s >= 90")
             elif group.final is not None:
-                self._fault(group.final_line, 0, "a final point of a part that is flown once", "no section trig:")
+                self._fault(group.final_line, 0, "a final point of a segment that is flown once", "no section trig:")
         last = self._groups[-1]
         if last.until is not None and not self._faults:
             what = "the plan ends with laps that end on a condition"
             self._fault(last.final_line, 0, what, "a section path: after it, whose last trigger is the final point")
 
     def _check_short_form(self, group: _Group) -> None:
-        """A plan of one part with a final point, as the papers write it."""
+        """A plan of one repeating segment with a final point, as the papers write it."""
         if group.final is None and not self._faults:
             self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
         if not group.coordinates and not self._faults:
@@ -523,7 +525,7 @@ class _Reader:
             )
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
-        """Each part with its stages."""
+        """Each segment with its stages."""
         ends = [group.drafts for group in self._groups[1:]] + [len(self._drafts)]
         for group, end in zip(self._groups, ends, strict=True):
             yield group, self._drafts[group.drafts : end]
@@ -569,7 +571,7 @@ class _Reader:
         return plan
 
     def _parts(self) -> tuple[Segment, ...]:
-        """The parts of a plan that has more than the papers' one."""
+        """The segments of a plan; none of the papers' short form."""
         if not self._groups or (len(self._groups) == 1 and not self._groups[0].conditional):
             return ()
         return tuple(
@@ -593,7 +595,7 @@ class _Reader:
         return plan if found is None else replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
 
     def _compare_header(self, plan: Plan) -> None:
-        """A finding where the first line's shift is neither what the stages do nor its opposite."""
+        """A warning where the shift on the first line is neither that of the stages nor its opposite."""
         if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
             return
         message = (
@@ -617,7 +619,7 @@ class _Reader:
         return [(name, first, shift) for name, (first, shift, _) in table.items() if shift is not None]
 
     def _placed(self, draft: _Draft, values: Mapping[str, Expression]) -> tuple[Expression, PointExpression]:
-        """A stage's path and trigger with its coordinates put in."""
+        """A stage's path and trigger with its coordinates substituted."""
         assert draft.path is not None
         assert draft.trigger is not None
         if not values:
@@ -657,13 +659,13 @@ class _Reader:
         for draft in self._drafts:
             for i, (box, line) in enumerate(zip(draft.sets, draft.set_lines, strict=True)):
                 if i >= path_count and box is not None and box.lo < 0:
-                    self._fault(line, 0, f"a computation's set that begins at {number_text(box.lo)}", "0 or more")
+                    self._fault(line, 0, f"a computation's set that starts at {number_text(box.lo)}", "0 or more")
         for i, box in header_sets.items():
             if i > path_count and box.lo < 0:
                 self._fault(
                     self._headers["sets"],
                     0,
-                    f"the set of computation c{i} begins at {number_text(box.lo)}",
+                    f"the set of computation c{i} starts at {number_text(box.lo)}",
                     "0 or more",
                 )
 
@@ -678,8 +680,8 @@ class _Reader:
     def _repeating(self, plan: Plan) -> Plan:
         """The short form: lap 1's stages, and the shift d that takes them to the next lap.
 
-        Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
-        paths (letter, Eq. 2).
+        d is the change of each trigger when every coordinate moves by its shift; all must agree, and so must the paths
+        (letter, Eq. 2).
         """
         coordinates = self._short_form_coordinates()
         moved = {name: total(first, shift) for name, first, shift in coordinates}
@@ -708,7 +710,7 @@ class _Reader:
             short_form=ShortForm(tuple(coordinates), stages),
         )
 
-    # --- reading parts of a line, with faults noted
+    # --- reading parts of a line, faults recorded
 
     def _fault(self, line: _Line, offset: int, message: str, expected: str = "") -> None:
         source = self._source[line.number - 1] if line.number <= len(self._source) else ""
@@ -762,7 +764,7 @@ _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
 
 
 def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:
-    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, looked at where it is defined."""
+    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, evaluated where it is defined."""
     points = ((0.0, 0.0), (37.3, -11.9), (-83.1, 141.7), (211.9, 73.3), (-17.7, -197.3))
     for sample in (0.0, -0.37, 0.81, -211.3):
         count = max(first.max_parameter, later.max_parameter, *(part.max_parameter for part in shift))

@@ -44,7 +44,7 @@ def plan_text(plan: Plan) -> str:
 
 
 def _part_lines(plan: Plan, part: Segment) -> list[str]:
-    """The sections of a part."""
+    """The sections of a segment."""
     lines = []
     if part.repeats or part.quantities:
         lines += ["init:", f"n = {part.count}"]

@@ -24,32 +24,33 @@ from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 EXACT, PUBLISHED = "exact", "published"
 
 FIRST_STD_W, FIRST_SHARE = 10.0, 0.5
-"""Standard deviation of the level after the first reading: this, or this share of it, whichever is more. A harmonic's
-parts have half of that."""
+"""Initial standard deviation of the level [W], and as a share of the first reading; the larger counts. Harmonics have
+half of it."""
 
 DRIFT_SHARE = 0.01
-"""Level and harmonics drift at least by this share of the noise about them in each √s: what a larger aircraft's do."""
+"""Smallest drift of level and harmonics per √s, as a share of the noise: it scales with the aircraft's power."""
 
 NOMINAL_PERIOD_SHARE, ONE_LAP_SHARE = 0.05, 0.02
-"""Standard deviation of a period as a share of it: of one that nobody has measured, and of the first lap's."""
+"""Relative standard deviation of a period: of a nominal one, and of one measured on fewer than three laps."""
 
 LEARN_PERIODS, LEARN_APERIODIC_S = 6, 300.0
-"""Length of the window that noise is learned from, in periods, or in seconds without a period."""
+"""Length of the window for the noise estimate, in periods, or in seconds without a period."""
 
 LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MAX_PERIODS = 2, 60.0, 10
-"""When noise is first learned, in periods or in seconds without one, from where laps begin; then after one and a half
-times as long as that is ago, but after `LEARN_MAX_PERIODS` periods, or as many times `LEARN_FIRST_S`, at the latest."""
+"""Time of the first noise estimate after the laps start, in periods, or in seconds without a period; the next follows
+after one and a half times the elapsed time, at the latest after `LEARN_MAX_PERIODS` periods, or as many times
+`LEARN_FIRST_S`."""
 
 EXACT_SENSOR_W = 1e-6
-"""Noise of a sensor that is said to have none, or next to none."""
+"""Smallest noise of a sensor, for one specified as exact."""
 
 LEARN_SAMPLES = 192
 READINGS_KEPT = 20_000
 MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
-"""No quieter than this, whatever is learned: a calm flight may become unquiet."""
+"""Lower bounds of the estimated noise: a quiet flight may become noisy."""
 
 SHORTEST_DISTURBANCE_S = 0.01
-"""What stays for less than this is white noise to a sensor."""
+"""Shortest time constant of a disturbance: a shorter one is white noise to a sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,21 +75,21 @@ class EstimatorSettings:
 
 
 class Estimator(Protocol):
-    """What planners need of an estimator."""
+    """Interface of estimators: readings and laps in, forecast power out."""
 
     period_s: float | None
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return what was forecast for it [W]."""
+        """Take a reading [W], or None where there is none; return its one-step forecast [W]."""
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order; return what was forecast for the last one [W]."""
+        """Take one or more readings in order; return the one-step forecast of the last [W]."""
 
     def lap(self, time_s: float) -> None:
-        """A lap has ended."""
+        """End a lap and start the next."""
 
     def start_lap(self, time_s: float) -> None:
-        """A lap begins that follows no other: what went before is no lap's time."""
+        """Start timing a lap that follows no other."""
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading."""
@@ -122,11 +123,11 @@ class LapClock:
         return self.period_s
 
     def begin(self, time_s: float) -> None:
-        """Start the clock anew without a lap's time."""
+        """Restart the clock without recording a lap."""
         self._started_s = time_s
 
     def lap(self, time_s: float) -> None:
-        """Start the clock anew."""
+        """Record a lap and restart the clock."""
         self.period_s = time_s - self._started_s
         self.laps.append(self.period_s)
         self._started_s = time_s
@@ -135,9 +136,9 @@ class LapClock:
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
-    The period is the last lap's time. How far it may be off is told by how much laps differ from one to the next, and
-    harmonics may drift as fast as that turns them. White noise and disturbance are learned in flight by their
-    likelihood, see `eadp.core.signals.disturbance.fit_disturbance`.
+    The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
+    at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
+    `eadp.core.signals.disturbance.fit_disturbance`.
 
     Parameters
     ----------
@@ -185,12 +186,12 @@ class ExactEstimator:
 
     @property
     def noise_w(self) -> float:
-        """Standard deviation of the readings' white noise [W], as learned so far."""
+        """Standard deviation of the readings' white noise [W], as estimated so far."""
         return self._noise[0]
 
     @property
     def disturbance(self) -> tuple[float, float]:
-        """Standard deviation [W] and time constant [s] of the disturbance, as learned so far."""
+        """Standard deviation [W] and time constant [s] of the disturbance, as estimated so far."""
         return self._noise[1], self._noise[2]
 
     @property
@@ -223,10 +224,10 @@ class ExactEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Readings together where nothing but the filter has to look at each; see `Estimator.observe_batch`."""
+        """Process readings in batches between noise estimates; see `Estimator.observe_batch`."""
         expected, n = 0.0, 0
         while n < len(times_s):
-            # up to where noise is learned next
+            # up to the next noise estimate
             end = bisect.bisect_left(times_s, self._learn_at_s, n)
             readings = [value for value in motion_w[n:end] if value is not None]
             if self._time_s is None or not self._started or self._settings.gate_w or not readings:
@@ -243,7 +244,7 @@ class ExactEstimator:
         return expected
 
     def _start(self, motion_w: float) -> None:
-        """Start from the first reading: all of it is level."""
+        """Initialise the level with the first reading."""
         self._started = True
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
@@ -261,7 +262,7 @@ class ExactEstimator:
     # --- laps
 
     def lap(self, time_s: float) -> None:
-        """Take the lap's time as the period, the first one apart: it may have begun anywhere."""
+        """Take the lap's time as the period, except the first: it may have started anywhere."""
         self._laps.end(time_s)
         times = self._laps.times_s
         if not times:
@@ -279,7 +280,7 @@ class ExactEstimator:
     # --- forecasts
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """C e^{At} x, what is left of the disturbance included; see `Estimator.forecast`."""
+        """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
         power: FloatArray = self._rows(ahead_s) @ self._filter.state
         return power
 
@@ -309,13 +310,13 @@ class ExactEstimator:
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
-        """Learn noise from readings from now on: what was flown before the laps is not like them."""
+        """Restart the noise estimate: flight before the laps has other statistics."""
         self._readings.clear()
         self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
-        """Noise and disturbance by their likelihood in the readings of a window, whatever the harmonics are."""
+        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
         times, power = np.array(self._readings).T
@@ -329,7 +330,7 @@ class ExactEstimator:
             self._relearn(found)
 
     def _relearn(self, found: DisturbanceFit) -> None:
-        """Go on with another noise. A state from readings that were noisier than it was thought is less certain."""
+        """Adopt a noise estimate, and widen the covariance if the noise is larger than assumed so far."""
         before = self._density_w2_s()
         if found.std_w >= MIN_DISTURBANCE_W:
             disturbance = (found.std_w, found.time_s)
@@ -340,19 +341,19 @@ class ExactEstimator:
         self._filter.dynamics = self._dynamics(self._filter.state)
 
     def _density_w2_s(self) -> float:
-        """Spectral density of noise and disturbance at frequency 0: what a mean over a while is uncertain by."""
+        """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
         noise_w, std_w, time_s = self._noise
         return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
 class _Laps:
-    """When laps began, one after the other."""
+    """Times at which laps started."""
 
     def __init__(self, marks_s: list[float] | None = None) -> None:
         self._marks_s = marks_s or []
 
     def end(self, time_s: float) -> None:
-        """A lap has ended and the next begins."""
+        """End a lap and start the next."""
         self._marks_s.append(time_s)
 
     @property
@@ -361,7 +362,7 @@ class _Laps:
         return np.diff(self._marks_s).tolist()
 
     def turns(self, times_s: FloatArray, period_s: float) -> FloatArray:
-        """Laps flown at some times, from anywhere: ended ones are one turn each, others as the period says."""
+        """Laps flown at given times: completed ones are one turn each, others progress by the period."""
         marks = self._marks_s or [float(times_s[0])]
         far = 1e6
         marks_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
@@ -371,7 +372,7 @@ class _Laps:
 
 
 def _lap_time_std_s(times_s: list[float]) -> float:
-    """Standard deviation of the next lap's time about the last one's [s]: of the changes from lap to lap so far."""
+    """Standard deviation of the next lap's time [s]: root mean square of the changes between laps."""
     if len(times_s) < 3:
         return ONE_LAP_SHARE * times_s[-1]
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
@@ -384,15 +385,15 @@ def _squared_amplitudes(state: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> FloatArray:
-    """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, remembered."""
+    """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, cached."""
     return forecasting.power_rows(order, period_s, time_s, np.frombuffer(ahead))
 
 
 class PublishedEstimator:
     """The filter as the published flights ran it.
 
-    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, a state of ones at
-    the start, and a period that grows with the running lap from 1 s on.
+    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, an initial state
+    of ones, and a period that grows with the running lap from 1 s on.
 
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """
