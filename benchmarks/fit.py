@@ -25,14 +25,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import Spectrum, analyse
 from eadp.io.log.power_log import Columns, read_power_log
 
-FloatArray = NDArray[np.float64]
 AMPLITUDES_W = np.array([2.1, 1.4, 0.6])
 STEP_S = 0.5
 MEAN_W = 36.0

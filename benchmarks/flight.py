@@ -61,7 +61,7 @@ class Nobody:
 
 def alone(*, fast: bool) -> tuple[float, float]:
     """CPU seconds of a flight with the loop alone, and its duration [s]."""
-    compiled.switch_on(fast)
+    compiled.enable(fast)
     keys = {"planner.name": "static", "faults": [], "log_every_s": 1e9, "battery.capacity_ah": 100}
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
@@ -71,7 +71,7 @@ def alone(*, fast: bool) -> tuple[float, float]:
     for _ in fly(inputs.world, planner, outcome):
         pass
     spent = time.process_time() - started
-    compiled.switch_on(False)
+    compiled.enable(False)
     assert outcome.completed
     return spent, outcome.duration_s
 

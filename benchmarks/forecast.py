@@ -42,6 +42,9 @@ from eadp.io.flight.inputs import load_flight
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.simulation.loop import Outcome, fly
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+from forecast_variance import energy_forecast
+
 try:
     from statsmodels.tsa.arima.model import ARIMA
     from statsmodels.tsa.holtwinters import ExponentialSmoothing
@@ -304,7 +307,7 @@ def energy_to_the_end(log: Log) -> tuple[dict[str, list[float]], list[float]]:
             off.setdefault(name, []).append(100 * abs(energy / right - 1))
         assert isinstance(ours, Exact)
         estimator = ours.at(now_s)
-        energy, variance = estimator.energy_forecast(int(later.sum()) * log.step_s)
+        energy, variance = energy_forecast(estimator, int(later.sum()) * log.step_s)
         off.setdefault("eadp", []).append(100 * abs(energy / right - 1))
         sensor = log.step_s * estimator.noise_w * math.sqrt(later.sum())
         standard.append((energy - right) / math.sqrt(variance + sensor**2))

@@ -17,7 +17,8 @@ import atheris
 
 with atheris.instrument_imports(include=["eadp"]):
     from eadp.errors import EadpError, InputError, PathUndefined
-    from eadp.io.plan.text import plan_text, read_plan
+    from eadp.io.plan.reader import read_plan
+    from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import Text
     from eadp.models.plan.trace import nominal_legs
     from eadp.validation.check import check_plan

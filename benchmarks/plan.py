@@ -17,7 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.validation.check import check_plan
 

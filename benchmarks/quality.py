@@ -36,7 +36,7 @@ import numpy as np
 # numba looks for a module coverage, and this folder has one
 sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(__file__).resolve().parent]
 
-from eadp.core.compiled import switch_on  # noqa: E402
+from eadp.core.compiled import enable  # noqa: E402
 from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.models.plan.route import MARGIN_M, RoutePredictor  # noqa: E402
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
@@ -45,7 +45,7 @@ from eadp.planning.joint.planner import JointPlanner  # noqa: E402
 from eadp.planning.joint.program import MissionProgram, best_at  # noqa: E402
 from eadp.simulation.loop import Outcome, fly  # noqa: E402
 
-switch_on()
+enable()
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = str(ROOT / "profiles/pednet-jetson-nano.yaml")
 STEP_S = 0.05

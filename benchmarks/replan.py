@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from eadp.core.signals.harmonics import forecast_w, output_row, rotation_matrix
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile

@@ -241,7 +241,7 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
 
 def trigger_share(world: World, fast: bool) -> float:
     """How much of a stretch's time goes away where nothing is watched."""
-    compiled.switch_on(fast)
+    compiled.enable(fast)
     steps, spent = 100_000 if fast else 10_000, {}
     for _ in range(3):
         for watching in (True, False):
@@ -278,7 +278,7 @@ def compiling(planner: str) -> None:
     first = (
         "import time; t = time.process_time(); import numba; n = time.process_time() - t;"
         "from eadp.core import compiled; from eadp.io.flight.inputs import load_flight;"
-        "from eadp.simulation.loop import Outcome, fly; compiled.switch_on();"
+        "from eadp.simulation.loop import Outcome, fly; compiled.enable();"
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome())); a = time.process_time() - t;"
@@ -317,7 +317,7 @@ def growth(planner: str) -> None:
                 "faults": [],
             }
             inputs = load_flight(file.name, scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
-        compiled.switch_on()
+        compiled.enable()
         spent = []
         for _ in range(3):
             pilot, outcome = inputs.planner(), Outcome()

@@ -1,10 +1,10 @@
 """Everything eadp raises on purpose.
 
 EadpError
-├── InputError       a file or an option is wrong: one or more faults, each with its place
+├── InputError       a file or an option is wrong: one or more faults, each with its location
 ├── ExpressionError  an expression breaks the grammar or a limit; the offset in its text
-├── Infeasible       what was asked cannot be had: the battery cannot deliver the power, no control is admissible
-├── CommandError     a command that was to be measured did not start, or ended by itself
+├── Infeasible       a request has no solution: the battery cannot deliver the power, no control is admissible
+├── CommandError     a command to be measured did not start, or ended by itself
 ├── PathUndefined    a path function has no value where the robot is
 └── SolverFailed     the solver gave no answer that may be used as one
 """
@@ -27,9 +27,9 @@ def printable(text: str, limit: int = 200) -> str:
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong in an input, and where.
+    """One fault of an input, with its location.
 
-    `line` and `column` count from 1; `expected` says what would have been right; `source` is the line itself.
+    `line` and `column` count from 1; `expected` is what would be right; `source` is the line itself.
     """
 
     file: str
@@ -90,15 +90,15 @@ class ExpressionError(EadpError):
 
 
 class Infeasible(EadpError):
-    """What was asked cannot be had."""
+    """A request has no solution."""
 
 
 class CommandError(EadpError):
-    """A command that was to be measured did not start, or ended by itself, or cannot be ended."""
+    """A command to be measured did not start, ended by itself, or cannot be ended."""
 
 
 class PathUndefined(EadpError):
-    """A path function or a point of a plan has no finite real value where it was asked for."""
+    """A path function or a point of a plan has no finite real value at the given place."""
 
 
 class SolverFailed(EadpError):

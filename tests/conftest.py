@@ -45,7 +45,7 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
 def _plain_code():
     """Compiled code, which a sweep in this process switches on, is off again for the next test."""
     yield
-    compiled.switch_on(False)
+    compiled.enable(False)
 
 
 @pytest.fixture(scope="session")

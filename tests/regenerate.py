@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from eadp.errors import InputError
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -109,7 +109,7 @@ def command(
     from eadp.coverage.report import flown
     from eadp.errors import Fault, Infeasible
     from eadp.io.field.reader import read_field
-    from eadp.io.plan.text import plan_text
+    from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text, write_text
 
     setting = _scenario(scenario)
@@ -370,7 +370,7 @@ def _document(
 
 def _titled(solution: CoverageSolution, ends: Sequence[PathReport]) -> dict[str, CoveragePath]:
     """The way at each end of c1 under its title."""
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
 
     return {
         (f"c1 = {number_text(end.c1)}: " if len(ends) > 1 else "")
@@ -382,7 +382,7 @@ def _titled(solution: CoverageSolution, ends: Sequence[PathReport]) -> dict[str,
 def _comments(name: str, solution: CoverageSolution, motion: MotionLimits, ends: Sequence[PathReport]) -> list[str]:
     import math
 
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
     from eadp.errors import printable
 
     full, least = ends[0], ends[-1]
@@ -404,7 +404,7 @@ def _text(
     """A summary for people."""
     import math
 
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
 
     what = {
         "zamboni": f"Zamboni-like, {len(solution.blocks)} block{'s' if len(solution.blocks) != 1 else ''}",

@@ -47,7 +47,7 @@ COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
 
 
 class _Closed(Exception):
-    """Whoever read the output has seen enough."""
+    """The reader of the output has closed the pipe."""
 
 
 class _Interrupted(Exception):
@@ -55,7 +55,7 @@ class _Interrupted(Exception):
 
 
 def _shielded(command: Callable[..., int]) -> Callable[..., int]:
-    """A command whose closed pipe and interruption are told apart here: typer would end the process in its own way."""
+    """A command that distinguishes a closed pipe from an interruption: typer would end the process itself."""
 
     @functools.wraps(command)
     def shielded(*args: Any, **options: Any) -> int:

@@ -1,4 +1,4 @@
-"""What every command prints with: results on stdout, progress and warnings on stderr."""
+"""Output of every command: results on stdout, progress and warnings on stderr."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.core.expressions.expression import Expression
+    from eadp.core.expressions.tree import Expression
     from eadp.errors import Fault
     from eadp.models.plan.plan import Finding, Plan, PointExpression, Stage
     from eadp.validation.check import Report
@@ -54,7 +54,8 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.errors import Fault, InputError, PathUndefined
-    from eadp.io.plan.text import plan_text, read_plan
+    from eadp.io.plan.reader import read_plan
+    from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
 
     if trace is not None and not trace > 0:
@@ -93,10 +94,10 @@ def command(
 
 
 def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
-    """Parameters as set, else as at take-off: each at its maximum, or 0 where it has no set."""
+    """Parameters from --set, else those at take-off: each at its maximum, or 0 without a set."""
     import math
 
-    from eadp.core.expressions.expression import number_text
+    from eadp.core.expressions.tree import number_text
 
     values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     for raw in overrides or []:
@@ -138,7 +139,7 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
 
 
 def _check_text(plan: Plan, lines: Sequence[Fault], report: Report) -> str:
-    """A check for people: the findings, then what they add up to."""
+    """Text report of a check: the findings, then a summary."""
     errors = sum(line.severity == "error" for line in lines)
     leads = sum(parameters is not None for parameters in report.witness)
     total = f"{len(plan.stages)} stages: {errors} errors, {len(lines) - errors} warnings; "
@@ -191,7 +192,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
 
 
 def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
-    """A stage; of a part flown lap by lap, as it is in the first lap."""
+    """A stage as JSON; of a repeating segment, with the values of its first lap."""
     path, trigger = _in_first_lap(stage)
     return {
         "index": stage.index,
@@ -209,8 +210,8 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
 
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
-    """A stage's path and trigger with the quantities of its part put in."""
-    from eadp.core.expressions.expression import substituted
+    """A stage's path and trigger in the first lap, the loop variables substituted."""
+    from eadp.core.expressions.tree import substituted
     from eadp.errors import ExpressionError
 
     if stage.part is None or not stage.part.quantities:
@@ -219,15 +220,15 @@ def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
         known = stage.part.first_lap()
         x, y = (substituted(part, known) for part in stage.trigger)
         return substituted(stage.path, known), (x, y)
-    except ExpressionError:  # too large written out: as it stands in the file
+    except ExpressionError:  # too large when substituted: as written in the file
         return stage.path, stage.trigger
 
 
 def _structure(plan: Plan) -> str:
-    """What is known of laps, as the end of a sentence."""
+    """Lap structure, as the end of the first line."""
     if plan.parts:
         laps = sum(part.repeats for part in plan.parts)
-        return f" in {len(plan.parts)} parts, {laps} of them flown lap by lap"
+        return f" in {len(plan.parts)} segments, {laps} of them flown lap by lap"
     if plan.repeats:
         return ", repeated lap by lap"
     if plan.primitive_stages is None:
@@ -248,8 +249,8 @@ def _number_or_text(part: Any) -> float | str:
 
 
 def _table(plan: Plan) -> str:
-    """A plan for people."""
-    from eadp.core.expressions.expression import number_text
+    """A plan as a text table."""
+    from eadp.core.expressions.tree import number_text
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]

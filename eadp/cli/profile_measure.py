@@ -71,7 +71,7 @@ def measure_command(command: list[str], options: Options, output: str) -> int:
     for each in measured:
         warn([_note("--measure", f"{each.configuration}: {told(each.average)}", "note")])
         if not each.accurate:
-            what = "not as accurate as asked" if each.average.spread else "the sensor showed one value only"
+            what = "not as accurate as asked" if each.average.std else "the sensor showed one value only"
             message = f"{each.configuration}: {what} within {settings.longest_s:g} s"
             warn([_note("--longest", message, "warning")])
     return 0

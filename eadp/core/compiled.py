@@ -1,11 +1,11 @@
 """The one door to numba: functions of numbers and arrays, compiled to machine code where `eadp[fast]` is installed.
 
-A function is written once. It runs as plain Python, or compiled once a process has been told to (`switch_on`): numba
-takes half a second to import, which one flight is not worth. Both do the same arithmetic in the same order but for sums
-over arrays, which numpy adds up pairwise; no fast-math: nothing else is reassociated.
+A function is written once. It runs as plain Python, or compiled after `enable`: importing numba takes half a second,
+more than one flight gains. Both do the same arithmetic in the same order, except for sums over arrays, which numpy adds
+pairwise. There is no fast-math, so nothing else is reassociated.
 
-Machine code is kept between processes, in a folder named by the sources that it was made from: numba itself looks at
-the file of the outermost function alone, and would keep code of a helper that has changed.
+Machine code is cached between processes, in a folder named by a hash of the sources: numba itself checks the file of
+the outermost function alone, and would keep code of a helper that has changed.
 """
 
 from __future__ import annotations
@@ -27,37 +27,37 @@ _on = False
 
 @cache
 def available() -> bool:
-    """Whether there is a numba that can be imported; what is slow about it is done then."""
+    """Whether numba can be imported; imports it."""
     if importlib.util.find_spec("numba") is None:
         return False
     try:
         importlib.import_module("numba")
-    except Exception:  # made for another numpy, or whatever: it is an extra
+    except Exception:  # for example built for another numpy: numba is optional
         return False
     return True
 
 
-def switch_on(on: bool = True) -> bool:
-    """Use compiled code from here on in this process, or no longer; whether it is used."""
+def enable(on: bool = True) -> bool:
+    """Turn compiled code on or off for this process; returns whether it is on."""
     global _on
     _on = on and available()
     return _on
 
 
-def is_on() -> bool:
+def enabled() -> bool:
     """Whether compiled code is used."""
     return _on
 
 
-def quick(function: F, *helpers: Callable[..., Any]) -> F:
-    """A function, or where `switch_on` says so its compiled form.
+def jitted(function: F, *helpers: Callable[..., Any]) -> F:
+    """The compiled form of a function where compiled code is enabled, else the function.
 
     Parameters
     ----------
     function : function
-        Of numbers, arrays and None, and of what numba knows.
+        Its arguments are numbers, arrays, None and other types that numba supports.
     *helpers : function
-        All functions of ours that it calls, directly or not.
+        All functions of this package that it calls, directly or indirectly.
     """
     return _compiled(function, helpers) if _on else function
 
@@ -74,7 +74,7 @@ def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
     try:
         # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
         result: F = numba.njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # nowhere to keep it: compiled anew in every process
+    except RuntimeError:  # no writable cache: compiled in every process
         result = numba.njit(error_model="numpy")(function)
     finally:
         numba.config.CACHE_DIR = before
@@ -83,13 +83,13 @@ def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
 
 @cache
 def _registered(register: Callable[..., Any], helper: Callable[..., Any]) -> None:
-    """Registered once, and put into its callers: calls that pass arrays cost a quarter of the flight loop."""
+    """Register a helper once, inlined into its callers: calls that pass arrays cost a quarter of the flight loop."""
     register(forceinline=True)(helper)
 
 
 @cache
 def _sources() -> bytes:
-    """A hash of all our sources: compiled code holds constants of modules other than its own."""
+    """Hash of the package's sources: compiled code holds constants of modules other than its own."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).resolve().parents[1].rglob("*.py")):
         digest.update(path.read_bytes())
@@ -97,7 +97,7 @@ def _sources() -> bytes:
 
 
 def _folder(functions: tuple[Callable[..., Any], ...]) -> Path:
-    """Where machine code of functions is kept: beside numba's own if that has a place, else in the user's cache."""
+    """Cache folder of the machine code of functions: under NUMBA_CACHE_DIR if set, else in the user's cache."""
     digest = hashlib.sha256(_sources())
     for name in sorted({inspect.getfile(function) for function in functions}):
         digest.update(Path(name).read_bytes())

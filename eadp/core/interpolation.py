@@ -1,43 +1,47 @@
-"""Interpolation of measured configurations: lines, PCHIP, grids, scattered points; never beyond the measured.
+"""Interpolation between measured configurations: linear, PCHIP, multilinear, barycentric; no extrapolation.
 
-A configuration is a point of d coordinates; the value measured there is a number. Coordinates that never
-change over the measurements are held: a configuration with another value there is outside.
+A configuration is a point of d coordinates with one measured value. A coordinate that is the same in all measurements
+is fixed: a configuration with another value there is outside the measured range.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 Point = tuple[float, ...]
 Kind = Literal["linear", "pchip"]
 
 EDGE = 1e-9
-"""How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
+"""Tolerance at the edge of the measured range, as a fraction of it: rounding, not extrapolation."""
 
-LEFT_OUT_LIMIT = 200_000
-"""Largest work of leaving out each of n scattered points: n times the simplices of them all."""
+LEAVE_ONE_OUT_LIMIT = 200_000
+"""Largest cost of leave-one-out prediction over n scattered points: n times their number of simplices."""
 
 
-class _Piece(Protocol):
-    """An interpolation over the coordinates that change, inside their box."""
+class _Piece(ABC):
+    """An interpolation over the varying coordinates, inside their box."""
 
+    @abstractmethod
     def at(self, point: Sequence[float]) -> float: ...
 
-    def many(self, points: FloatArray) -> FloatArray: ...
+    def many(self, points: FloatArray) -> FloatArray:
+        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]: ...
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        return point
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,8 @@ class Interpolant:
 
     lower: Point
     upper: Point
-    _least: Point
-    _most: Point
+    _lower_edge: Point
+    _upper_edge: Point
     _varying: tuple[int, ...]
     _piece: _Piece
 
@@ -71,10 +75,10 @@ class Interpolant:
         Infeasible
             Outside the measured range, NaN included.
         """
-        for value, least, most in zip(configuration, self._least, self._most, strict=True):
-            if not least <= value <= most:
+        for value, low, high in zip(configuration, self._lower_edge, self._upper_edge, strict=True):
+            if not low <= value <= high:
                 raise Infeasible(f"{tuple(configuration)} is outside the measured range")
-        return self._piece.at(self._moving(self.clipped(configuration)))
+        return self._piece.at(self._varying_part(self.clipped(configuration)))
 
     def __call__(self, configurations: ArrayLike) -> FloatArray:
         """Values at many configurations.
@@ -95,7 +99,7 @@ class Interpolant:
         """
         asked = np.asarray(configurations, dtype=np.float64)
         points = asked.reshape(-1, len(self.lower))
-        if not np.all((np.array(self._least) <= points) & (points <= np.array(self._most))):
+        if not np.all((np.array(self._lower_edge) <= points) & (points <= np.array(self._upper_edge))):
             raise Infeasible("a configuration is outside the measured range")
         clipped = np.clip(points, self.lower, self.upper)
         return self._piece.many(clipped[:, self._varying]).reshape(asked.shape[:-1])
@@ -109,7 +113,7 @@ class Interpolant:
         return True
 
     def nearest(self, configuration: Sequence[float]) -> Point:
-        """The configuration to take in place of one that is outside.
+        """The nearest configuration inside the measured range.
 
         Each coordinate goes to its own measured range first; if that is still outside the hull of scattered
         points, to the nearest point of the hull, coordinates scaled by their ranges.
@@ -122,16 +126,16 @@ class Interpolant:
         if not all(map(math.isfinite, configuration)):
             raise Infeasible(f"{tuple(configuration)} is not a finite configuration")
         result = list(self.clipped(configuration))
-        for axis, value in zip(self._varying, self._piece.nearest(self._moving(result)), strict=True):
+        for axis, value in zip(self._varying, self._piece.nearest(self._varying_part(result)), strict=True):
             result[axis] = value
         return tuple(result)
 
     def clipped(self, configuration: Sequence[float]) -> Point:
-        """Each of d coordinates brought into its own measured range."""
+        """The configuration with each coordinate clipped to its measured range."""
         bounds = zip(configuration, self.lower, self.upper, strict=True)
         return tuple([min(max(value, lower), upper) for value, lower, upper in bounds])
 
-    def _moving(self, configuration: Sequence[float]) -> Sequence[float]:
+    def _varying_part(self, configuration: Sequence[float]) -> Sequence[float]:
         return [configuration[axis] for axis in self._varying]
 
 
@@ -176,12 +180,12 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
 
 
-def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
-    """What the other measurements predict at each configuration, itself left out.
+def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
+    """Leave-one-out prediction: the value at each configuration from the other measurements.
 
-    One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
-    the two neighbours on each line of the grid that has the point between two, the mean of the lines. Scattered points:
-    the interpolation of the others, for a point within their hull.
+    One varying coordinate: the interpolation of the others, for every inner point. A full grid: linear between the two
+    neighbours on each grid line that has the point inside, averaged over the lines. Scattered points: the interpolation
+    of the others, for a point within their hull.
 
     Parameters
     ----------
@@ -192,7 +196,7 @@ def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear"
     -------
     array, shape (n,)
         Predicted values; NaN where the others do not enclose the point, and everywhere if the points are scattered and
-        so many that it would take long.
+        exceed `LEAVE_ONE_OUT_LIMIT`.
 
     Raises
     ------
@@ -200,24 +204,24 @@ def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear"
         As `interpolant`.
     """
     points, measured = _checked(configurations, values)
-    moving = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
-    n, d = moving.shape
+    varying = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
+    n, d = varying.shape
     if d == 0 or n < 3:
         return np.full(n, np.nan)
-    order = np.lexsort(moving.T[::-1])
+    order = np.lexsort(varying.T[::-1])
     predicted = np.empty(n)
-    predicted[order] = _left_out_sorted(moving[order], measured[order], kind)
+    predicted[order] = _leave_one_out_sorted(varying[order], measured[order], kind)
     return predicted
 
 
-def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
+def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
     n, d = points.shape
     if d == 1 and kind == "pchip":
-        return _left_out_of_cubic(points[:, 0], values)
+        return _leave_one_out_cubic(points[:, 0], values)
     levels = [np.unique(column) for column in points.T]
     shape = tuple(map(len, levels))
     if n != math.prod(shape):
-        return _left_out_of_scatter(points, values)
+        return _leave_one_out_scattered(points, values)
     table, total, count = values.reshape(shape), np.zeros(shape), np.zeros(shape)
     for axis, knots in enumerate(levels):
         across, sums, counts = (np.moveaxis(array, axis, -1) for array in (table, total, count))
@@ -228,20 +232,20 @@ def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> Floa
     return mean
 
 
-def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     predicted = np.full(len(knots), np.nan)
     for i in range(1, len(knots) - 1):
-        # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
+        # a slope of PCHIP depends on two neighbours, at an end on three points: three on each side determine it
         others = [k for k in range(max(0, i - 3), min(len(knots), i + 4)) if k != i]
         with suppress(Infeasible):
             predicted[i] = _pchip(knots[others], values[others]).at((float(knots[i]),))
     return predicted
 
 
-def _left_out_of_scatter(points: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_scattered(points: FloatArray, values: FloatArray) -> FloatArray:
     n = len(points)
     predicted = np.full(n, np.nan)
-    if n * len(_scattered(points, values).vertices) > LEFT_OUT_LIMIT:
+    if n * len(_scattered(points, values).vertices) > LEAVE_ONE_OUT_LIMIT:
         return predicted
     for i in range(n):
         with suppress(Infeasible):
@@ -277,7 +281,7 @@ def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _Line(_Piece):
     """Straight lines between neighbouring knots, which increase."""
 
     knots: Point
@@ -293,12 +297,9 @@ class _Line:
         between: FloatArray = (1.0 - t) * values[i] + t * values[i + 1]
         return between
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
-
 
 @dataclass(frozen=True)
-class _Grid:
+class _Grid(_Piece):
     """Multilinear over a full grid: `values` in row-major order of `levels`."""
 
     levels: tuple[Point, ...]
@@ -326,9 +327,6 @@ class _Grid:
             total += weight * values[flat]
         return total
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
-
 
 def _cell(knots: Point, value: float) -> tuple[int, float]:
     """Index of the knot below a value (the last cell holds its end), and how far towards the next, 0..1."""
@@ -336,14 +334,14 @@ def _cell(knots: Point, value: float) -> tuple[int, float]:
     return i, (value - knots[i]) / (knots[i + 1] - knots[i])
 
 
-def _cells(knots: FloatArray, values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+def _cells(knots: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
     """`_cell` of many values."""
     i = np.minimum(np.searchsorted(knots, values, side="right"), len(knots) - 1) - 1
     return i, (values - knots[i]) / (knots[i + 1] - knots[i])
 
 
 @dataclass(frozen=True)
-class _Cubic:
+class _Cubic(_Piece):
     """Cubics between neighbouring knots: `coefficients` per segment, highest power of (x − knot) first."""
 
     knots: Point
@@ -352,18 +350,12 @@ class _Cubic:
 
     def at(self, point: Sequence[float]) -> float:
         value = point[0]
-        if value >= self.knots[-1]:  # else the last measured value would carry the rounding of its segment
+        if value >= self.knots[-1]:  # exact at the last knot, without the rounding of its segment
             return self.values[-1]
         i = bisect_right(self.knots, value) - 1
         a, b, c, d = self.coefficients[i]
         x = value - self.knots[i]
         return ((a * x + b) * x + c) * x + d
-
-    def many(self, points: FloatArray) -> FloatArray:
-        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
-
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
 
 
 def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
@@ -381,7 +373,7 @@ def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
 
 
 @dataclass(frozen=True)
-class _Scattered:
+class _Scattered(_Piece):
     """Barycentric over the Delaunay simplices of n points in d coordinates, scaled to 0..1.
 
     `transforms` (s, d, d) and `origins` (s, d) give the first d barycentric weights in each of s simplices;
@@ -392,7 +384,7 @@ class _Scattered:
     values: FloatArray
     lower: FloatArray
     span: FloatArray
-    vertices: NDArray[np.intp]
+    vertices: IntArray
     transforms: FloatArray
     origins: FloatArray
 
@@ -402,9 +394,6 @@ class _Scattered:
             raise Infeasible(f"{tuple(point)} is outside the hull of the measured configurations")
         inside = np.maximum(weights, 0.0)
         return float(inside @ self.values[self.vertices[simplex]] / inside.sum())
-
-    def many(self, points: FloatArray) -> FloatArray:
-        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
 
     def nearest(self, point: Sequence[float]) -> Sequence[float]:
         scaled = (np.array(point) - self.lower) / self.span

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, lengths_m, ordered, times_s
 from eadp.core.geometry.polygons import strip_extents
@@ -25,8 +25,6 @@ from eadp.coverage.swaths import CoverageLeg, CoveragePath, MotionLimits, StripF
 from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, BlockSummary, block_of, shapes, sketch
 from eadp.errors import Infeasible
 from eadp.models.field import Field
-
-FloatArray = NDArray[np.float64]
 
 ZAMBONI, DUBINS, AUTO = "zamboni", "dubins", "auto"
 PATTERNS = (ZAMBONI, DUBINS, AUTO)

@@ -7,7 +7,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from eadp.core.expressions.expression import Expression, number_text, read_expression
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import Expression, number_text
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece
 from eadp.core.geometry.envelope import PiecewiseLinear

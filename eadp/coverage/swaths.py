@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
-
-FloatArray = NDArray[np.float64]
 
 SPACING_SHARE = 0.5
 """Distance of the lines at the highest path parameter as a share of the swath, unless given: a side overlap of half.

@@ -22,14 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.envelope import Envelope, PiecewiseLinear, levels_above, upper_envelope
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, StripFrame, half_circle, straight
 from eadp.errors import Infeasible
-
-FloatArray = NDArray[np.float64]
 
 SHORTEST_LINE_M = 5.0
 """Lines of a corner of the field are made at least this long."""

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.harmonics import coefficients_of_state, signal_w, state_of_phases
 
 if TYPE_CHECKING:
     from eadp.core.signals.spectrum import Spectrum
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +33,7 @@ class Coefficients:
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What stays a while beside the laps' pattern: a Matérn-3/2 process of this spread [W] and time constant [s]."""
+    """Correlated disturbance beside the periodic power: Matérn-3/2, standard deviation [W], time constant [s]."""
 
     std_w: float
     time_s: float
@@ -52,16 +51,16 @@ class EnergyModel:
         Mean power [W].
     harmonics : tuple of Harmonic
     noise_std_w : float
-        Standard deviation of all that the model leaves, the disturbance included [W].
+        Standard deviation of the residuals, the disturbance included [W].
     period_std_s : float or None
         Standard deviation of the period [s].
     cv_r2 : float
-        Part of the variance that the model explains of what its fit has not seen.
+        Cross-validated R²: share of the variance explained in held-out blocks.
     samples : int
     span_s : float
         Time from the first sample to the last [s].
     disturbance : Disturbance or None
-        What of the noise stays a while; None where it is white, or not known.
+        Correlated part of the noise; None where it is white or not known.
     mean_std_w : float or None
     amplitude_std_w : tuple of float
         Standard deviations of the mean and of the amplitudes [W]; None and empty where they are not known.
@@ -103,7 +102,7 @@ class EnergyModel:
         Parameters
         ----------
         order : int, optional
-            Number of harmonics of the result: the model's are cut off or filled up with zeros. Default: the model's.
+            Number of harmonics of the result: the model's are truncated or padded with zeros. Default: the model's.
 
         Returns
         -------
@@ -128,7 +127,7 @@ class EnergyModel:
 
 
 def energy_model(spectrum: Spectrum) -> EnergyModel:
-    """The model that an analysis of samples makes; a period that does not count is left out.
+    """The energy model of a spectral analysis; a period that is not significant is left out.
 
     Parameters
     ----------

@@ -1,41 +1,40 @@
-"""From samples of power to an energy model: spikes left out, the period judged, what stays a while told from noise."""
+"""Fit of an energy model to samples of power: spikes removed, period tested, correlated disturbance separated."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from eadp.core.signals.disturbance import learned
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.signals.disturbance import fit_disturbance
 from eadp.core.signals.harmonics import design_matrix
 from eadp.core.signals.outliers import spikes
 from eadp.core.signals.spectrum import Spectrum, analyse
 from eadp.models.energy import Disturbance, EnergyModel, energy_model
 
-FloatArray = NDArray[np.float64]
-
-LEAST_SHARE = 0.05
-"""Part of the noise's variance that a disturbance must have to be told, and"""
-LEAST_STEPS = 2.0
-"""how many sampling steps it must last: a shorter one is white noise;"""
-LONGEST_SHARE = 0.25
-"""beyond this part of the log a disturbance is told from the mean only if it has"""
-LEAST_SHARE_LONG = 0.5
-"""this part of the variance."""
-LARGEST_RATIO = 1.5
-"""A larger spread than this many of the residual's own is not believed: the laps' columns have taken it."""
+MIN_VARIANCE_SHARE = 0.05
+"""Smallest share of the noise's variance that counts as a disturbance."""
+MIN_TIME_STEPS = 2.0
+"""Shortest time constant of a disturbance, in sampling steps: a shorter one is white noise."""
+LONG_SHARE = 0.25
+"""Time constant, as a share of the log, beyond which a disturbance is distinguishable from the mean only with"""
+MIN_VARIANCE_SHARE_LONG = 0.5
+"""this share of the noise's variance."""
+MAX_STD_RATIO = 1.5
+"""Largest standard deviation of a disturbance over the residuals': beyond it, the columns have absorbed part of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyFit:
-    """A model, what it was found from, and what was left out.
+    """An energy model with the analysis and the samples that it comes from.
 
     Attributes
     ----------
     model : EnergyModel
     spectrum : Spectrum
-        The period judged: also the candidate where there is none.
+        The analysis; it holds the best candidate also where no period is significant.
     times_s, power_w : array, shape (n,)
         Samples kept [s], [W]; times from the first of them.
     spikes : array of int
@@ -46,7 +45,7 @@ class EnergyFit:
     spectrum: Spectrum
     times_s: FloatArray
     power_w: FloatArray
-    spikes: NDArray[np.int64]
+    spikes: IntArray
 
 
 def fit_energy(
@@ -66,7 +65,7 @@ def fit_energy(
     order, period_prior_s
         As `eadp.core.signals.spectrum.analyse`.
     keep_spikes : bool
-        Take samples far from their neighbours for what they are.
+        Keep samples that the spike filter would remove.
 
     Raises
     ------
@@ -84,14 +83,14 @@ def fit_energy(
 
 
 def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -> Disturbance | None:
-    """What of the residual stays a while; None where it is white."""
+    """Correlated part of the residuals; None where they are white."""
     residual = power_w - model.power_w(times_s)
     columns = design_matrix(times_s, 1 / model.period_s if model.period_s else 0.0, model.order)
-    found = learned(times_s, residual, columns=columns)
-    if found.std_w > LARGEST_RATIO * float(np.std(residual)):
-        found = learned(times_s, residual)
-    long = found.time_s > LONGEST_SHARE * float(times_s[-1])
-    least = (LEAST_SHARE_LONG if long else LEAST_SHARE) * (found.std_w**2 + found.noise_w**2)
-    lasts = found.time_s > LEAST_STEPS * float(np.median(np.diff(times_s)))
-    told = found.std_w**2 > least and found.std_w > 1e-6 * abs(model.mean_w) and lasts
-    return Disturbance(found.std_w, found.time_s) if told else None
+    found = fit_disturbance(times_s, residual, columns=columns)
+    if found.std_w > MAX_STD_RATIO * float(np.std(residual)):
+        found = fit_disturbance(times_s, residual)
+    long = found.time_s > LONG_SHARE * float(times_s[-1])
+    min_w2 = (MIN_VARIANCE_SHARE_LONG if long else MIN_VARIANCE_SHARE) * (found.std_w**2 + found.noise_w**2)
+    lasts = found.time_s > MIN_TIME_STEPS * float(np.median(np.diff(times_s)))
+    significant = found.std_w**2 > min_w2 and found.std_w > 1e-6 * abs(model.mean_w) and lasts
+    return Disturbance(found.std_w, found.time_s) if significant else None

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.interpolation import FloatArray, Interpolant, Kind, interpolant, left_out
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.interpolation import Interpolant, Kind, interpolant, leave_one_out
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -31,7 +31,7 @@ def _empty() -> FloatArray:
     return np.empty(0)
 
 
-def _none() -> NDArray[np.int64]:
+def _none() -> IntArray:
     return np.empty(0, dtype=np.int64)
 
 
@@ -96,7 +96,7 @@ class Profile:
     configurations: FloatArray
     power_w: FloatArray
     spread_w: FloatArray = field(default_factory=_empty)
-    samples: NDArray[np.int64] = field(default_factory=_none)
+    samples: IntArray = field(default_factory=_none)
     interpolation: Kind = "linear"
     source: str = ""
     standard_error_w: FloatArray = field(default_factory=_empty)
@@ -149,9 +149,9 @@ class Profile:
     def left_out_w(self) -> FloatArray:
         """What the others predict at each configuration, shape (n,) [W]; NaN where they do not enclose it.
 
-        See `eadp.core.interpolation.left_out`.
+        See `eadp.core.interpolation.leave_one_out`.
         """
-        return left_out(self.configurations, self.power_w, self.interpolation)
+        return leave_one_out(self.configurations, self.power_w, self.interpolation)
 
     @property
     def leave_one_out(self) -> LeaveOneOutError | None:

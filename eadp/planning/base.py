@@ -20,7 +20,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.estimation.estimator import (
-    LEAST_NOISE_W,
+    MIN_NOISE_W,
     ONE_LAP_SHARE,
     PUBLISHED,
     SHORTEST_DISTURBANCE_S,
@@ -307,7 +307,7 @@ class TrackingPlanner:
     def listen(self, readings: Readings) -> Decision:
         """Take readings all at once; the parameters stay."""
         motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
-        expected = self._estimator.observe_all(readings.times_s, motion) + self._computing_w
+        expected = self._estimator.observe_batch(readings.times_s, motion) + self._computing_w
         self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
         self._decision = self._decision._replace(power_forecast_w=expected)
         return self._decision
@@ -327,7 +327,7 @@ class TrackingPlanner:
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
             return
         if self._segment != before:
-            self._estimator.begin_lap(o.time_s)
+            self._estimator.start_lap(o.time_s)
             return
         self._laps += 1
         self._estimator.lap(o.time_s)
@@ -383,7 +383,7 @@ def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
         white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
         settings = replace(
             settings,
-            noise_w=max(white_w, LEAST_NOISE_W),
+            noise_w=max(white_w, MIN_NOISE_W),
             disturbance_std_w=disturbance.std_w,
             disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
         )

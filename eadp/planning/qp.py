@@ -1,10 +1,10 @@
-"""The only door to OSQP: a quadratic program built once, updated, warm-started, its status always read.
+"""Quadratic programs by OSQP, the only import of it: set up once, updated, warm-started, status always checked.
 
 minimise ½ zᵀ P z + qᵀ z  subject to  l ≤ A z ≤ u, with P = ε I.
 
-Traps of OSQP 1.1 that this door guards: an infeasible problem returns huge numbers as its solution; NaN in
-the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps
-the old data; messages go to standard output, polishing's even where `verbose` is off: there is no polishing.
+This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
+the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
+data; messages go to standard output, those of polishing even where `verbose` is off, so polishing is not used.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ import osqp
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible, SolverFailed
-
-FloatArray = NDArray[np.float64]
 
 UNBOUNDED = 1e30
 TOLERANCE = 1e-7
@@ -30,12 +29,12 @@ SETTINGS = {"scaling": 0, "rho": 3.0, "adaptive_rho_tolerance": 2.0, "polishing"
 
 
 class QuadraticProgram:
-    """A problem whose A always has its entries at the same places; see the module.
+    """A quadratic program whose A has a fixed sparsity pattern; see the module.
 
     Parameters
     ----------
     filled : array of bool, shape (rows, columns)
-        Where A may have entries.
+        Sparsity pattern of A.
     proximal : float
         ε, above 0.
     """
@@ -60,11 +59,11 @@ class QuadraticProgram:
         linear : array, shape (columns,)
             q.
         matrix : array, shape (rows, columns)
-            A; places that were not announced as filled are not looked at.
+            A; entries outside the sparsity pattern are ignored.
         lower, upper : array, shape (rows,)
             l and u; `UNBOUNDED` for none.
         warm : array, shape (columns,)
-            Where to begin.
+            Starting point.
 
         Raises
         ------
@@ -83,7 +82,7 @@ class QuadraticProgram:
         return self._checked(self._solver.solve(raise_error=False))
 
     def _check(self, *data: FloatArray) -> None:
-        """Refuse what OSQP would take without a word."""
+        """Refuse data that OSQP would accept silently."""
         rows, columns = (self._rows,), (self._columns,)
         shapes = tuple(array.shape for array in data)
         if shapes != (columns, rows + columns, rows, rows, columns):
@@ -97,7 +96,7 @@ class QuadraticProgram:
         places = range(self._columns)
         identity = csc_matrix((np.full(self._columns, self._proximal), (places, places)))
         rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
-        self._failed = True  # until it has solved
+        self._failed = True  # until it has a solution
         self._solver = osqp.OSQP()
         self._solver.setup(
             identity,
@@ -114,7 +113,7 @@ class QuadraticProgram:
 
     def _checked(self, result: Any) -> FloatArray:
         status, known = result.info.status_val, osqp.SolverStatus
-        self._failed = status != known.OSQP_SOLVED  # a failed run leaves a poor start: build anew
+        self._failed = status != known.OSQP_SOLVED  # a failed run leaves a poor starting point: set up again
         if status in (known.OSQP_PRIMAL_INFEASIBLE, known.OSQP_PRIMAL_INFEASIBLE_INACCURATE):
             raise Infeasible(f"OSQP: {result.info.status}")
         if self._failed:

@@ -182,8 +182,8 @@ class InnerLoop:
     """One flight's numbers, and the function that takes them from stretch to stretch."""
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
-        self._compiled = compiled.is_on() and not battery.prescribed
-        self._fly = compiled.quick(fly_stretch, drain, _sense, *FLYING, *WATCHING) if self._compiled else fly_stretch
+        self._compiled = compiled.enabled() and not battery.prescribed
+        self._fly = compiled.jitted(fly_stretch, drain, _sense, *FLYING, *WATCHING) if self._compiled else fly_stretch
         self._replay = battery.prescribed_soc if battery.prescribed else None
         self._rng = rng
         first = rng.standard_normal(2)

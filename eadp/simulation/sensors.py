@@ -28,7 +28,6 @@ class SensorSuite:
         self._rng, self._spells = rng.spawn(2)
         self.late = round(sensors.delay_s / step_s)
         """How many steps old what is told is."""
-        self._noisy = bool(sensors.power_noise_w or sensors.position_noise_m or sensors.soc_noise)
         self._noise: list[list[float]] = []
         self._noise_ends = 0
         share = sensors.drop_out_share

@@ -19,9 +19,9 @@ fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not in
 @pytest.fixture
 def switched_on():
     """Compiled code for one test."""
-    compiled.switch_on()
+    compiled.enable()
     yield
-    compiled.switch_on(False)
+    compiled.enable(False)
 
 
 def helper(x):
@@ -33,25 +33,25 @@ def outermost(x):
 
 
 def test_off_a_function_is_itself():
-    assert not compiled.is_on()
-    assert compiled.quick(outermost, helper) is outermost
+    assert not compiled.enabled()
+    assert compiled.jitted(outermost, helper) is outermost
 
 
 @fast
 def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    quick = compiled.quick(outermost, helper)
-    assert quick is not outermost
-    assert quick is compiled.quick(outermost, helper)
-    assert quick(3.0) == outermost(3.0) == 7.0
+    jitted = compiled.jitted(outermost, helper)
+    assert jitted is not outermost
+    assert jitted is compiled.jitted(outermost, helper)
+    assert jitted(3.0) == outermost(3.0) == 7.0
     assert list(tmp_path.rglob("*.nbi")), "machine code is kept"
 
 
 @fast
 def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
     code = (
-        "from eadp.core import compiled; import eadp.core.flight.guidance as g; compiled.switch_on();"
-        "print(compiled.quick(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
+        "from eadp.core import compiled; import eadp.core.flight.guidance as g; compiled.enable();"
+        "print(compiled.jitted(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/nowhere"}
     answer = subprocess.run(
@@ -71,10 +71,10 @@ def test_a_covariance_goes_through_a_map_alike(n, switched_on):
     rng = np.random.default_rng(n)
     step = riccati.CovarianceMap(rng.standard_normal((n, n)), symmetric(rng, n), symmetric(rng, n))
     covariance = 10 * symmetric(rng, n)
-    quick = step.of(covariance)
-    compiled.switch_on(False)
-    assert quick == pytest.approx(step.of(covariance), rel=SAME, abs=SAME)
-    assert (quick == quick.T).all()
+    jitted = step.apply(covariance)
+    compiled.enable(False)
+    assert jitted == pytest.approx(step.apply(covariance), rel=SAME, abs=SAME)
+    assert (jitted == jitted.T).all()
 
 
 @fast
@@ -84,8 +84,8 @@ def test_a_disturbance_is_learned_alike(seed, switched_on):
     time_s = np.cumsum(rng.uniform(0.05, 0.2, 300))
     power_w = np.convolve(rng.standard_normal(320), np.ones(21) / 5, "valid") + rng.standard_normal(300)
     columns = np.column_stack([np.ones(300), np.cos(time_s)])
-    quick = disturbance.learned(time_s, power_w, columns=columns, samples=128)
-    compiled.switch_on(False)
-    plain = disturbance.learned(time_s, power_w, columns=columns, samples=128)
+    jitted = disturbance.fit_disturbance(time_s, power_w, columns=columns, samples=128)
+    compiled.enable(False)
+    plain = disturbance.fit_disturbance(time_s, power_w, columns=columns, samples=128)
     for name in ("std_w", "time_s", "noise_w", "log_likelihood"):
-        assert getattr(quick, name) == pytest.approx(getattr(plain, name), rel=SAME)
+        assert getattr(jitted, name) == pytest.approx(getattr(plain, name), rel=SAME)

@@ -20,7 +20,8 @@ from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
 from eadp.io.flight.inputs import load_flight
-from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
 from eadp.models.plan.plan import Box

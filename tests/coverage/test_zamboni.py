@@ -15,7 +15,8 @@ from eadp.coverage.cover import ZAMBONI, CoverageRequest, cover
 from eadp.coverage.plan_builder import plan_of
 from eadp.coverage.swaths import MotionLimits, frame_of
 from eadp.coverage.zamboni import BlockBounds, BlockLayout, block_of, shapes
-from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
 from eadp.models.plan.cursor import PlanCursor

@@ -10,7 +10,7 @@ import pytest
 from common import ROOT
 
 from eadp.errors import InputError
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 
 BAD = ROOT / "tests" / "bad"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eadp.errors import EadpError
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.computing import join_profile
 from eadp.models.plan.plan import Box

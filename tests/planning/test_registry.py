@@ -11,7 +11,7 @@ from common.observations import observation as observed
 from scipy.integrate import solve_ivp
 
 from eadp.errors import EadpError, Infeasible, SolverFailed
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile

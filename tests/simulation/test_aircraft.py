@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
+from eadp.core.expressions.reader import read_expression
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
+from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind

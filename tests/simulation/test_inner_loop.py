@@ -30,7 +30,7 @@ CURVED = """\
 def no_longer_compiled():
     """Leaves the process as it found it."""
     yield
-    compiled.switch_on(False)
+    compiled.enable(False)
 
 
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -61,7 +61,7 @@ class EveryStep:
 
 def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False):
     inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
-    compiled.switch_on(on)
+    compiled.enable(on)
     outcome = Outcome()
     steps = list(fly(inputs.world, wrapped(inputs.planner()), outcome))
     return outcome, steps

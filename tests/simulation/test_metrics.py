@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.plan.plan import Box
 from eadp.simulation.metrics import ParameterLog

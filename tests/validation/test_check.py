@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
-from eadp.io.plan.text import read_plan
+from eadp.core.expressions.reader import read_expression
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.validation.check import check_plan, radius_of_curvature_m
 

@@ -3,8 +3,8 @@
 Forward-mode differentiation over the expression tree, written out as straight-line Python once per *shape* of an
 expression: every constant becomes an argument, so that the fifty circles of a survey share one compiled function. The
 work is linear in the size of the expression, where a computer-algebra derivative of a product of a thousand factors
-has a million terms. No text of a file reaches the compiler: the generated source holds operators, our own names and
-numbers of the differentiation rules alone.
+has a million terms. No text of a file reaches the compiler: the generated source holds operators, generated names and
+the numbers of the differentiation rules.
 
 What depends on parameters only is computed once, when parameters are bound; the inner function takes x and y.
 """
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from eadp.core.expressions.expression import (
+from eadp.core.expressions.tree import (
     PARAMETER,
     Call,
     Expression,
@@ -27,6 +27,7 @@ from eadp.core.expressions.expression import (
     Product,
     Sum,
     Symbol,
+    children,
     evaluate,
 )
 from eadp.errors import PathUndefined
@@ -87,7 +88,7 @@ def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...], tu
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """The text of a computed value, and whether it depends on x or y (else it is bound once)."""
+    """The name of a computed value, and whether it depends on x or y (else it is computed once, when bound)."""
 
     text: str
     inner: bool
@@ -103,10 +104,6 @@ class _Jet:
     xx: _Value | None = None
     xy: _Value | None = None
     yy: _Value | None = None
-
-    @property
-    def fixed(self) -> bool:
-        return not self.v.inner
 
 
 _ONE = _Value("1.0", False)
@@ -129,7 +126,7 @@ def _generate(root: Node) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
 
 
 class _Writer:
-    """Writes lines, each naming one new value; a text that was written before gives the old name."""
+    """Generator of source lines, each naming one new value; common subexpressions are written once."""
 
     def __init__(self) -> None:
         self.constants: list[float] = []
@@ -206,13 +203,13 @@ class _Writer:
         return self._function(node.function, jets[0])
 
     def _fixed(self, node: Node) -> _Value:
-        """A part without x and y: a constant becomes an argument, the rest is bound with the parameters."""
+        """A part without x and y: constants become arguments, the rest is computed when parameters are bound."""
         if not _has_parameters(node):
             name = f"k{len(self.constants)}"
             self.constants.append(evaluate(node, {}))
             return _Value(name, False)
         if isinstance(node, Symbol):
-            if not PARAMETER.match(node.name):  # a name of a file: it gets one of ours
+            if not PARAMETER.match(node.name):  # a loop variable of the file: replaced by a generated name
                 return _Value(self.others.setdefault(node.name, f"q{len(self.others)}"), False)
             self.parameters.add(node.name)
             return _Value(node.name, False)
@@ -240,35 +237,34 @@ class _Writer:
     def _sum(self, node: Sum) -> _Jet:
         jet = self.jet(node.terms[0][1])
         for minus, term in node.terms[1:]:
-            other = self.jet(term)
-            join = self.subtract if minus else self.add
-            v = join(jet.v, other.v)
-            assert v is not None
-            pairs = ((jet.x, other.x), (jet.y, other.y), (jet.xx, other.xx), (jet.xy, other.xy), (jet.yy, other.yy))
-            jet = _Jet(v, *(join(a, b) for a, b in pairs))
+            jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
         return jet
 
     def _multiply(self, a: _Jet, b: _Jet) -> _Jet:
         v = self.times(a.v, b.v)
         assert v is not None
+        twice = (self.times(_TWO, self.times(a.x, b.x)), self.times(_TWO, self.times(a.y, b.y)))
+        mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
+        return self._two(v, a, b, (b.v, a.v), (twice[0], mixed, twice[1]))
+
+    def _two(
+        self,
+        f: _Value,
+        a: _Jet,
+        b: _Jet,
+        slopes: tuple[_Value, _Value],
+        bends: tuple[_Value | None, _Value | None, _Value | None],
+    ) -> _Jet:
+        """f(a, b) from f, (f_a, f_b), and the parts of its xx, xy, yy that hold products of first derivatives."""
 
         def first(da: _Value | None, db: _Value | None) -> _Value | None:
-            return self.add(self.times(da, b.v), self.times(a.v, db))
+            return self.add(self.times(slopes[0], da), self.times(slopes[1], db))
 
-        def second(daa: _Value | None, cross: _Value | None, dbb: _Value | None) -> _Value | None:
-            return self.add(self.add(self.times(daa, b.v), cross), self.times(a.v, dbb))
+        def second(daa: _Value | None, bend: _Value | None, dbb: _Value | None) -> _Value | None:
+            return self.add(self.add(self.times(slopes[0], daa), bend), self.times(slopes[1], dbb))
 
-        twice_x = self.times(_TWO, self.times(a.x, b.x))
-        twice_y = self.times(_TWO, self.times(a.y, b.y))
-        mixed = self.add(self.times(a.x, b.y), self.times(a.y, b.x))
-        return _Jet(
-            v,
-            first(a.x, b.x),
-            first(a.y, b.y),
-            second(a.xx, twice_x, b.xx),
-            second(a.xy, mixed, b.xy),
-            second(a.yy, twice_y, b.yy),
-        )
+        pairs = zip((a.xx, a.xy, a.yy), bends, (b.xx, b.xy, b.yy), strict=True)
+        return _Jet(f, first(a.x, b.x), first(a.y, b.y), *(second(*parts) for parts in pairs))
 
     def _compose(self, u: _Jet, f: _Value, f1: _Value | None, f2: _Value | None) -> _Jet:
         """f(u) from f, f' and f'' at u: (f∘u)_ab = f'' u_a u_b + f' u_ab."""
@@ -341,30 +337,13 @@ class _Writer:
         fab = self.let(f"{fb.text} * {fb.text} - {fa.text} * {fa.text}", fa, fb)
         faa = self.negate(fbb)
 
-        def first(da: _Value | None, db: _Value | None) -> _Value | None:
-            return self.add(self.times(fa, da), self.times(fb, db))
-
-        def second(
-            a1: _Value | None,
-            a2: _Value | None,
-            a12: _Value | None,
-            b1: _Value | None,
-            b2: _Value | None,
-            b12: _Value | None,
-        ) -> _Value | None:
+        def bend(a1: _Value | None, a2: _Value | None, b1: _Value | None, b2: _Value | None) -> _Value | None:
             total = self.times(faa, self.times(a1, a2))
             total = self.add(total, self.times(fab, self.add(self.times(a1, b2), self.times(a2, b1))))
-            total = self.add(total, self.times(fbb, self.times(b1, b2)))
-            return self.add(total, first(a12, b12))
+            return self.add(total, self.times(fbb, self.times(b1, b2)))
 
-        return _Jet(
-            f,
-            first(a.x, b.x),
-            first(a.y, b.y),
-            second(a.x, a.x, a.xx, b.x, b.x, b.xx),
-            second(a.x, a.y, a.xy, b.x, b.y, b.xy),
-            second(a.y, a.y, a.yy, b.y, b.y, b.yy),
-        )
+        bends = (bend(a.x, a.x, b.x, b.x), bend(a.x, a.y, b.x, b.y), bend(a.y, a.y, b.y, b.y))
+        return self._two(f, a, b, (fa, fb), bends)
 
     def _choose(self, a: _Jet, b: _Jet, relation: str) -> _Jet:
         test = f"{a.v.text} {relation} {b.v.text}"
@@ -375,10 +354,15 @@ class _Writer:
             one, two = first or _Value("0.0", False), second or _Value("0.0", False)
             return self.let(f"{one.text} if {test} else {two.text}", one, two, a.v, b.v)
 
-        v = pick(a.v, b.v)
-        assert v is not None
-        pairs = ((a.x, b.x), (a.y, b.y), (a.xx, b.xx), (a.xy, b.xy), (a.yy, b.yy))
-        return _Jet(v, *(pick(one, two) for one, two in pairs))
+        return _each(pick, a, b)
+
+
+def _each(join: Callable[[_Value | None, _Value | None], _Value | None], a: _Jet, b: _Jet) -> _Jet:
+    """Each part of two jets joined."""
+    v = join(a.v, b.v)
+    assert v is not None
+    pairs = ((a.x, b.x), (a.y, b.y), (a.xx, b.xx), (a.xy, b.xy), (a.yy, b.yy))
+    return _Jet(v, *(join(one, two) for one, two in pairs))
 
 
 @lru_cache(maxsize=65536)
@@ -392,8 +376,6 @@ def _has_parameters(node: Node) -> bool:
 
 
 def _names_any(node: Node, wanted: Callable[[str], bool]) -> bool:
-    from eadp.core.expressions.expression import children
-
     waiting = [node]
     while waiting:
         part = waiting.pop()

@@ -57,16 +57,6 @@ def load_factor(bank_rad: float) -> float:
     return 1.0 / math.cos(bank_rad)
 
 
-def turn_rate_radps(bank_rad: float, airspeed_mps: float) -> float:
-    """Heading rate of a level turn: g tan φ / V [rad/s]. Source: Anderson 1999."""
-    return GRAVITY_MPS2 * math.tan(bank_rad) / airspeed_mps
-
-
-def bank_for_rad(rate_radps: float, airspeed_mps: float) -> float:
-    """The bank of a level turn with a heading rate [rad]."""
-    return math.atan(rate_radps * airspeed_mps / GRAVITY_MPS2)
-
-
 def speed_of_least_power_mps(
     weight_n: float, area_m2: float, density_kgpm3: float, zero_lift_drag: float, induced_drag: float
 ) -> float:

@@ -1,4 +1,4 @@
-"""Battery as a voltage behind a resistance (Rint): current, state of charge, how long it lasts.
+"""Battery as a voltage behind a resistance (Rint): current and rate of discharge.
 
 Source: letter, Sec. III-C, Eq. 22 and App. C.
 """
@@ -9,11 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
-
-FloatArray = NDArray[np.float64]
 
 
 def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
@@ -46,7 +44,7 @@ def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
 
 
 def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
-    """How fast the charge falls under powers, for forecasts, which have to go on: see `current_a`, which may refuse.
+    """Rate of discharge under powers, without an error beyond the deliverable power: for forecasts.
 
     Parameters
     ----------
@@ -97,11 +95,6 @@ def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float)
     return 1.0 / np.sqrt(discriminant)
 
 
-def terminal_voltage_v(current: float, voltage_v: float, resistance_ohm: float) -> float:
-    """Voltage at the terminals under a current [V]: V − R I."""
-    return voltage_v - resistance_ohm * current
-
-
 def soc_rate_per_s(
     power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
 ) -> float:
@@ -113,6 +106,6 @@ def soc_rate_per_s(
 
 
 def undeliverable(power_w: float, voltage_v: float, resistance_ohm: float) -> str:
-    """The sentence that says so."""
-    most = voltage_v**2 / (4 * resistance_ohm)
-    return f"{power_w:.1f} W exceeds the {most:.1f} W that {voltage_v:g} V through {resistance_ohm:g} Ω can deliver"
+    """Message for a power that the battery cannot deliver."""
+    max_w = voltage_v**2 / (4 * resistance_ohm)
+    return f"{power_w:.1f} W exceeds the {max_w:.1f} W that {voltage_v:g} V through {resistance_ohm:g} Ω can deliver"

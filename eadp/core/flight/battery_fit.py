@@ -2,7 +2,7 @@
 
 The terminal voltage of the model is linear in what is sought, V = V₀ + (V₁ − V₀) b − R I, with the state of charge b
 counted from the current. Capacity and k_b stand in b as one factor, and V₁ − V₀ takes up whatever they are wrong by:
-they cannot be told from voltage and current, and are given.
+they cannot be estimated from voltage and current, and are given.
 
 Source: letter, Sec. III-C and Eq. 22 for the model; Huber 1964 for the weights; Newey and West 1987 for the covariance.
 """
@@ -13,45 +13,44 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
-
-FloatArray = NDArray[np.float64]
 
 HUBER = 1.345
 """Residuals beyond this many standard deviations count less: 95 % efficient where the noise is normal."""
 
 PASSES = 50
-LEAST_SAMPLES = 20
+MIN_SAMPLES = 20
 
-LEAST_CHARGE = 0.05
-"""Share of the capacity that must have been used before a slope of the voltage is looked for."""
+MIN_CHARGE_USED = 0.05
+"""Smallest share of the capacity that must be used for a slope of the voltage to be fitted."""
 
-CERTAIN = 3.0
-"""Standard errors that a slope or a resistance must be away from 0 to be called found."""
+SIGNIFICANCE = 3.0
+"""Distance from 0, in standard errors, at which a slope or a resistance is significant."""
 
 
 @dataclass(frozen=True)
 class BatteryFit:
-    """What a log says of a battery; standard errors hold under correlated noise.
+    """Rint battery fitted to a log; standard errors hold under correlated noise.
 
     Attributes
     ----------
     voltage_full_v, voltage_empty_v : float, float or None
         Open-circuit voltage at full charge and without; None where it is taken as the same at any charge [V].
     resistance_ohm : float or None
-        Inner resistance [Ω]; None where the current varies too little to tell.
+        Inner resistance [Ω]; None where the current varies too little.
     voltage_full_std_v, voltage_empty_std_v, resistance_std_ohm : float
         Standard errors; 0 where there is no value.
     rms_v, constant_rms_v : float
         Error of the voltage [V], root mean square: of this fit, and of one whose voltage does not depend on charge.
     charge_from, charge_to : float
-        State of charge at the begin and at the end of the log.
+        State of charge at the start and at the end of the log.
     correlation_s : float
-        How long residuals are alike [s]: what the model leaves out, relaxation above all.
+        Correlation time of the residuals [s]: unmodelled dynamics, mainly relaxation.
     notes : tuple of str
-        What could not be told, and why.
+        What could not be estimated, and why.
     """
 
     voltage_full_v: float
@@ -84,9 +83,9 @@ def fit_battery(
     times_s, voltage_v, current_a : array, shape (n,)
         Times [s], increasing; voltage at the terminals [V]; current drawn [A].
     capacity_ah, k_b_per_s : float
-        Capacity [Ah] and k_b [1/s], which such a log cannot tell.
+        Capacity [Ah] and k_b [1/s], which such a log does not determine.
     soc : float
-        State of charge at the begin.
+        State of charge at the start.
 
     Raises
     ------
@@ -96,34 +95,35 @@ def fit_battery(
     Source: letter, Sec. III-C.
     """
     t, volts, amps = (np.asarray(values, dtype=float) for values in (times_s, voltage_v, current_a))
-    if len(t) < LEAST_SAMPLES:
-        raise Infeasible(f"{len(t)} readings of voltage and current; {LEAST_SAMPLES} or more are needed")
+    if len(t) < MIN_SAMPLES:
+        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
     # ḃ = −k_b I/Q_c, the current straight between readings
     used = np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
     charge = soc - k_b_per_s * used / capacity_ah
     if charge.min() < -0.02:
         drawn = float(used.max()) / 3600
         raise Infeasible(f"the log draws {drawn:.3g} Ah, more than {soc:g} of a capacity of {capacity_ah:g} Ah")
-    notes = ["capacity and k_b cannot be told from voltage and current: they are as given"]
-    vary = float(np.ptp(charge)) >= LEAST_CHARGE
+    notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
+    vary = float(np.ptp(charge)) >= MIN_CHARGE_USED
     if not vary:
         notes.append(
             f"only {100 * np.ptp(charge):.1f} % of the charge is used: the voltage is taken as the same at any charge"
         )
     constant = _regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
     linear = _regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
-    if linear is not None and not linear.values[2] > CERTAIN * linear.std(2):
+    if linear is not None and not linear.values[2] > SIGNIFICANCE * linear.std(2):
         notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
         linear = None
     fit = linear or constant
     ohm, ohm_std = float(fit.values[1]), fit.std(1)
-    found = ohm > CERTAIN * ohm_std
+    found = ohm > SIGNIFICANCE * ohm_std
     if not found:
         notes.append(
-            f"the resistance cannot be told: the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A, "
+            "the resistance cannot be estimated: "
+            f"the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A, "
             f"which gives {ohm:.3g} ± {ohm_std:.2g} Ω"
         )
-        # without a resistance the terminals' voltage is what there is
+        # without a resistance, fit the terminal voltage
         columns = [np.ones_like(amps), charge] if linear else [np.ones_like(amps)]
         fit = _regressed(np.stack(columns, axis=1), volts, t)
     slope = -1 if linear else None
@@ -162,7 +162,7 @@ class _Regression:
 
 
 def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> _Regression:
-    """Least squares with Huber's weights, and a covariance that holds where neighbouring residuals are alike."""
+    """Least squares with Huber's weights and an autocorrelation-consistent covariance."""
     weights: FloatArray = np.ones(len(target))
     values: FloatArray = np.zeros(columns.shape[1])
     residual: FloatArray = target
@@ -178,7 +178,7 @@ def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> 
         if done or scale == 0:
             break
         weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
-    lags = _memory(residual)
+    lags = _correlation_lags(residual)
     inner = columns.T @ (columns * weights[:, None])
     scores = columns * (weights * residual)[:, None]
     middle = scores.T @ scores
@@ -192,8 +192,8 @@ def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> 
     return _Regression(values, covariance, rms, lags / 2 * float(np.median(np.diff(times_s))))
 
 
-def _memory(residual: FloatArray) -> int:
-    """Lags over which residuals are alike: twice those until their autocorrelation has fallen to a twentieth."""
+def _correlation_lags(residual: FloatArray) -> int:
+    """Lags over which residuals correlate: twice those until their autocorrelation falls below a twentieth."""
     n = len(residual)
     centred = residual - residual.mean()
     size = 1 << (2 * n - 1).bit_length()

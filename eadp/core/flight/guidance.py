@@ -11,7 +11,7 @@ import math
 from eadp.core.expressions.derivatives import Jet
 
 WIND_FACTOR_LIMIT = 3.0
-"""Largest factor by which the heading is turned faster than the course."""
+"""Largest ratio of the heading's turn rate to the course's."""
 
 
 def heading_rate_radps(jet: Jet, vx: float, vy: float, k_e: float, k_d: float, sense: float) -> float:
@@ -74,7 +74,7 @@ def normalised_jet(jet: Jet) -> Jet:
 
 
 def wind_factor(vx: float, vy: float, air_x: float, air_y: float) -> float:
-    """How much faster than the course the heading has to turn in wind.
+    """Ratio of the heading's turn rate to the course's in wind.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Wind: how fast a path is flown in it, and what flight itself tells of it.
+"""Wind triangle: ground speed and bank in wind; wind estimation from ground velocity.
 
 Directions are of motion over ground, wind is the motion of the air: a wind along the direction of flight is a tailwind.
 """
@@ -9,29 +9,27 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import is_on, quick
+from eadp.core.arrays import FloatArray
+from eadp.core.compiled import enabled, jitted
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import Point
 
-FloatArray = NDArray[np.float64]
-
-FIRST_STD_MPS = 10.0
-"""Standard deviation of each component of a wind that nothing is known of."""
+INITIAL_STD_MPS = 10.0
+"""Initial standard deviation of each wind component."""
 
 DRIFT_M2PS3 = 0.5**2 / 300
-"""How fast a mean wind changes: by half a metre per second in five minutes."""
+"""Random-walk intensity of the mean wind: half a metre per second in five minutes."""
 
 GUST_TIME_S = 5.0
-"""How long a gust stays: readings within this time tell the same."""
+"""Correlation time of gusts: readings within it count as one."""
 
-FIRST_GUST_MPS, LEAST_GUST_MPS = 1.0, 0.02
+INITIAL_GUST_MPS, MIN_GUST_MPS = 1.0, 0.02
 BEND = 10.0
-"""How much more than its variance the bend of a reading without a heading counts as noise: it does not average out."""
+"""Weight of the linearisation error of a reading without a heading as noise: it does not average out."""
 
 FORGET_S = 60.0
-"""Over how long the spread of the gusts is taken."""
+"""Averaging time of the gusts' variance."""
 
 
 def ground_speeds_mps(
@@ -87,11 +85,11 @@ def squared_bank_slopes(
 
 
 class WindFilter:
-    """Mean wind from velocity over ground, and heading where it is known.
+    """Kalman filter of the mean wind from velocity over ground, and heading where it is known.
 
-    With a heading, v − s(cos θ, sin θ) is a reading of the wind. Without one, that ‖v − w‖ = s is, of its part along
-    the air velocity, linearised: courses in several directions tell both parts. Gusts are noise that stays for
-    `GUST_TIME_S`, so that a reading counts for as little as its share of that time.
+    With a heading, v − s(cos θ, sin θ) measures the wind. Without one, ‖v − w‖ = s, linearised, measures its component
+    along the air velocity: courses in several directions determine both components. Gusts are noise with a correlation
+    time of `GUST_TIME_S`, so that the weight of a reading is its share of that time.
 
     Parameters
     ----------
@@ -103,63 +101,65 @@ class WindFilter:
 
     def __init__(self, airspeed_mps: float) -> None:
         self._s = airspeed_mps
-        self._known: _Known = (0.0, 0.0, FIRST_STD_MPS**2, FIRST_STD_MPS**2, 0.0, FIRST_GUST_MPS**2, 0.0)
+        self._state: _WindState = (0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
 
     @property
     def wind_mps(self) -> Point:
         """Estimate [m/s]."""
-        return self._known[:2]
+        return self._state[:2]
 
     @property
     def gust_std_mps(self) -> float:
-        """Spread of the readings [m/s]."""
-        return math.sqrt(self._known[5])
+        """Standard deviation of the gusts [m/s]."""
+        return math.sqrt(self._state[5])
 
     @property
     def covariance(self) -> tuple[float, float, float]:
         """Variances of both components and their covariance [m²/s²]."""
-        return self._known[2:5]
+        return self._state[2:5]
 
     def observe(self, velocity_mps: Point, heading_rad: float | None, step_s: float) -> None:
         """Take a reading, `step_s` [s] after the last one."""
         heading = math.nan if heading_rad is None else heading_rad
-        self._known = quick(_taken, _corrected, _spread)(self._known, self._s, *velocity_mps, heading, step_s)
+        self._state = jitted(_updated, _corrected, _gust_variance)(self._state, self._s, *velocity_mps, heading, step_s)
 
-    def observe_all(
+    def observe_batch(
         self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
     ) -> None:
-        """Take readings one after the other, each so long [s] after the one before; no number is no reading."""
+        """Take readings in order, each `steps_s` [s] after the one before; NaN is no reading."""
         columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
-        if is_on():
+        if enabled():
             columns = [np.array(values) for values in columns]
-        self._known = quick(_all_taken, _taken, _corrected, _spread)(self._known, self._s, *columns)
+        self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(self._state, self._s, *columns)
 
 
-_Known = tuple[float, float, float, float, float, float, float]
-"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time seen [s]."""
+_WindState = tuple[float, float, float, float, float, float, float]
+"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time observed [s]."""
 
 
-# What follows may be compiled, see `eadp.core.compiled`.
+# The functions below may be compiled, see `eadp.core.compiled`.
 
 
-def _all_taken(
-    known: _Known,
+def _batch_updated(
+    state: _WindState,
     airspeed_mps: float,
     vx_mps: Sequence[float] | FloatArray,
     vy_mps: Sequence[float] | FloatArray,
     headings_rad: Sequence[float] | FloatArray,
     steps_s: Sequence[float] | FloatArray,
-) -> _Known:
+) -> _WindState:
     for i in range(len(steps_s)):
-        known = _taken(known, airspeed_mps, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
-    return known
+        state = _updated(state, airspeed_mps, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
+    return state
 
 
-def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float) -> _Known:
-    """What is known after a reading: of no velocity nothing more; the heading may be no number."""
+def _updated(
+    state: _WindState, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float
+) -> _WindState:
+    """The state after a reading; without a velocity unchanged. The heading may be NaN."""
     if math.isnan(vx + vy):
-        return known
-    wx, wy, pxx, pyy, pxy, gusts, seen_s = known
+        return state
+    wx, wy, pxx, pyy, pxy, gusts, seen_s = state
     step_s = max(step_s, 1e-3)
     pxx += DRIFT_M2PS3 * step_s
     pyy += DRIFT_M2PS3 * step_s
@@ -171,13 +171,13 @@ def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad
         wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 1.0, 0.0, ex, noise)
         # the second component's error, after the first one's correction
         wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 0.0, 1.0, ey - (wy - before), noise)
-        gusts, seen_s = _spread(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s)
+        gusts, seen_s = _gust_variance(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s)
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
     ax, ay = vx - wx, vy - wy
     air = math.sqrt(ax * ax + ay * ay)
     if air < 0.1 * airspeed_mps:
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
-    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; across it h bends: ½ d⊥²/‖v − w‖ of the error's part across
+    # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; second order across it: ½ d⊥²/‖v − w‖ of the error's component across
     hx, hy = -ax / air, -ay / air
     along = hx * hx * pxx + 2 * hx * hy * pxy + hy * hy * pyy
     across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
@@ -185,8 +185,8 @@ def _taken(known: _Known, airspeed_mps: float, vx: float, vy: float, heading_rad
     bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
     bend = BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s)
     wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, hx, hy, error, noise + bend)
-    told_s = gusts / (gusts + along + bent) * step_s
-    gusts, seen_s = _spread(gusts, seen_s, error * error, along + bent, told_s, step_s)
+    independent_s = gusts / (gusts + along + bent) * step_s
+    gusts, seen_s = _gust_variance(gusts, seen_s, error * error, along + bent, independent_s, step_s)
     return wx, wy, pxx, pyy, pxy, gusts, seen_s
 
 
@@ -200,14 +200,14 @@ def _corrected(
     return wx + kx * error, wy + ky * error, max(pxx - kx * gx, 1e-12), max(pyy - ky * gy, 1e-12), pxy - kx * gy
 
 
-def _spread(
-    gusts: float, seen_s: float, squared: float, known: float, counted_s: float, step_s: float
+def _gust_variance(
+    gusts: float, seen_s: float, squared: float, state: float, counted_s: float, step_s: float
 ) -> tuple[float, float]:
-    """The gusts' variance and the time seen after an error, whose square is less what the wind is not known by.
+    """The gusts' variance and the time observed after an innovation, less the variance of the wind estimate.
 
-    The first estimate of the variance is forgotten as readings come.
+    The initial estimate of the variance fades as readings come in.
     """
     seen_s += step_s
     share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * GUST_TIME_S))
-    gusts += share * (max(squared - known, 0.0) - gusts)
-    return max(gusts, LEAST_GUST_MPS**2), seen_s
+    gusts += share * (max(squared - state, 0.0) - gusts)
+    return max(gusts, MIN_GUST_MPS**2), seen_s

@@ -1,4 +1,4 @@
-"""Plane geometry of paths: which kind a path is, its direction of travel, and how far along it something lies.
+"""Plane geometry of paths: kind of a path, direction of travel, projection and distance along it.
 
 The rotation convention, stated once: angles are counter-clockwise from east, and a path with rotation 90 is travelled
 along its gradient turned by +90°, so counter-clockwise round a circle whose φ is positive outside; rotation 270 is the
@@ -12,18 +12,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from eadp.core.expressions.algebra import is_zero
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.expressions.expression import (
-    Expression,
-    Negative,
-    Node,
-    Number,
-    Power,
-    Product,
-    Sum,
-    Symbol,
-    is_zero,
-)
+from eadp.core.expressions.tree import Expression, Negative, Node, Number, Power, Product, Sum, Symbol
 from eadp.errors import PathUndefined
 
 LINE, CIRCLE, CURVE = "line", "circle", "curve"
@@ -35,12 +26,6 @@ def wrap_angle_rad(angle_rad: float) -> float:
     """The same direction in (−π, π]."""
     wrapped = math.remainder(angle_rad, 2 * math.pi)
     return math.pi if wrapped == -math.pi else wrapped
-
-
-def rotate(vector: Point, angle_rad: float) -> Point:
-    """A vector turned counter-clockwise: R(90°) = [[0, −1], [1, 0]]."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 
 
 # --- kind of a path, from its expression ------------------------------------------------------------------------------
@@ -148,7 +133,9 @@ def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return a + b
     if a == 0 or b == 0:
         return b if a == 0 else a
-    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)  # flat: a long sum must not become a deep one
+    first = (
+        a.terms if isinstance(a, Sum) else ((False, _node(a)),)
+    )  # flat, so that a long sum does not become a deep tree
     return Sum((*first, (False, _node(b))))
 
 
@@ -241,7 +228,7 @@ def line_of(path: PathFunction, near: Point, sense: int) -> Line:
 
 
 def circle_of(path: PathFunction, near: Point, sense: int) -> Circle:
-    """The circle of a path function of kind `circle`; φ is quadratic, so that one evaluation tells all.
+    """The circle of a path function of kind `circle`; φ is quadratic, so one evaluation determines it.
 
     Raises
     ------
@@ -295,7 +282,7 @@ def tangent(path: PathFunction, point: Point, sense: int) -> Point:
     return -sense * gy / norm, sense * gx / norm
 
 
-def walk(path: PathFunction, start: Point, sense: int, step_m: float) -> Iterator[Point]:
+def points_along(path: PathFunction, start: Point, sense: int, step_m: float) -> Iterator[Point]:
     """Points along a path from the point of it near `start`, `step_m` [m] apart, without end.
 
     The midpoint rule along the tangent, then back onto the path by Newton's steps.
@@ -317,7 +304,7 @@ def curve_length_m(path: PathFunction, start: Point, end: Point, sense: int, *, 
     step_m = min(5.0, max(0.1, math.dist(start, end) / 100))
     length = 0.0
     ahead = False
-    for point in walk(path, start, sense, step_m):
+    for point in points_along(path, start, sense, step_m):
         t = tangent(path, point, sense)
         rest = (end[0] - point[0]) * t[0] + (end[1] - point[1]) * t[1]
         if ahead and rest <= 0 and math.dist(point, end) < max(5 * step_m, 5.0):

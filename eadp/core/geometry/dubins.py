@@ -1,4 +1,4 @@
-"""Shortest paths of a vehicle that moves forward and turns no tighter than a radius, and their time in wind.
+"""Dubins paths: shortest paths with a minimum turning radius, and their flight time in wind.
 
 A path is a word of three letters: L turns left, R turns right, S goes straight. Inside, lengths are in radii, so that
 an arc's length is its angle, and only LSL, LSR and LRL are worked out: the others are these in a mirror.
@@ -15,23 +15,23 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point, wrap_angle_rad
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 Pose = tuple[float, float, float]
 """x, y [m] and heading [rad], 0 east, counter-clockwise."""
 
-SHORTEST_PIECE_M = 1e-9
-"""What is shorter is no piece of a path."""
+MIN_PIECE_M = 1e-9
+"""Length below which a piece is dropped."""
 
 TOUCHING = 1e-10
-"""Circles that miss each other by less [radii] touch: what rounding parts."""
+"""Distance [radii] within which circles count as touching: rounding."""
 
 WHOLE_TURN_RAD = 1e-9
-"""An arc this close to a whole turn is none: rounding makes −0 of 0, and 2π of −0."""
+"""An arc within this of a whole turn is 0: rounding turns 0 into −0, and −0 into 2π."""
 
 HARMONICS_LIMIT = 512
 """Largest number of harmonics of the time along an arc in wind."""
@@ -79,13 +79,13 @@ class DubinsPath:
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        """The arcs and straights that are not shorter than `SHORTEST_PIECE_M`, each from the end of the one before.
+        """The arcs and straights that are not shorter than `MIN_PIECE_M`, each from the end of the one before.
 
-        The first leaves the start, the last arrives at the end, and the middle one joins the two, so that rounding
-        stays inside the path.
+        The first leaves the start, the last arrives at the end, and the middle one joins the two, so that both ends
+        are exact.
         """
         turns = [TURNS[letter] for letter in self.word]
-        kept = [length >= SHORTEST_PIECE_M for length in self.lengths_m]
+        kept = [length >= MIN_PIECE_M for length in self.lengths_m]
         leave, arrive = self.start, self.end
         if kept[0]:
             leave = _advanced(self.start, turns[0], self.radius_m, self.lengths_m[0])
@@ -109,7 +109,7 @@ def shortest(start: Pose, end: Pose, radius_m: float) -> DubinsPath:
     start, end : (float, float, float)
         x, y [m] and heading [rad].
     radius_m : float
-        The least turning radius [m], above 0.
+        The minimum turning radius [m], above 0.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
     start, end : (float, float, float)
         x, y [m] and heading [rad].
     radius_m : float
-        The least turning radius [m], above 0.
+        The minimum turning radius [m], above 0.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray
     starts, ends : array, shapes (n, 3) and (m, 3)
         x, y [m] and heading [rad] of each pose.
     radius_m : float
-        The least turning radius [m], above 0.
+        The minimum turning radius [m], above 0.
 
     Returns
     -------
@@ -234,7 +234,7 @@ def times_s(starts: ArrayLike, ends: ArrayLike, radius_m: float, airspeed_mps: f
     starts, ends : array, shapes (n, 3) and (m, 3)
         x, y [m] and heading [rad] of each pose: the course over ground.
     radius_m : float
-        The least turning radius over ground [m], above 0.
+        The minimum turning radius over ground [m], above 0.
     airspeed_mps : float
         Airspeed v [m/s].
     wind_mps : (float, float)
@@ -243,7 +243,7 @@ def times_s(starts: ArrayLike, ends: ArrayLike, radius_m: float, airspeed_mps: f
     Returns
     -------
     array, shape (n, m)
-        Times [s]: the least `flight_time_s` of the paths that `ordered` gives. Without wind, `lengths_m` over v.
+        Times [s]: the minimum `flight_time_s` of the paths that `ordered` gives. Without wind, `lengths_m` over v.
 
     Raises
     ------
@@ -363,7 +363,7 @@ def _lsl(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray) -> _Three:
     # between the centres of two left turns goes a straight of the same length and direction χ
     cx, cy = x - np.sin(b) + np.sin(a), y + np.cos(b) - np.cos(a)
     middle = np.hypot(cx, cy)
-    # one circle, but for rounding, is a straight without a direction: all of the turn comes after it
+    # on one circle, up to rounding, the straight has no direction: the whole turn comes after it
     one = middle < TOUCHING
     course = np.where(one, a, np.arctan2(cy, cx))
     return _turned(course - a), np.where(one, 0.0, middle), _turned(b - course)

@@ -1,4 +1,4 @@
-"""How far a polygon reaches on either side, seen along parallel strips: the extents of sweep lines.
+"""Envelopes of a polygon along parallel strips: the extents of swaths.
 
 All in a frame whose first axis u runs across the lines and whose second, v, along them.
 """
@@ -8,15 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 SAME_M = 1e-9
-"""Places nearer to each other are one."""
+"""Distance within which two abscissae are one."""
 
 EDGE_M = 1e-6
-"""What a strip has less than this much of, along its edge, is its neighbour's."""
+"""Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Envelope:
     end_m: FloatArray
 
     def over(self, centres_m: ArrayLike, width_m: float) -> FloatArray:
-        """The highest v over strips [u − w/2, u + w/2].
+        """The maximum v over strips [u − w/2, u + w/2].
 
         Parameters
         ----------
@@ -41,7 +41,7 @@ class Envelope:
         Returns
         -------
         array, shape (n,)
-            The highest v [m]; −∞ for a strip beside the polygon.
+            The maximum v [m]; −∞ for a strip outside the polygon.
         """
         u = np.atleast_1d(np.asarray(centres_m, dtype=float))[:, None]
         low = np.maximum(u - width_m / 2 + EDGE_M, self.left_m)
@@ -54,7 +54,7 @@ class Envelope:
 
 
 def upper_envelope(points_m: FloatArray) -> Envelope:
-    """The upper boundary of a polygon; what lies below it, bays and holes, is filled.
+    """The upper boundary of a polygon; concavities and holes below it are filled.
 
     Parameters
     ----------
@@ -81,20 +81,20 @@ def upper_envelope(points_m: FloatArray) -> Envelope:
 
 @dataclass(frozen=True)
 class PiecewiseLinear:
-    """A function of one variable that is straight between knots: levels [m] at places [m]."""
+    """A piecewise linear function: levels [m] at knots `places_m` [m]."""
 
     places_m: tuple[float, ...]
     levels_m: tuple[float, ...]
 
     def at(self, place_m: ArrayLike) -> FloatArray:
-        """The level at a place, that of the nearest knot beyond the ends [m]."""
+        """The level at an abscissa [m], constant beyond the ends."""
         return np.asarray(np.interp(np.asarray(place_m, dtype=float), self.places_m, self.levels_m))
 
 
 def levels_above(
     envelopes: list[tuple[Envelope, float]], length_m: float, width_m: float, slack_m: float = 0.3
 ) -> PiecewiseLinear:
-    """Levels that strips moving together never reach beyond, with few knots.
+    """An upper bound of the levels that strips moving together reach, with few knots.
 
     Parameters
     ----------
@@ -103,34 +103,34 @@ def levels_above(
     length_m, width_m : float
         How far the strips move, and how wide they are [m].
     slack_m : float
-        How much higher than needed a level may be on average between knots, to have fewer of them [m].
+        Mean excess of the bound between knots that is allowed for fewer knots [m].
 
     Returns
     -------
-    Levels
-        Over places 0 to `length_m`.
+    PiecewiseLinear
+        Over 0 to `length_m`.
     """
     knots = [0.0, length_m]
     for envelope, first in envelopes:
         corners = np.concatenate((envelope.left_m, envelope.right_m)) - first
-        inside = width_m / 2 - 2 * EDGE_M  # so that a strip has a corner when it is at the corner's knots
+        inside = width_m / 2 - 2 * EDGE_M  # so that a strip contains a corner at the corner's knots
         knots += [*(corners - inside), *(corners + inside)]
     places = np.unique(np.clip(knots, 0.0, length_m))
     places = places[np.concatenate(([True], np.diff(places) > 1e-6))]
     places[-1] = length_m
-    # between knots the reach of a strip is the highest of straight lines, which bends upward: a chord lies above it
+    # between knots the reach of a strip is a maximum of lines, which is convex: a chord lies above it
     levels = np.max([_filled(places, envelope.over(first + places, width_m)) for envelope, first in envelopes], axis=0)
     return _thinned(places.tolist(), levels.tolist(), slack_m)
 
 
 def _filled(places: FloatArray, levels: FloatArray) -> FloatArray:
-    """Levels where a strip lies beside the polygon: as where it last had some of it."""
+    """Levels where a strip lies outside the polygon: interpolated from where it overlaps."""
     known = np.isfinite(levels)
     return np.interp(places, places[known], levels[known])
 
 
 def _thinned(places: list[float], levels: list[float], slack_m: float) -> PiecewiseLinear:
-    """Leave out knots under the chord of their neighbours, those that cost least first."""
+    """Remove knots under the chord of their neighbours, those of least cost first."""
     while len(places) > 2:
         best, least = -1, slack_m
         for i in range(1, len(places) - 1):

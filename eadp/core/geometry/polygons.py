@@ -1,7 +1,7 @@
-"""Rings in the plane: their area, what is superfluous in them, and what makes them no field.
+"""Polygon rings: area, simplification, validity, and extents in strips.
 
 A ring is a tuple of vertices (x, y) [m], not closed: the first vertex is not repeated. This module is the one door to
-shapely, whose import takes a tenth of a second: import it where it is used.
+shapely, whose import takes a tenth of a second: import this module where it is used.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
+
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
 
@@ -33,12 +33,12 @@ def signed_area_m2(ring: Sequence[Point]) -> float:
     return math.fsum(a[0] * b[1] - b[0] * a[1] for a, b in zip(moved, [*moved[1:], moved[0]], strict=True)) / 2
 
 
-# --- what is superfluous ----------------------------------------------------------------------------------------------
+# --- simplification ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class CleanedRing:
-    """What is left of a ring: indices of the vertices kept, in order, and how many went for which reason."""
+    """A simplified ring: indices of the vertices kept, in order, and numbers of vertices dropped, by reason."""
 
     kept: tuple[int, ...]
     repeated: int = 0
@@ -47,7 +47,7 @@ class CleanedRing:
 
 
 def tidy(ring: Sequence[Point]) -> CleanedRing:
-    """Drop vertices that say nothing: repeated ones, ones in line with their neighbours, tips of spikes.
+    """Drop redundant vertices: repeated ones, ones in line with their neighbours, tips of spikes.
 
     Parameters
     ----------
@@ -56,15 +56,15 @@ def tidy(ring: Sequence[Point]) -> CleanedRing:
 
     Returns
     -------
-    Tidied
+    CleanedRing
         With fewer than three vertices kept where the ring has no area.
 
     Notes
     -----
-    Of two vertices nearer than `TOLERANCE_M` the later goes. A spike goes out and back along one line; where it comes
-    back to where it began, both its tip and the return go and count as one. Vertices in line go while none of those
-    dropped along an edge can be further than `TOLERANCE_M` from it, so that a finely drawn arc stays an arc. Looked
-    for again round every vertex that went, in time linear in the number of vertices.
+    Of two vertices nearer than `TOLERANCE_M` the later is dropped. A spike goes out and back along one line; where it
+    returns to its start, both its tip and the return are dropped and count as one. Vertices in line are dropped while
+    all those dropped along an edge stay within `TOLERANCE_M` of it, so that a finely drawn arc stays an arc. The
+    neighbours of a dropped vertex are checked again; the time is linear in the number of vertices.
     """
     n = len(ring)
     before, after = [(i - 1) % n for i in range(n)], [(i + 1) % n for i in range(n)]
@@ -72,7 +72,7 @@ def tidy(ring: Sequence[Point]) -> CleanedRing:
     kept = [True] * n
     counts = {"repeated": 0, "in_line": 0, "spikes": 0}
     left = n
-    for straighten in (False, True):  # the end of a spike may look as if it were in line
+    for straighten in (False, True):  # the end of a spike may be in line
         todo = list(range(n - 1, -1, -1))
         while todo and left >= 3:
             v = todo.pop()
@@ -97,7 +97,7 @@ def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
     """Why the vertex `v` between `p` and `q` may go, or ''."""
     if math.dist(p, v) < TOLERANCE_M:
         return "repeated"
-    if math.dist(v, q) < TOLERANCE_M:  # then `q` goes, and `v` is looked at again
+    if math.dist(v, q) < TOLERANCE_M:  # then `q` is dropped, and `v` checked again
         return ""
     (ux, uy), (wx, wy) = (v[0] - p[0], v[1] - p[1]), (q[0] - v[0], q[1] - v[1])
     cross, dot = ux * wy - uy * wx, ux * wx + uy * wy
@@ -115,12 +115,12 @@ def _offset_m(p: Point, v: Point, q: Point) -> float:
     return abs((v[0] - p[0]) * (q[1] - p[1]) - (v[1] - p[1]) * (q[0] - p[0])) / length
 
 
-# --- what makes rings no field ----------------------------------------------------------------------------------------
+# --- validity ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class RingDefect:
-    """What is wrong with a ring (0 the outline, 1.. the holes), as the end of a sentence, and where [m]."""
+    """A defect of a ring (0 the outline, 1.. the holes): end of the message, and location [m]."""
 
     ring: int
     message: str
@@ -128,7 +128,7 @@ class RingDefect:
 
 
 def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """What makes an outline and its holes no field.
+    """Defects of an outline and its holes.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
 
     Yields
     ------
-    Flaw
+    RingDefect
         Rings that cross or touch themselves; where there are none, holes that are not within the outline or meet one
         another; where there are none, holes that together cut the field into parts. A hole may touch the outline or
         another hole at a point.
@@ -161,7 +161,7 @@ def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) ->
 
 
 def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Each hole beside the outline, then beside the holes before it."""
+    """Each hole against the outline, then against the holes before it."""
     if not holes:
         return
     polygons = [shapely.Polygon(hole) for hole in holes]
@@ -191,7 +191,7 @@ _CUTS = "cuts the field into parts"
 
 
 def _relation(reason: str, ring: Sequence[Point], hole: Sequence[Point], name: str) -> str:
-    """How a hole stands to a ring of that name, where shapely has a reason to complain."""
+    """Relation of a hole to a ring of that name, from shapely's reason."""
     if len(ring) == len(hole) and set(ring) == set(hole):
         return f"repeats {name}"
     return {
@@ -205,19 +205,19 @@ _REASON = re.compile(r"(.+)\[(\S+) (\S+)\]\Z")
 
 
 def _complaint(shell: Sequence[Point], *holes: Sequence[Point]) -> tuple[str, Point] | None:
-    """Why shapely holds a polygon for invalid, and where [m]; None if it does not."""
+    """Reason and location [m] of a polygon's invalidity according to shapely; None if it is valid."""
     match = _REASON.match(shapely.is_valid_reason(shapely.Polygon(shell, holes)))
     return (match[1], (float(match[2]), float(match[3]))) if match else None
 
 
-# --- what strips over a field have of it ------------------------------------------------------------------------------
+# --- extents in strips ------------------------------------------------------------------------------------------------
 
 EDGE_M = 1e-6
-"""What a strip has less than this much of, along its edge, is its neighbour's [m]."""
+"""Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip [m]."""
 
 
 def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list[tuple[float, float]]]:
-    """How far a field reaches in each of the strips beside one another that run along y.
+    """Extents of a field in each of adjacent strips along y.
 
     Parameters
     ----------
@@ -229,8 +229,8 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
     Returns
     -------
     list of lists of (float, float)
-        For each strip the lowest and the highest y [m] of each of the field's parts in it, upward; parts one beside
-        the other in a strip are one.
+        For each strip the minimum and maximum y [m] of each of the field's parts in it, upward; parts that overlap in y
+        are merged.
     """
     field = shapely.Polygon(rings[0], rings[1:])
     _, low, _, high = field.bounds
@@ -259,9 +259,9 @@ def covered_share(
     outline, holes : sequence of (float, float), sequences of such
         The field [m].
     lines : sequence of ((float, float), (float, float))
-        Where each line begins and ends [m].
+        Start and end of each line [m].
     swath_m : float
-        How wide a strip each covers [m].
+        Width of the strip that each covers [m].
 
     Returns
     -------
@@ -271,6 +271,6 @@ def covered_share(
     field = shapely.Polygon(outline, holes)
     strips = [shapely.LineString(line).buffer(swath_m / 2, cap_style="flat") for line in lines if line[0] != line[1]]
     rest = field
-    for strip in strips:  # one after the other: a union of strips that only touch may lose some
+    for strip in strips:  # one by one: a union of strips that only touch may lose area
         rest = shapely.difference(rest, strip)
     return 1 - min(1.0, float(rest.area / field.area))

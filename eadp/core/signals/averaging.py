@@ -1,4 +1,4 @@
-"""Averages of samples that follow one another in time: how far the mean may be off when neighbours are alike."""
+"""Mean of a time series and its standard error under autocorrelation."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 
 class SampleMean(NamedTuple):
-    """The mean of samples [their unit] and what is known of it.
+    """Mean of samples [their unit] with its uncertainty.
 
-    `spread` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is how many
-    independent samples would tell as much, never more than there are. Of one sample both deviations are 0.
+    `std` is the standard deviation of the samples, `standard_error` that of their mean, `effective` the effective
+    sample size, at most `samples`. Both deviations of a single sample are 0.
     """
 
     mean: float
-    spread: float
+    std: float
     standard_error: float
     samples: int
     effective: float
@@ -32,14 +32,14 @@ def average(runs: Sequence[ArrayLike]) -> SampleMean:
     Parameters
     ----------
     runs : sequence of arrays, each shape (n_i,)
-        Samples that followed one another at even intervals, one array for each uninterrupted run. Samples of different
-        runs are taken as independent, but for a difference of the runs' levels, which shows in both.
+        Evenly sampled, one array for each uninterrupted run. Samples of different runs count as independent; a
+        difference between the levels of runs shows in both deviations.
 
     Returns
     -------
-    Average
-        The standard error is never less than that of as many independent samples: samples that alternate round their
-        mean would allow less, and a few of them cannot prove it.
+    SampleMean
+        The standard error is at least that of as many independent samples: a negative autocorrelation, which would
+        allow less, cannot be established from few samples.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def average(runs: Sequence[ArrayLike]) -> SampleMean:
     if not n:
         raise ValueError("no samples have no mean")
     values = np.concatenate(series)
-    if values.min() == values.max():  # exactly what was read, without the rounding of a sum
+    if values.min() == values.max():  # exact, without the rounding of a sum
         return SampleMean(float(values[0]), 0.0, 0.0, n, float(n))
     mean = math.fsum(values.tolist()) / n
     variance = math.fsum(((values - mean) ** 2).tolist()) / (n - 1)

@@ -1,8 +1,8 @@
-"""Harmonics in coloured noise: how likely samples are, with every mixture of slow and white noise at its best.
+"""Likelihood of harmonics in coloured noise, maximised over mixtures of correlated and white noise.
 
-The noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a random walk or a
-drift, plus white noise. Samples are averaged in bins of equal width first, so that the matrices stay small, and the
-correlation matrices are taken apart once for all that is asked of one set of times.
+The noise has an exponential or a Matérn-3/2 correlation of any length, up to five times the log, where it resembles a
+random walk or a drift, plus white noise. Samples are averaged in bins of equal width first, so that the matrices stay
+small; each correlation matrix is decomposed once for a set of times.
 """
 
 from __future__ import annotations
@@ -14,28 +14,27 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 _LENGTHS = 12
 _COLOURED_PARTS = 1 - np.geomspace(1e-6, 1, 19)  # from all but a millionth of the variance down to none
 _SCANNED_PARTS = (0.99999, 0.999, 0.99, 0.93, 0.75, 0.4)
-_LONGEST_SHARE = 1 / 3  # of the time covered: what stays longer cannot be told from the mean
-_LARGEST_RATIO = 2.0
+_MAX_LENGTH_SHARE = 1 / 3  # of the time covered: longer correlation is not distinguishable from the mean
+_MAX_STD_RATIO = 2.0
 EULER_GAMMA = 0.5772156649015329
 
 
 class NoiseModel(NamedTuple):
-    """A noise model at its best for some columns: its likelihood, and its covariance in units of `variance`."""
+    """The maximum-likelihood noise model for some columns: its likelihood, and its covariance over `variance`."""
 
     log_likelihood: float
     correlation: FloatArray  # (bins, bins)
     variance: float
 
 
-class _Turned(NamedTuple):
-    """A correlation matrix K by its eigenvalues and vectors: ρK + (1 − ρ)I has the same vectors."""
+class _Eigenbasis(NamedTuple):
+    """Eigenvalues and eigenvectors of a correlation matrix K: ρK + (1 − ρ)I has the same vectors."""
 
     eigenvalues: FloatArray
     vectors: FloatArray
@@ -48,25 +47,25 @@ class _Model(NamedTuple):
     log_likelihood: float  # restricted
     part: float
     variance: float
-    turned: _Turned
+    eigenbasis: _Eigenbasis
 
 
 class LikelihoodScan(NamedTuple):
     """Log-likelihoods over noise models and frequencies."""
 
-    gain: FloatArray  # (orders, frequencies): best of all noise models, less the best without harmonics
+    gain: FloatArray  # (orders, frequencies): maximum over noise models, less the maximum without harmonics
     posterior: FloatArray  # (orders, frequencies): the logarithm of the density at a flat prior
 
 
 @dataclass(frozen=True, eq=False)
 class TimeBins:
-    """Mean times and powers of n bins of equal width, those without a sample left out.
+    """Mean times and powers of n bins of equal width; bins without a sample are left out.
 
     Attributes
     ----------
     times_s, power_w : array, shape (n,)
     width_s, span_s : float
-        Of a bin; of the whole log [s].
+        Width of a bin; duration of the whole log [s].
     samples_per_bin : float
         The mean number of samples in one.
     """
@@ -83,9 +82,9 @@ class TimeBins:
         return float(self.times_s[-1] - self.times_s[0])
 
     @cached_property
-    def _turned(self) -> list[_Turned]:
-        turned = ((np.linalg.eigh(correlation), length_s) for correlation, length_s in self._correlations())
-        return [_Turned(np.maximum(w, 0.0), v, length_s) for (w, v), length_s in turned]
+    def _eigenbases(self) -> list[_Eigenbasis]:
+        eigenbasis = ((np.linalg.eigh(correlation), length_s) for correlation, length_s in self._correlations())
+        return [_Eigenbasis(np.maximum(w, 0.0), v, length_s) for (w, v), length_s in eigenbasis]
 
     def _correlations(self) -> Iterator[tuple[FloatArray, float]]:
         """Exponential and Matérn-3/2 correlations of the times, from a bin to five spans long."""
@@ -96,23 +95,26 @@ class TimeBins:
             yield (1 + scaled) * np.exp(-scaled), length_s
 
     def best_noise(self, designs: Sequence[FloatArray]) -> list[NoiseModel]:
-        """For each matrix of columns, the noise model under which the bins are likeliest, coefficients included."""
-        best = [(-np.inf, 0.0, 0.0, self._turned[0])] * len(designs)
-        for turned in self._turned:
-            target = turned.vectors.T @ self.power_w
-            for number, columns in enumerate(turned.vectors.T @ design for design in designs):
+        """The maximum-likelihood noise model for each matrix of columns, their coefficients estimated too."""
+        best = [(-np.inf, 0.0, 0.0, self._eigenbases[0])] * len(designs)
+        for eigenbasis in self._eigenbases:
+            target = eigenbasis.vectors.T @ self.power_w
+            for number, columns in enumerate(eigenbasis.vectors.T @ design for design in designs):
                 for part in _COLOURED_PARTS:
-                    likelihood, variance = _profile(columns, target, part * turned.eigenvalues + (1 - part))
+                    likelihood, variance = _profile(columns, target, part * eigenbasis.eigenvalues + (1 - part))
                     if likelihood > best[number][0]:
-                        best[number] = likelihood, variance, part, turned
-        return [NoiseModel(likelihood, _mixed(turned, part), variance) for likelihood, variance, part, turned in best]
+                        best[number] = likelihood, variance, part, eigenbasis
+        return [
+            NoiseModel(likelihood, _mixed(eigenbasis, part), variance)
+            for likelihood, variance, part, eigenbasis in best
+        ]
 
     def coefficient_covariance(self, columns: FloatArray) -> FloatArray:
-        """Covariance of least squares' coefficients, whatever the noise may be.
+        """Covariance of least-squares coefficients, averaged over noise models.
 
-        That of every noise model, averaged by how likely each is: few bins cannot tell slow noise from white. What
-        stays longer than a third of the time they cover cannot be told from the mean either, and does not count; nor
-        does a noise with twice the spread of what the columns leave: it would be nearly a random walk.
+        Models are weighted by their likelihood: few bins do not separate correlated from white noise. Correlation
+        longer than a third of the time covered is not distinguishable from the mean and is left out; so is noise of
+        more than twice the standard deviation of the residuals, which would be nearly a random walk.
 
         Parameters
         ----------
@@ -125,42 +127,42 @@ class TimeBins:
             [W²].
         """
         inverse = np.linalg.pinv(columns)
-        longest_s = max(self.width_s, _LONGEST_SHARE * self.covered_s)
-        left = self.power_w - columns @ (inverse @ self.power_w)
-        largest = _LARGEST_RATIO**2 * float(left @ left) / (len(left) - columns.shape[1])
-        told = [one for one in self._restricted(columns) if one.turned.length_s <= longest_s]
-        models = [one for one in told if one.variance <= largest] or told
-        likelihood = np.array([one.log_likelihood for one in models])
+        max_length_s = max(self.width_s, _MAX_LENGTH_SHARE * self.covered_s)
+        residual = self.power_w - columns @ (inverse @ self.power_w)
+        max_variance = _MAX_STD_RATIO**2 * float(residual @ residual) / (len(residual) - columns.shape[1])
+        identifiable = [model for model in self._restricted(columns) if model.eigenbasis.length_s <= max_length_s]
+        models = [model for model in identifiable if model.variance <= max_variance] or identifiable
+        likelihood = np.array([model.log_likelihood for model in models])
         weight = np.exp(likelihood - likelihood.max())
         total = np.zeros((columns.shape[1], columns.shape[1]))
-        for share, (_, part, variance, turned) in zip(weight / weight.sum(), models, strict=True):
+        for share, (_, part, variance, eigenbasis) in zip(weight / weight.sum(), models, strict=True):
             # (XᵀX)⁻¹ Xᵀ s²V X (XᵀX)⁻¹
-            back = inverse @ turned.vectors
-            total += share * variance * (back * (part * turned.eigenvalues + 1 - part)) @ back.T
+            back = inverse @ eigenbasis.vectors
+            total += share * variance * (back * (part * eigenbasis.eigenvalues + 1 - part)) @ back.T
         return total
 
     def _restricted(self, columns: FloatArray) -> Iterator[_Model]:
-        """Every noise model with its restricted likelihood: of what the columns cannot follow.
+        """Every noise model with its restricted likelihood, which accounts for the fitted coefficients.
 
-        The full likelihood would take noise that the columns have followed for noise that is not there.
+        The full likelihood would underestimate the noise by the part that the columns have fitted.
 
         Source: Patterson and Thompson 1971.
         """
         n, m = columns.shape
-        for turned in self._turned:
-            turned_columns, turned_power = turned.vectors.T @ columns, turned.vectors.T @ self.power_w
+        for eigenbasis in self._eigenbases:
+            rotated_columns, rotated_power = eigenbasis.vectors.T @ columns, eigenbasis.vectors.T @ self.power_w
             for part in _COLOURED_PARTS.tolist():
-                spread = part * turned.eigenvalues + (1 - part)
-                root = 1 / np.sqrt(spread)
-                basis, factor = np.linalg.qr(turned_columns * root[:, np.newaxis])
-                target = turned_power * root
-                left = target - basis @ (basis.T @ target)
+                variances = part * eigenbasis.eigenvalues + (1 - part)
+                root = 1 / np.sqrt(variances)
+                basis, factor = np.linalg.qr(rotated_columns * root[:, np.newaxis])
+                target = rotated_power * root
+                residual = target - basis @ (basis.T @ target)
                 # rounding is no noise: a clean signal keeps a billionth of its variance
-                error = max(float(left @ left), 1e-9 * float(self.power_w @ self.power_w), 1e-200)
+                error = max(float(residual @ residual), 1e-9 * float(self.power_w @ self.power_w), 1e-200)
                 volume = 2 * float(np.log(np.maximum(np.abs(np.diag(factor)), 1e-150)).sum())
                 # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
-                likelihood = -0.5 * ((n - m) * math.log(error) + float(np.log(spread).sum()) + volume)
-                yield _Model(likelihood, part, error / (n - m), turned)
+                likelihood = -0.5 * ((n - m) * math.log(error) + float(np.log(variances).sum()) + volume)
+                yield _Model(likelihood, part, error / (n - m), eigenbasis)
 
     def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[LikelihoodScan]:
         """Likelihood of every order at every frequency, for each of several powers.
@@ -184,14 +186,14 @@ class TimeBins:
         density = np.full_like(gain, -np.inf)
         alone = np.full(powers.shape[1], -np.inf)
         flat = designs.transpose(1, 0, 2).reshape(n, f * m)
-        for number, turned in enumerate(self._turned):
-            columns, target = turned.vectors.T @ flat, turned.vectors.T @ powers
+        for number, eigenbasis in enumerate(self._eigenbases):
+            columns, target = eigenbasis.vectors.T @ flat, eigenbasis.vectors.T @ powers
             for part in _SCANNED_PARTS if number else (0.0, *_SCANNED_PARTS):
-                spread = part * turned.eigenvalues + (1 - part)
-                root = 1 / np.sqrt(spread)[:, np.newaxis]
+                variances = part * eigenbasis.eigenvalues + (1 - part)
+                root = 1 / np.sqrt(variances)[:, np.newaxis]
                 white = (columns * root).reshape(n, f, m).transpose(1, 0, 2)
                 error, volume = _errors(white, target * root)
-                penalty = 0.5 * float(np.log(spread).sum())
+                penalty = 0.5 * float(np.log(variances).sum())
                 alone = np.maximum(alone, -0.5 * n * np.log(error[0, 0]) - penalty)
                 likelihood = -0.5 * n * np.log(error[:, 1:]) - penalty
                 np.maximum(gain, likelihood, out=gain)
@@ -202,7 +204,7 @@ class TimeBins:
         return [LikelihoodScan(gain[..., i].T, density[..., i].T) for i in range(powers.shape[1])]
 
     def surrogates(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Powers in the bins that have the noise which suits the bins best without any harmonics, shape (n, count)."""
+        """Draws [W] from the maximum-likelihood noise model without harmonics, shape (n, count)."""
         noise = self.best_noise([np.ones((len(self.times_s), 1))])[0]
         w, v = np.linalg.eigh(noise.correlation)
         draws: FloatArray = v @ (np.sqrt(np.maximum(w, 0.0))[:, np.newaxis] * rng.normal(size=(len(w), count)))
@@ -217,11 +219,11 @@ def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: flo
     times_s, power_w : array, shape (n,)
         Increasing times [s] and powers [W].
     width_s, span_s : float
-        Of a bin; of the log that the samples are from, which may be longer than they are [s].
+        Width of a bin; duration of the log that the samples are part of [s].
 
     Returns
     -------
-    Bins
+    TimeBins
     """
     bins = np.rint((times_s - times_s[0]) / width_s).astype(int)
     count = np.bincount(bins)
@@ -232,7 +234,7 @@ def binned(times_s: FloatArray, power_w: FloatArray, width_s: float, span_s: flo
 
 
 def tail(statistic: float, drawn: FloatArray) -> float:
-    """Probability that a maximum as large comes from where others were drawn: Gumbel's law by their moments.
+    """p-value of a maximum: Gumbel's law fitted by moments to maxima of noise.
 
     Parameters
     ----------
@@ -250,8 +252,8 @@ def tail(statistic: float, drawn: FloatArray) -> float:
     return float(-np.expm1(-np.exp(-min(700.0, max(-700.0, (statistic - mode) / scale)))))
 
 
-def _mixed(turned: _Turned, part: float) -> FloatArray:
-    mixed: FloatArray = (turned.vectors * (part * turned.eigenvalues + 1 - part)) @ turned.vectors.T
+def _mixed(eigenbasis: _Eigenbasis, part: float) -> FloatArray:
+    mixed: FloatArray = (eigenbasis.vectors * (part * eigenbasis.eigenvalues + 1 - part)) @ eigenbasis.vectors.T
     return mixed
 
 
@@ -262,7 +264,7 @@ def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     """
     gram = white.transpose(0, 2, 1) @ white
     m = gram.shape[1]
-    # a rounding's worth of ridge: bins may leave a column undetermined
+    # a ridge of the size of rounding: bins may leave a column undetermined
     gram[:, np.arange(m), np.arange(m)] += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis]
     factor = np.linalg.cholesky(gram)
     fitted = np.linalg.solve(factor, white.transpose(0, 2, 1) @ target)
@@ -273,13 +275,13 @@ def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     return np.maximum(total - explained, 1e-9 * total), volume
 
 
-def _profile(columns: FloatArray, power_w: FloatArray, spread: FloatArray) -> tuple[float, float]:
-    """Log-likelihood at the best coefficients and variance, and that variance, unbiased [W²]."""
+def _profile(columns: FloatArray, power_w: FloatArray, variances: FloatArray) -> tuple[float, float]:
+    """Maximum log-likelihood over coefficients and variance, and that variance, unbiased [W²]."""
     n, m = columns.shape
-    root = np.sqrt(spread)
+    root = np.sqrt(variances)
     white, target = columns / root[:, np.newaxis], power_w / root
     fitted, *_ = np.linalg.lstsq(white, target, rcond=None)
     residual = target - white @ fitted
     # rounding is no noise: a clean signal keeps a billionth of its variance
     error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w), 1e-200)
-    return -0.5 * (n * math.log(error / n) + float(np.log(spread).sum())), error / max(1, n - m)
+    return -0.5 * (n * math.log(error / n) + float(np.log(variances).sum())), error / max(1, n - m)

@@ -1,4 +1,4 @@
-"""A disturbance that stays a while: a Matérn-3/2 process as two states, its exact step, and what samples tell of it.
+"""Correlated disturbance: a Matérn-3/2 process as two states, its exact step, and its maximum-likelihood fit.
 
 The process d has mean 0 and the covariance σ² (1 + λ|τ|) e^{−λ|τ|}, λ = √3/ℓ, with σ its `std_w` and ℓ its `time_s`. It
 is smooth enough to have a slope, and with it as a second state it is a linear system driven by white noise:
@@ -14,26 +14,25 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc
 
-from eadp.core.compiled import is_on, quick
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import enabled, jitted
 
-FloatArray = NDArray[np.float64]
-
-SAMPLES = 1024
-"""Most samples that `learned` looks at, unless told otherwise."""
+MAX_SAMPLES = 1024
+"""Most samples that `fit_disturbance` uses by default."""
 RUNS = 8
-"""Of more samples half are taken evenly, half in this many runs of consecutive ones."""
-FEWEST = 8
-"""Samples left after the columns' coefficients; with fewer there is no telling a disturbance from noise."""
+"""Of more samples, half are taken evenly and half in this many runs of consecutive ones."""
+MIN_FREE_SAMPLES = 8
+"""Fewest degrees of freedom: samples beyond the columns; with fewer all noise counts as white."""
 
 _TIMES, _SHARES = 8, 8
-_NEAR = np.linspace(-1.0, 1.0, 5)
+_ZOOM_OFFSETS = np.linspace(-1.0, 1.0, 5)
 _ZOOMS = 3
-_MOST_LOGIT = 12.0
+_MAX_LOGIT = 12.0
 _FORGOTTEN = 40.0
-_LEAST_NOISE = 1e-12
+_MIN_NOISE = 1e-12
 
 
 def rate_per_s(time_s: float) -> float:
@@ -64,7 +63,7 @@ def transition(step_s: float, time_s: float) -> FloatArray:
 
 
 def process_noise(step_s: float, std_w: float, time_s: float) -> FloatArray:
-    """Covariance of what one step adds to the two states.
+    """Process noise of one step of the two states.
 
     Parameters
     ----------
@@ -90,23 +89,13 @@ def process_noise(step_s: float, std_w: float, time_s: float) -> FloatArray:
 
 
 def stationary_covariance(std_w: float, time_s: float) -> FloatArray:
-    """Covariance of the two states when nothing is known but σ and ℓ: P∞ = diag(σ², λ²σ²), shape (2, 2)."""
+    """Stationary covariance of the two states: P∞ = diag(σ², λ²σ²), shape (2, 2)."""
     return std_w**2 * np.diag([1.0, rate_per_s(time_s) ** 2])
-
-
-def covariance_w2(apart_s: ArrayLike, std_w: float, time_s: float) -> FloatArray:
-    """Covariance [W²] of the process with itself `apart_s` [s] later, any shape.
-
-    Source: Rasmussen and Williams 2006, Eq. 4.17.
-    """
-    turns = rate_per_s(time_s) * np.abs(np.asarray(apart_s, dtype=float))
-    covariance: FloatArray = std_w**2 * (1 + turns) * np.exp(-turns)
-    return covariance
 
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceFit:
-    """What samples tell: σ [W] and ℓ [s] of the disturbance, the white noise beside it [W], and how likely that is."""
+    """Fitted σ [W] and ℓ [s] of the disturbance, standard deviation of the white noise [W], and the log-likelihood."""
 
     std_w: float
     time_s: float
@@ -114,19 +103,19 @@ class DisturbanceFit:
     log_likelihood: float
 
 
-def learned(
+def fit_disturbance(
     time_s: ArrayLike,
     residual_w: ArrayLike,
     *,
     columns: ArrayLike | None = None,
-    samples: int = SAMPLES,
+    samples: int = MAX_SAMPLES,
 ) -> DisturbanceFit:
-    """The disturbance and the white noise under which a residual is likeliest.
+    """Maximum-likelihood fit of a disturbance and white noise to residuals.
 
     The likelihood is that of the innovations of a Kalman filter with the exact step, so sampling may be irregular. The
     variance is eliminated, the time constant and the disturbance's share of the variance are searched on a grid, then
-    on ever finer grids round its best. With `columns` the likelihood is the restricted one, of what the columns cannot
-    follow: coefficients fitted to the same samples do not make the noise look less than it is.
+    on finer grids round its maximum. With `columns` the likelihood is the restricted one, so that coefficients fitted
+    to the same samples do not bias the noise downwards.
 
     Parameters
     ----------
@@ -135,28 +124,28 @@ def learned(
     residual_w : array, shape (n,)
         [W]; its mean counts as 0 unless a column is constant.
     columns : array, shape (n, p), optional
-        What the residual may also be made of, with coefficients of any size.
+        Regressors that the residual may also contain, with any coefficients.
     samples : int
-        Of more samples than this only as many are looked at: half evenly spread, half in `RUNS` runs of consecutive
-        ones, so that both slow and fast parts are seen.
+        Of more samples than this a subset is used: half evenly spaced, half in `RUNS` runs of consecutive ones, so
+        that both long and short correlation show.
 
     Returns
     -------
-    Learned
+    DisturbanceFit
         The time constant is between the shortest step and the span. All white (`std_w` 0) where there are fewer than
-        `FEWEST` samples more than columns, or where they do not vary.
+        `MIN_FREE_SAMPLES` samples more than columns, or where they do not vary.
 
     Source: Schweppe 1965 (likelihood of the innovations); Patterson and Thompson 1971 (restricted likelihood).
     """
     times = np.asarray(time_s, dtype=float)
     power = np.asarray(residual_w, dtype=float)
     table = np.empty((len(times), 0)) if columns is None else np.asarray(columns, dtype=float)
-    keep = _kept(len(times), samples)
+    keep = _subsampled(len(times), samples)
     times, series = times[keep], _orthonormal(table[keep], power[keep])
     least = max((1e-7 * float(np.max(np.abs(power), initial=0.0))) ** 2, 1e-300)
     white = _white(series, least)
     span_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
-    if len(times) - series.shape[1] + 1 < FEWEST or white[0] <= least:
+    if len(times) - series.shape[1] + 1 < MIN_FREE_SAMPLES or white[0] <= least:
         return DisturbanceFit(0.0, span_s or 1.0, math.sqrt(white[0]), white[1])
     likelihood, variance, log_time, logit = _searched(times, series, least)
     if white[1] >= likelihood:
@@ -167,7 +156,7 @@ def learned(
     )
 
 
-def _kept(count: int, most: int) -> NDArray[np.int64]:
+def _subsampled(count: int, most: int) -> IntArray:
     """Indices of at most `most` of `count` samples: half of them evenly, half in runs; fewer where the two meet."""
     if count <= most:
         return np.arange(count)
@@ -178,18 +167,18 @@ def _kept(count: int, most: int) -> NDArray[np.int64]:
 
 
 def _orthonormal(columns: FloatArray, power_w: FloatArray) -> FloatArray:
-    """An orthonormal basis of what the columns can follow, and the power less that, beside each other."""
+    """An orthonormal basis of the columns and the power's residual, side by side."""
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-10 * np.max(size, initial=0.0)]
     return np.column_stack([basis, power_w - basis @ (basis.T @ power_w)])
 
 
 def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[float, float, float, float]:
-    """The best log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
+    """The maximum log-likelihood, its variance, log ℓ and the logit of the disturbance's share of the variance."""
     steps = np.diff(times_s)
     low, high = math.log(float(steps.min())), math.log(float(times_s[-1] - times_s[0]))
-    spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MOST_LOGIT / (_SHARES - 1)])
-    log_times, logits = np.linspace(low, high, _TIMES), np.linspace(-_MOST_LOGIT, _MOST_LOGIT, _SHARES)
+    spacing = np.array([(high - low) / (_TIMES - 1), 2 * _MAX_LOGIT / (_SHARES - 1)])
+    log_times, logits = np.linspace(low, high, _TIMES), np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _SHARES)
     best = (-math.inf, 0.0, low, 0.0)
     for _ in range(1 + _ZOOMS):
         grid = [axis.ravel() for axis in np.meshgrid(log_times, logits)]
@@ -197,8 +186,8 @@ def _searched(times_s: FloatArray, series: FloatArray, least: float) -> tuple[fl
         i = int(np.argmax(likelihood))
         if likelihood[i] > best[0]:
             best = (float(likelihood[i]), float(variance[i]), float(grid[0][i]), float(grid[1][i]))
-        log_times = np.clip(best[2] + spacing[0] * _NEAR, low, high)
-        logits = best[3] + spacing[1] * _NEAR
+        log_times = np.clip(best[2] + spacing[0] * _ZOOM_OFFSETS, low, high)
+        logits = best[3] + spacing[1] * _ZOOM_OFFSETS
         spacing /= 2
     return best
 
@@ -207,8 +196,8 @@ def _likelihoods(
     steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
     """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
-    if is_on():
-        gram, log_spread = quick(_grams)(_scaled_transitions(steps_s, time_s), series, share)
+    if enabled():
+        gram, log_spread = jitted(_grams)(_scaled_transitions(steps_s, time_s), series, share)
         return _restricted(gram, log_spread, len(series), least)
     innovations, spread = _innovations(steps_s, series, time_s, share)
     root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
@@ -247,8 +236,8 @@ def _innovations(
 ) -> tuple[FloatArray, FloatArray]:
     """Innovations of every series under every candidate, shape (n, k, p + 1), and their variance, shape (n, k).
 
-    The total variance is 1, of which the disturbance has `share`. The states are d and ḋ/λ, both of that variance, and
-    what is carried is by how much their covariance is less than it: Δ ← Φ Δ Φᵀ needs no process noise.
+    The total variance is 1, of which the disturbance has `share`. The states are d and ḋ/λ, both of that variance. The
+    recursion carries the reduction Δ = P∞ − P of their covariance: Δ ← Φ Δ Φᵀ needs no process noise.
     """
     size = series.shape[1]
     phi = _scaled_transitions(steps_s, time_s)
@@ -256,7 +245,7 @@ def _innovations(
     carried = np.zeros((len(time_s), 2, size + 2))
     left = np.zeros((len(series), len(time_s), size + 2))
     left[:, :, :size], left[:, :, size] = series[:, np.newaxis, :], share
-    noise = 1 - share + _LEAST_NOISE
+    noise = 1 - share + _MIN_NOISE
     for n, row in enumerate(left):
         if n:
             step = phi[n - 1]
@@ -272,7 +261,7 @@ def _innovations(
 def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Σ e eᵀ/S of every candidate, shape (k, p + 1, p + 1), and Σ ln S: `_innovations` one candidate after the other.
 
-    What is quick compiled; `_innovations` takes all candidates at once, which is quick without.
+    Fast when compiled; `_innovations` vectorises over candidates, which is fast without numba.
     """
     count, size = series.shape
     gram = np.zeros((len(share), size, size))
@@ -280,7 +269,7 @@ def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[Floa
     x, row = np.zeros((2, size + 2)), np.zeros(size + 2)
     for j in range(len(share)):
         x[:] = 0.0
-        noise = 1 - share[j] + _LEAST_NOISE
+        noise = 1 - share[j] + _MIN_NOISE
         for n in range(count):
             if n:
                 a, b, c, d = phi[n - 1, j, 0, 0], phi[n - 1, j, 0, 1], phi[n - 1, j, 1, 0], phi[n - 1, j, 1, 1]
@@ -310,6 +299,6 @@ def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[Floa
 def _scaled_transitions(steps_s: FloatArray, time_s: FloatArray) -> FloatArray:
     """e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)."""
     turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
-    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # numbers as small as e^−700 are slow
+    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow
     matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
     return matrix.reshape(*turns.shape, 2, 2)

@@ -9,9 +9,9 @@ Source: letter, Eqs. 3-7 and Lemma III.1, with the start of the lemma corrected:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 
 def output_row(order: int) -> FloatArray:
@@ -144,32 +144,8 @@ def signal_w(times_s: ArrayLike, a: ArrayLike, b: ArrayLike, period_s: float) ->
     return power
 
 
-def state_of_coefficients(a: ArrayLike, b: ArrayLike, period_s: float) -> FloatArray:
-    """State at t = 0 of the papers' coefficients: the start that makes Eqs. 3 and 4 one signal.
-
-    Parameters
-    ----------
-    a, b : array, shapes (r + 1,) and (r,)
-        Coefficients a0..ar, b1..br [W s].
-    period_s : float
-        T [s], above 0.
-
-    Returns
-    -------
-    array, shape (2r + 1,)
-        q [W].
-
-    Source: letter, Lemma III.1; it prints a_j/2 where it must be 2 a_j.
-    """
-    a = np.asarray(a, dtype=float)
-    state = np.empty(2 * len(a) - 1)
-    # q0 = (1/T) [a0, 2a1, 2b1, …, 2ar, 2br]
-    state[0], state[1::2], state[2::2] = a[0], 2 * a[1:], 2 * np.asarray(b, dtype=float)
-    return state / period_s
-
-
 def coefficients_of_state(state_w: ArrayLike, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """The papers' coefficients of a state: the inverse of `state_of_coefficients`.
+    """The papers' coefficients of a state.
 
     Parameters
     ----------
@@ -183,7 +159,7 @@ def coefficients_of_state(state_w: ArrayLike, period_s: float) -> tuple[FloatArr
     a, b : array, shapes (r + 1,) and (r,)
         a0..ar and b1..br [W s].
 
-    Source: letter, Lemma III.1, corrected.
+    Source: letter, Lemma III.1, which prints a_j/2 where q0 has 2 a_j.
     """
     state = np.asarray(state_w, dtype=float)
     cosine = np.concatenate([state[:1], state[1::2] / 2])

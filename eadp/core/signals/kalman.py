@@ -6,9 +6,8 @@ Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16, with the sign of its covaria
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 
 def predict(

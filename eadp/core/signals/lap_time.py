@@ -1,22 +1,21 @@
-"""The time of a lap from positions: where the aircraft is again where it was, less the drift from lap to lap."""
+"""Lap time from the autocorrelation of the position, the drift from lap to lap removed."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import fft
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import MIN_PERIODS
 
-FloatArray = NDArray[np.float64]
-
-POINTS = 2000
-"""Most points of the even grid that positions are put on."""
-ALIKE = 0.5
-"""Correlation that a lap must have with the next one."""
-NEARLY = 0.8
-"""A shorter lag with this part of the best correlation is the lap: two laps are alike too."""
-FEWEST = 20
+MAX_POINTS = 2000
+"""Most points of the even grid that positions are interpolated on."""
+MIN_CORRELATION = 0.5
+"""Smallest correlation of one lap with the next."""
+PEAK_SHARE = 0.8
+"""The first peak with this share of the largest correlation is the lap: two laps correlate too."""
+MIN_POSITIONS = 20
 
 
 def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
@@ -32,25 +31,25 @@ def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
     Returns
     -------
     float or None
-        The lap [s]; None where no lag is alike, as on a flight that does not come back, or fewer than `FEWEST`
+        The lap [s]; None where no lag correlates, as on a flight that does not return, or fewer than `MIN_POSITIONS`
         positions are known.
     """
     times, position = np.asarray(times_s, dtype=float), np.asarray(position_m, dtype=float)
     known = np.isfinite(position).all(axis=1)
-    if np.count_nonzero(known) < FEWEST:
+    if np.count_nonzero(known) < MIN_POSITIONS:
         return None
     times, position = times[known], position[known]
-    grid = np.linspace(times[0], times[-1], min(POINTS, 4 * len(times)))
+    grid = np.linspace(times[0], times[-1], min(MAX_POINTS, 4 * len(times)))
     even = np.stack([np.interp(grid, times, axis) for axis in position.T], axis=1)
     # laps drift in a straight line: the survey's shift
     drift = np.polynomial.polynomial.polyfit(grid - grid[0], even, 1)
-    alike = _correlation(even - np.polynomial.polynomial.polyval(grid - grid[0], drift).T)
-    lag = _first_peak(alike[: int(len(grid) / MIN_PERIODS) + 1])
+    correlation = _correlation(even - np.polynomial.polynomial.polyval(grid - grid[0], drift).T)
+    lag = _first_peak(correlation[: int(len(grid) / MIN_PERIODS) + 1])
     return None if lag is None else lag * float(grid[1] - grid[0])
 
 
 def _correlation(position_m: FloatArray) -> FloatArray:
-    """Correlation of what overlaps at each lag, both axes together."""
+    """Normalised correlation of the overlap at each lag, both axes together."""
     n = len(position_m)
     size = fft.next_fast_len(2 * n, real=True)
     products = fft.irfft(np.abs(fft.rfft(position_m, size, axis=0)) ** 2, size, axis=0)[:n].sum(axis=1)
@@ -61,17 +60,17 @@ def _correlation(position_m: FloatArray) -> FloatArray:
     return correlation
 
 
-def _first_peak(alike: FloatArray) -> float | None:
-    """The first lag, in steps, that is nearly as alike as the best one beyond the first descent below 0."""
-    below = np.flatnonzero(alike < 0)
-    if not len(below) or below[0] + 2 >= len(alike):
+def _first_peak(correlation: FloatArray) -> float | None:
+    """The first lag [steps] beyond the first descent below 0 whose peak is within `PEAK_SHARE` of the largest."""
+    below = np.flatnonzero(correlation < 0)
+    if not len(below) or below[0] + 2 >= len(correlation):
         return None
-    begin = int(below[0])
-    inner = alike[begin + 1 : -1]
-    peaks = begin + 1 + np.flatnonzero((inner >= alike[begin:-2]) & (inner >= alike[begin + 2 :]))
-    if not len(peaks) or alike[peaks].max() < ALIKE:
+    start = int(below[0])
+    inner = correlation[start + 1 : -1]
+    peaks = start + 1 + np.flatnonzero((inner >= correlation[start:-2]) & (inner >= correlation[start + 2 :]))
+    if not len(peaks) or correlation[peaks].max() < MIN_CORRELATION:
         return None
-    at = int(peaks[alike[peaks] >= NEARLY * alike[peaks].max()][0])
-    before, here, after = alike[at - 1 : at + 2].tolist()
+    at = int(peaks[correlation[peaks] >= PEAK_SHARE * correlation[peaks].max()][0])
+    before, here, after = correlation[at - 1 : at + 2].tolist()
     bend = before - 2 * here + after
     return at + (0.5 * (before - after) / bend if bend < 0 else 0.0)

@@ -1,26 +1,26 @@
-"""Spikes in a sampled power: single samples far from their neighbours, as a sensor's glitches are."""
+"""Spikes in a sampled power: isolated samples far from the running median, such as sensor glitches."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
 
 WINDOW = 11
-"""Samples whose median one is compared with: five before it and five after it."""
+"""Length of the running median: five samples before and five after."""
 SIGMAS = 8.0
-"""A spike is this many robust standard deviations from that median, and"""
+"""Distance of a spike from the median in robust standard deviations, and"""
 SHARE_OF_RANGE = 0.5
-"""this part of the range of the middle 90 % of all samples, so that no crest of a clean signal is one."""
-LONGEST = 2
-"""More samples in a row are no spike: something happened."""
-MOST = 0.1
-"""A larger part of a log is no spikes: its noise is so."""
+"""as a share of the range of the middle 90 % of all samples, so that crests of a clean signal are kept."""
+MAX_RUN = 2
+"""Longest run of samples that counts as a spike: a longer one is an event."""
+MAX_SHARE = 0.1
+"""Largest share of a log that may be spikes: more is heavy-tailed noise."""
 
 
 def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
-    """Which samples are spikes.
+    """Mask of the samples that are spikes.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
     Returns
     -------
     array of bool, shape (n,)
-        All false where the samples are fewer than the window, or the rule would take more than `MOST` of them.
+        All false where there are fewer samples than the window, or more than `MAX_SHARE` of them would be.
     """
     power = np.asarray(power_w, dtype=float)
     if len(power) < WINDOW:
@@ -40,11 +40,11 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
     low, high = np.quantile(power, (0.05, 0.95)).tolist()
     far: NDArray[np.bool_] = np.abs(away) > max(SIGMAS * scale, SHARE_OF_RANGE * (high - low), 1e-12 * abs(high))
     found = far & ~_in_long_runs(far)
-    return found if np.mean(found) <= MOST else np.zeros_like(found)
+    return found if np.mean(found) <= MAX_SHARE else np.zeros_like(found)
 
 
 def _running_median(power_w: FloatArray) -> FloatArray:
-    """Median of the window round each sample; at the ends, of what there is of it, mirrored."""
+    """Running median, mirrored at the ends."""
     padded = np.pad(power_w, WINDOW // 2, mode="reflect")
     median: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
     return median
@@ -54,5 +54,5 @@ def _in_long_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     result = np.zeros_like(mask)
     for start, end in edges.reshape(-1, 2).tolist():
-        result[start:end] = end - start > LONGEST
+        result[start:end] = end - start > MAX_RUN
     return result

@@ -1,4 +1,4 @@
-"""What many readings in a row do to a covariance, as one map: the readings' values do not matter to it.
+"""Kalman filter's covariance over many readings as one map, independent of the readings' values.
 
 A prediction and a reading, and any sequence of them, take a covariance P to
 
@@ -14,11 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import is_on, quick
-
-FloatArray = NDArray[np.float64]
+from eadp.core.arrays import FloatArray
+from eadp.core.compiled import enabled, jitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,17 +27,17 @@ class CovarianceMap:
     information: FloatArray
     added: FloatArray
 
-    def of(self, covariance: FloatArray) -> FloatArray:
-        """The covariance that a covariance is taken to, shape (m, m), symmetric to the last bit."""
-        if is_on():
-            return quick(_mapped)(self.transition, self.information, self.added, covariance)
+    def apply(self, covariance: FloatArray) -> FloatArray:
+        """The covariance after the steps of the map, shape (m, m), symmetric to the last bit."""
+        if enabled():
+            return jitted(_apply)(self.transition, self.information, self.added, covariance)
         # P (I + G P)⁻¹ = (I + P G)⁻¹ P
         left = np.linalg.solve(np.eye(len(covariance)) + covariance @ self.information, covariance)
         result = self.transition @ left @ self.transition.T + self.added
         return 0.5 * (result + result.T)
 
     def then(self, other: CovarianceMap) -> CovarianceMap:
-        """This map, and another one after it."""
+        """Composition: this map, then another."""
         identity = np.eye(len(self.added))
         # A₂ (I + H₁ G₂)⁻¹
         through = np.linalg.solve((identity + self.added @ other.information).T, other.transition.T).T
@@ -51,7 +49,7 @@ class CovarianceMap:
         return CovarianceMap(transition, 0.5 * (information + information.T), 0.5 * (added + added.T))
 
 
-def _mapped(transition: FloatArray, information: FloatArray, added: FloatArray, covariance: FloatArray) -> FloatArray:
+def _apply(transition: FloatArray, information: FloatArray, added: FloatArray, covariance: FloatArray) -> FloatArray:
     """H + A P (I + G P)⁻¹ Aᵀ in loops, for compiled code: numba takes ten seconds over `np.linalg.solve`."""
     n = len(covariance)
     matrix, left = np.eye(n), covariance.copy()

@@ -1,20 +1,20 @@
-"""Samples of a power → its period, order, Fourier coefficients and noise; or the finding that it has no period.
+"""Period, order, Fourier coefficients and noise of a sampled power, or the finding that it has no period.
 
-How a period is found:
+Method:
 
-1. Every frequency of a fine grid is scored by cross-validated harmonic least squares: the samples are cut into
-   contiguous blocks, each is forecast by a fit that has seen neither it nor its two neighbours, and the score is
-   the squared error that remains. Noise that is alike from one sample to the next cannot leak over a whole block.
-2. The best peaks, their multiples and their parts are scored again at every order. Of those that forecast no worse
-   than the best the shortest is the period: a signal of period T also repeats every 2T.
-3. The period is refined on all samples, at their own times, by a bounded one-dimensional search, and the order is
-   the smallest that forecasts no worse than the best.
-4. Where the residual is not white, the range is searched again by likelihood, the noise fitted at every frequency:
-   least squares weighs the harmonics as if slow noise were as weak as fast.
-5. Slow noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
+1. Periodogram: every frequency of a fine grid is evaluated by cross-validated harmonic least squares. The samples are
+   cut into contiguous blocks, each is forecast by a fit without it and its two neighbours, and the criterion is the
+   squared forecast error. Correlated noise does not leak over a whole block.
+2. The best peaks, their multiples and submultiples are evaluated again at every order. The shortest period that
+   forecasts no worse than the best is chosen: a signal of period T also repeats every 2T.
+3. The period is refined on all samples, at their own times, by a bounded one-dimensional search; the order is the
+   smallest that forecasts no worse than the best.
+4. Where the residuals are not white, the range is searched again by likelihood, the noise fitted at every frequency:
+   least squares is inefficient in coloured noise.
+5. Coloured noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
    explain the samples better than they explain such noise: see `analyse`.
 
-Nothing is resampled: gaps, drop-outs and irregular steps are only fewer rows of the least squares.
+Samples are not interpolated: gaps, drop-outs and irregular steps only mean fewer rows of the least squares.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.coloured_noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 from eadp.core.signals.harmonics import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.int64]
 
 MIN_SAMPLES = 20
 """Fewer samples than this are not analysed."""
@@ -42,18 +41,18 @@ MIN_PERIODS = 1.9
 """A period must fit twice into the log, less a little: the last sample of two laps is one step short of them."""
 MIN_SAMPLES_PER_PERIOD = 4
 MAX_PERIODS = 400
-"""The shortest period looked for is this part of the log, or 4 mean sampling steps if that is longer."""
+"""The shortest period searched is the log divided by this, or 4 mean sampling steps if that is longer."""
 MAX_ORDER = 12
 MIN_CV_R2 = 0.05
-"""A period must explain this part of the variance of what it has not seen."""
+"""Smallest cross-validated R² of a period."""
 MAX_CHANCE = 0.03
-"""And noise without a period may look as periodic as this with at most this probability."""
+"""Largest p-value of a period: probability that noise without one looks as periodic."""
 MAX_STD_RATIO = 0.1
-"""And it must be known to this part of itself: what happens once may have any period."""
-BEYOND = 1.02
-"""How far a period may come to lie beyond the range it is looked for in."""
+"""Largest relative standard deviation of a period: an event that occurs once fits any period."""
+RANGE_MARGIN = 1.02
+"""Factor by which a refined period may leave the range searched."""
 PRIOR_RATIO = 1.3
-"""A period is looked for within this factor of a prior."""
+"""A period is searched within this factor of a prior."""
 
 _BLOCKS = 12
 _SCAN_ORDER = 3
@@ -66,13 +65,13 @@ _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
 _TEST_BINS = 220
 _TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
-_SURE = 1e-4  # chance of one frequency below which a longer period stands against its part
-_EVIDENT = 1e-9  # chance below which no surrogates are drawn
+_SURE = 1e-4  # p-value of one frequency below which a period is kept over its submultiple
+_EVIDENT = 1e-9  # p-value below which no surrogates are drawn
 _SURROGATES, _SEED = 48, 20260101
-_SETTLE_OVERSAMPLING = 12
-_SETTLE_BINS = 9  # to the shortest period
+_COLOURED_OVERSAMPLING = 12
+_COLOURED_BINS = 9  # to the shortest period
 _MARGIN = 2.0  # of log-likelihood that another period must be better by
-_WORTH = 2.5  # log-likelihood that a harmonic must bring, of two coefficients
+_HARMONIC_PENALTY = 2.5  # log-likelihood that a harmonic, of two coefficients, must add
 _ZOOMS = 6
 _WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 95 % hold for 88 to 96 %
 _WHITE = 1.3  # an inflation up to which noise counts as white
@@ -83,14 +82,14 @@ _MEAN_BINS = 120
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What `analyse` found.
+    """Result of `analyse`: period, harmonics and noise.
 
     Attributes
     ----------
     periodic : bool
     period_s, period_std_s : float
-        The best period and its standard deviation [s], also where it does not count as one; NaN where
-        there is not even a candidate (a constant signal).
+        The best period and its standard deviation [s], also where the signal does not count as periodic; NaN where
+        there is no candidate (a constant signal).
     mean_w : float
         Mean power [W]: the constant of the fit, or the mean of the samples without a period.
     amplitude_w, phase_rad : array, shape (r,)
@@ -98,14 +97,14 @@ class Spectrum:
         sample. Empty without a period.
     mean_std_w : float
     amplitude_std_w : array, shape (r,)
-        Standard deviations of the mean and the amplitudes in noise that is alike from sample to sample [W].
+        Standard deviations of the mean and the amplitudes under correlated noise [W].
     noise_std_w : float
-        Standard deviation of what the fit leaves [W].
+        Standard deviation of the residuals [W].
     cv_r2 : float
-        Part of the variance about the mean that the period explains of blocks it has not seen; 0 or less is nothing.
+        Cross-validated R²: share of the variance about the mean that is explained in held-out blocks.
     chance : float
-        Probability, at most 1, that noise without a period looks as periodic anywhere in the range searched; 1 where
-        `cv_r2` rules the period out already.
+        p-value: probability, at most 1, that noise without a period looks as periodic anywhere in the range searched;
+        1 where `cv_r2` already rules the period out.
     samples : int
     span_s : float
         Time from the first sample to the last [s].
@@ -135,14 +134,14 @@ def analyse(
     as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, (b) its standard deviation is at
     most `MAX_STD_RATIO` of it, (c) it lies in the range searched, and (d) noise looks as periodic with a chance of
     `MAX_CHANCE` or less: a likelihood ratio of harmonics in coloured noise against coloured noise alone, the best over
-    frequencies and orders, is compared with that of surrogates of the noise that suits the samples best without
-    harmonics, always the same for the same samples. Where the ratio itself leaves no doubt no surrogates are drawn.
-    The coloured noise is an exponential or a Matérn-3/2 correlation of any length, up to what cannot be told from a
-    random walk or a drift, plus white noise: each at its best for the samples.
+    frequencies and orders, is compared with that of surrogates drawn from the maximum-likelihood noise without
+    harmonics, with a fixed seed. Where the ratio itself is decisive no surrogates are drawn. The coloured noise has an
+    exponential or a Matérn-3/2 correlation of any length, up to five times the log, where it resembles a random walk or
+    a drift, plus white noise: see `eadp.core.signals.coloured_noise`.
 
     In noise that is nearly white the period is that of least squares, and its standard deviation that from the
-    curvature in the period, times the factor by which the noise fitted spreads that estimate more than white noise of
-    the same variance would. In coloured noise the period is the likeliest, and its standard deviation the root mean
+    curvature in the period, times the factor by which the fitted noise raises its variance over that of white noise of
+    the same variance. In coloured noise the period is the likeliest, and its standard deviation the root mean
     square of the distance from it under the likelihood.
 
     Parameters
@@ -153,9 +152,9 @@ def analyse(
         Power [W].
     order : int, optional
         Number of harmonics of the result. Default: the smallest that forecasts held-out blocks no worse than the best.
-        The period is found at the best order, whatever is asked for here.
+        The period is found at the best order in either case.
     period_prior_s : float, optional
-        Look within a factor of `PRIOR_RATIO` of this period only [s].
+        Search only within a factor of `PRIOR_RATIO` of this period [s].
 
     Returns
     -------
@@ -173,22 +172,23 @@ def analyse(
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
     samples = _Samples(times - times[0], power - power.mean())
     shortest_s, longest_s = _range_s(samples, period_prior_s)
-    mean_w, spread_w = float(power.mean()), float(power.std(ddof=1))
-    if spread_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
-        return _aperiodic(samples, mean_w, spread_w, 0.0)
+    mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
+    if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
+        return _aperiodic(samples, mean_w, std_w, 0.0)
     frequency_hz = _search(samples, shortest_s, longest_s)
     frequency_hz, free_order = _refine(samples, frequency_hz)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
-    # a search of everything ends here where nothing is forecast; near a prior the likelihood may still know better
+    # without a prior the search ends here; near a prior the likelihood may still find a period
     if free_r2 < MIN_CV_R2 and period_prior_s is None:
-        return _aperiodic(samples, mean_w, spread_w, free_r2, frequency_hz)
-    found = _judge(samples, frequency_hz, free_order, shortest_s, longest_s)
-    inside = shortest_s / BEYOND <= 1 / found.frequency_hz <= longest_s * BEYOND
+        return _aperiodic(samples, mean_w, std_w, free_r2, frequency_hz)
+    found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+    inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
     if not (found.periodic and inside):
-        return _aperiodic(samples, mean_w, spread_w, found.cv_r2, found.frequency_hz, found.chance)
-    if order is not None and order > (highest := _max_order(samples, 1 / found.frequency_hz, order)):
-        least = f"{len(times)} samples every {samples.step_s:.3g} s tell a period of {1 / found.frequency_hz:.4g} s"
-        raise Infeasible(f"order {order} is too high: {least} to order {highest} at most")
+        return _aperiodic(samples, mean_w, std_w, found.cv_r2, found.frequency_hz, found.chance)
+    if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
+        period = f"a period of {1 / found.frequency_hz:.4g} s"
+        what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
+        raise Infeasible(f"order {order} is too high: {what}")
     return _periodic(samples, found, order or found.order, mean_w)
 
 
@@ -206,7 +206,7 @@ class _Found(NamedTuple):
         return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
 
 
-def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
+def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
     """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
     bins = _bins(samples, 1 / frequency_hz, order)
     evidence = _evidence(bins, 1 / frequency_hz, order)
@@ -215,15 +215,18 @@ def _judge(samples: _Samples, frequency_hz: float, order: int, shortest_s: float
     inflation = _inflation(frequency_hz, fitted, noise, evidence)
     std_s = _white_std_s(samples, frequency_hz, fitted, noise) * math.sqrt(inflation)
     chance = min(1.0, evidence.chance * max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s)))
-    # what is left of a clean signal is what the bins, not the noise, have rounded
+    # the residuals of a clean signal come from binning, not from noise
     clean = error < _CLEAN * float(samples.square.sum())
     coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
     if chance > _EVIDENT or coloured:
         low_hz, high_hz = 1 / longest_s, 1 / shortest_s
-        settled = _settle(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
-        chance = chance if settled.chance is None else settled.chance
+        peak = _coloured(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
+        chance = chance if peak.chance is None else peak.chance
         if coloured:
-            frequency_hz, std_s = settled.frequency_hz, _WIDENED * settled.std_hz / settled.frequency_hz**2
+            frequency_hz, std_s = (
+                peak.frequency_hz,
+                _WIDENED * peak.std_hz / peak.frequency_hz**2,
+            )
             order = _choose_order(samples, frequency_hz)
             evidence = _evidence(bins, 1 / frequency_hz, order)
     return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
@@ -284,7 +287,7 @@ def _held_out(sums: _Sums, order: int) -> FloatArray:
     count = gram[..., 0, 0].sum(axis=-1)[..., np.newaxis, np.newaxis]
     seen_gram = gram.sum(axis=-3, keepdims=True) - _with_neighbours(gram, -3)
     seen_moment = moment.sum(axis=-2, keepdims=True) - _with_neighbours(moment, -2)
-    # a ridge of a millionth keeps a phase that no other lap has seen from being anything at all
+    # a ridge of a millionth bounds coefficients that the other blocks leave undetermined
     seen_gram[..., np.arange(m), np.arange(m)] += 1e-6 * count
     fitted = np.linalg.solve(seen_gram, seen_moment[..., np.newaxis])[..., 0]
     # ‖y − Xβ‖² = yᵀy − 2βᵀXᵀy + βᵀXᵀXβ
@@ -293,15 +296,15 @@ def _held_out(sums: _Sums, order: int) -> FloatArray:
     return error
 
 
-def _by_order(sums: _Sums, highest: int) -> FloatArray:
-    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row have brought nothing."""
+def _by_order(sums: _Sums, max_order: int) -> FloatArray:
+    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row bring no improvement."""
     errors = [_held_out(sums, 1)]
-    least, at = float(errors[0].sum(axis=-1).min()), 1
-    for order in range(2, highest + 1):
+    min_error, at = float(errors[0].sum(axis=-1).min()), 1
+    for order in range(2, max_order + 1):
         errors.append(_held_out(sums, order))
         error = float(errors[-1].sum(axis=-1).min())
-        if error < least:
-            least, at = error, order
+        if error < min_error:
+            min_error, at = error, order
         if order >= at + _PATIENCE:
             break
     return np.array(errors)
@@ -324,8 +327,8 @@ def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:
 def _no_worse(error: FloatArray, best: FloatArray, total: float) -> bool:
     """Whether a simpler model forecasts the blocks no worse than the best one.
 
-    That is: by no more than two standard errors of the difference over the blocks and a tenth of what the best
-    leaves; a millionth of the signal never counts.
+    The excess is at most two standard errors of the difference over the blocks and a tenth of the best error; a
+    millionth of the signal never counts.
     """
     excess = error - best
     standard_error = math.sqrt(len(excess)) * float(np.std(excess, ddof=1))
@@ -375,7 +378,7 @@ class _Grid:
         self._power = self._transform(weighted.reshape(shape))
         self._square = samples.square
 
-    def _transform(self, blocks: NDArray[np.float64] | IntArray) -> ComplexArray:
+    def _transform(self, blocks: FloatArray | IntArray) -> ComplexArray:
         transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
         return transform
 
@@ -429,11 +432,11 @@ def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
 
 
 def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
-    """Whether a whole part of the best period is as good as the best.
+    """Whether a submultiple of the best period is as good as the best.
 
-    It forecasts no worse; or it explains half of what the best does and more, and the rest may well be noise: a long
-    period at a high order follows slow noise a little way even over a held-out block. A rest that gains little must be
-    surer by far: two laps that differ by chance are seen again in no third one.
+    It forecasts no worse; or it explains at least half of what the best does, and the rest is compatible with noise: a
+    long period at a high order follows coloured noise a little even over a held-out block. A rest that gains little
+    needs stronger evidence.
     """
     if not _is_part(part.place, best.place):
         return False
@@ -450,7 +453,7 @@ def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: fl
 
 
 def _is_part(index: int, of: int) -> bool:
-    """Whether a frequency is a multiple of another, within what the grid can tell."""
+    """Whether a frequency is a multiple of another, within the resolution of the grid."""
     return round(index / of) >= 2 and abs(index - round(index / of) * of) <= _OVERSAMPLING // 4
 
 
@@ -463,15 +466,15 @@ def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
         errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
     error = np.concatenate(errors)
     padded = np.pad(error, 1, constant_values=np.inf)
-    lowest = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
-    return index[lowest[np.argsort(error[lowest], kind="stable")[:_PEAKS]]]
+    minima = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
+    return index[minima[np.argsort(error[minima], kind="stable")[:_PEAKS]]]
 
 
 def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
     """The best of some neighbouring frequencies and all orders."""
-    highest = _max_order(samples, 1 / (grid.step_hz * index[0]))
-    sums = grid.sums(index, highest)
-    errors = _by_order(sums, highest)
+    max_order = _max_order(samples, 1 / (grid.step_hz * index[0]))
+    sums = grid.sums(index, max_order)
+    errors = _by_order(sums, max_order)
     best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
     return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
 
@@ -490,9 +493,9 @@ def _refine(samples: _Samples, frequency_hz: float) -> tuple[float, int]:
 
 def _choose_order(samples: _Samples, frequency_hz: float) -> int:
     """The smallest order that forecasts no worse than the best."""
-    highest = _max_order(samples, 1 / frequency_hz)
-    sums = _sums(samples, frequency_hz, highest)
-    errors = _by_order(sums, highest)
+    max_order = _max_order(samples, 1 / frequency_hz)
+    sums = _sums(samples, frequency_hz, max_order)
+    errors = _by_order(sums, max_order)
     best = errors[np.argmin(errors.sum(axis=-1))]
     total = float(samples.square.sum())
     return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
@@ -505,7 +508,7 @@ def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
     def error(steps: float) -> float:
         return _fit(samples, frequency_hz + steps * step_hz, order)[1]
 
-    # the error has a side lobe at each turn of the highest harmonic over the log: bracket its lowest first
+    # the error has a side lobe at each turn of the top harmonic over the log: bracket its minimum first
     reach = _OVERSAMPLING // 8
     coarse = min(range(-reach, reach + 1), key=error) if order > 1 else 0
     low, high = (coarse - 1.5, coarse + 1.5) if order > 1 else (-2.0 * reach, 2.0 * reach)
@@ -523,7 +526,7 @@ def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray
     return fitted, float(residual @ residual)
 
 
-# ---- 4: is it a period, and how well is it known? ----------------------------------------------------------------
+# ---- 4: significance and standard deviation of the period --------------------------------------------------------
 
 
 class _Evidence(NamedTuple):
@@ -533,7 +536,7 @@ class _Evidence(NamedTuple):
 
 
 def _bins(samples: _Samples, period_s: float, order: int) -> TimeBins:
-    """At most 220 bins, 20 to a period and 3 to a harmonic: the middle of a log that is longer than that."""
+    """At most 220 bins, 20 to a period and 3 to a harmonic: of a longer log, the middle."""
     per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
     width_s = max(samples.step_s, period_s / per_period)
     middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
@@ -560,37 +563,39 @@ def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Ev
     return _Evidence(chance, bins, periodic)
 
 
-class _Settled(NamedTuple):
-    """The likeliest period in coloured noise, and the chance that noise alone makes one as likely, if asked for."""
+class _ColouredResult(NamedTuple):
+    """Maximum-likelihood period in coloured noise, and its p-value if asked for."""
 
     frequency_hz: float
     std_hz: float
     chance: float | None
 
 
-def _settle(bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool) -> _Settled:
-    """Search the range again for the frequency under which the bins are likeliest, the noise fitted with it.
+def _coloured(
+    bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool
+) -> _ColouredResult:
+    """Maximum-likelihood frequency over the range, the noise fitted with it.
 
-    Surrogates are judged by the same search: noise of the model that suits the bins best without a period. It sees no
-    shorter period than the bins do, so that the chance is raised by as much as the range asked for is wider.
+    Surrogates, drawn from the maximum-likelihood noise without a period, go through the same search. Bins limit it to
+    longer periods than the range asked for, so the p-value is raised by the ratio of the ranges.
     """
-    step_hz = 1 / (_SETTLE_OVERSAMPLING * bins.covered_s)
-    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_SETTLE_BINS * bins.width_s))
+    step_hz = 1 / (_COLOURED_OVERSAMPLING * bins.covered_s)
+    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_COLOURED_BINS * bins.width_s))
     grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
-    highest = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
-    designs = np.stack([design_matrix(bins.times_s, f, highest) for f in grid])
-    worth = _WORTH * np.arange(1, highest + 1)[:, np.newaxis]
-    score = bins.scan(designs)[0].gain - worth
-    likeliest = float(grid[int(np.argmax(score.max(axis=0)))])
-    if score[:, -1].max() >= score.max() - _MARGIN:
+    max_order = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    designs = np.stack([design_matrix(bins.times_s, f, max_order) for f in grid])
+    penalty = _HARMONIC_PENALTY * np.arange(1, max_order + 1)[:, np.newaxis]
+    penalised = bins.scan(designs)[0].gain - penalty
+    likeliest = float(grid[int(np.argmax(penalised.max(axis=0)))])
+    if penalised[:, -1].max() >= penalised.max() - _MARGIN:
         likeliest = frequency_hz
     chance = None
     if judge:
         draws = bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))
-        drawn = np.array([float((one.gain - worth).max()) for one in bins.scan(designs, draws)])
+        drawn = np.array([float((one.gain - penalty).max()) for one in bins.scan(designs, draws)])
         wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
-        chance = min(1.0, tail(float(score.max()), drawn) * wider)
-    return _Settled(*_posterior(bins, likeliest, highest, step_hz, low, high), chance)
+        chance = min(1.0, tail(float(penalised.max()), drawn) * wider)
+    return _ColouredResult(*_posterior(bins, likeliest, max_order, step_hz, low, high), chance)
 
 
 def _posterior(
@@ -605,23 +610,23 @@ def _posterior(
         density = _mixture(bins.scan(designs)[0])
         weight = np.exp(density - density.max())
         at, step = int(np.argmax(density)), float(grid[1] - grid[0])
-        spread = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
-        if spread > 1.5 * step:
+        std = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
+        if std > 1.5 * step:
             break
         grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
-    return float(grid[at]) + step * _vertex(density, at), max(spread, step / 4)
+    return float(grid[at]) + step * _vertex(density, at), max(std, step / 4)
 
 
 def _mixture(scan: LikelihoodScan) -> FloatArray:
-    """Logarithm of the density of the frequency, every order counted by how likely it is at its best."""
+    """Log-density of the frequency, averaged over orders by their penalised maximum likelihood."""
     orders = np.arange(1, len(scan.gain) + 1)
-    weight = scan.gain.max(axis=1) - _WORTH * orders - scan.posterior.max(axis=1)
+    weight = scan.gain.max(axis=1) - _HARMONIC_PENALTY * orders - scan.posterior.max(axis=1)
     density: FloatArray = np.logaddexp.reduce(scan.posterior + weight[:, np.newaxis], axis=0)
     return density
 
 
 def _vertex(density: FloatArray, at: int) -> float:
-    """Where the parabola through a maximum and its neighbours has its own, in steps from it."""
+    """Vertex of the parabola through a maximum and its neighbours, in steps from it."""
     if not 0 < at < len(density) - 1:
         return 0.0
     before, here, after = density[at - 1 : at + 2].tolist()
@@ -630,7 +635,7 @@ def _vertex(density: FloatArray, at: int) -> float:
 
 
 def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence) -> float:
-    """How much more the noise spreads the period of least squares than white noise of its variance, 1 or more."""
+    """Variance inflation of the least-squares period in the fitted noise over white noise, 1 or more."""
     bins = evidence.bins
     slope = _slope(bins.times_s, frequency_hz, fitted)
     correlated = evidence.noise.variance * float(slope @ evidence.noise.correlation @ slope)
@@ -642,13 +647,13 @@ def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: 
 def _white_std_s(samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float) -> float:
     """Standard deviation of the period in white noise [s]."""
     slope = _slope(samples.times_s, frequency_hz, fitted)
-    # var T = σ² / Σ (∂y/∂T)², what the other coefficients could follow taken off the derivative
+    # var T = σ² / Σ (∂y/∂T)², the derivative projected off the other columns
     square = float(slope @ slope)
     return noise / math.sqrt(square) if square > 0 else 0.0
 
 
 def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> FloatArray:
-    """Derivative of the fit by the period, less what the fit's own columns can follow [W/s]."""
+    """Derivative of the fit by the period, orthogonal to the fit's columns [W/s]."""
     order = len(fitted) // 2
     columns = design_matrix(times_s, frequency_hz, order)
     harmonic = np.arange(1, order + 1)
@@ -685,7 +690,7 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Sp
 
 
 def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
-    """Standard deviations of the mean and of the amplitudes in the noise as it was fitted [W]."""
+    """Standard deviations of the mean and of the amplitudes in the fitted noise [W]."""
     bins = found.evidence.bins
     covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2))
     covariance *= min(1.0, bins.covered_s / samples.span_s)  # the bins may be the middle of the log alone
@@ -698,7 +703,7 @@ def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> 
 
 
 def _aperiodic(
-    samples: _Samples, mean_w: float, spread_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
+    samples: _Samples, mean_w: float, std_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
 ) -> Spectrum:
     return Spectrum(
         periodic=False,
@@ -709,7 +714,7 @@ def _aperiodic(
         amplitude_w=np.empty(0),
         amplitude_std_w=np.empty(0),
         phase_rad=np.empty(0),
-        noise_std_w=spread_w,
+        noise_std_w=std_w,
         cv_r2=cv_r2,
         chance=chance,
         samples=len(samples.times_s),
@@ -723,25 +728,25 @@ def _mean_std_w(samples: _Samples) -> float:
     return math.sqrt(float(bins.coefficient_covariance(np.ones((len(bins.times_s), 1)))[0, 0]))
 
 
-# ---- for a picture -----------------------------------------------------------------------------------------------
+# ---- periodogram -------------------------------------------------------------------------------------------------
 
 
-def scores(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
-    """Cross-validated R² over the periods that a log can tell.
+def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
+    """Periodogram: cross-validated R² over the range of periods.
 
     Parameters
     ----------
     times_s, power_w : array, shape (n,)
-        As `analyse`; more than 2000 samples are averaged in as many bins, periods below 8 of which are left out.
+        As `analyse`; more than 2000 samples are averaged in as many bins, and periods below 8 bins are left out.
     order : int
         Number of harmonics, 1 or more; fewer where a period is sampled too coarsely for them.
     points : int
-        About how many periods, evenly spread in their logarithm.
+        Number of periods, evenly spaced in their logarithm.
 
     Returns
     -------
     period_s, cv_r2 : array, shape (points,)
-        Increasing periods [s], and the part of the variance explained of blocks held out at each.
+        Increasing periods [s], and the share of the variance explained in held-out blocks.
     """
     times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
     width_s = max((times[-1] - times[0]) / _PICTURE_BINS, 1e-12)

@@ -18,11 +18,11 @@ from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
 AGREEMENT = 1e-6
-"""How far the coefficients may be from those of the harmonics, as a part of the largest: rounding and no more."""
+"""Tolerance between the coefficients and the harmonics, relative to the largest: rounding."""
 
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 _Watts = Annotated[float, Field(ge=-1e9, le=1e9)]
-_Spread = Annotated[float, Field(ge=0, le=1e9)]
+_Deviation = Annotated[float, Field(ge=0, le=1e9)]
 _Seconds = Annotated[float, Field(gt=0, le=1e9)]
 
 
@@ -30,7 +30,7 @@ class _Harmonic(BaseModel):
     """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
 
     model_config = _STRICT
-    amplitude_w: _Spread
+    amplitude_w: _Deviation
     phase_rad: Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
@@ -43,31 +43,31 @@ class _Coefficients(BaseModel):
 
 
 class _Disturbance(BaseModel):
-    """What stays a while beside the laps' pattern: a Matérn-3/2 process."""
+    """Correlated disturbance beside the periodic power: a Matérn-3/2 process."""
 
     model_config = _STRICT
-    std_w: Annotated[_Spread, Field(description="standard deviation")]
+    std_w: Annotated[_Deviation, Field(description="standard deviation")]
     time_s: Annotated[_Seconds, Field(description="time constant")]
 
 
 class EnergyFile(BaseModel):
     """Energy model: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample.
 
-    `periodic`, `order` and `coefficients` say again what the others say: they may be left out, and must agree.
+    `periodic`, `order` and `coefficients` repeat what the other keys give: they may be left out, and must agree.
     """
 
     model_config = ConfigDict(title=SCHEMA, **_STRICT)
     schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
     periodic: bool | None = None
     period_s: _Seconds | None
-    period_std_s: _Spread | None = None
+    period_std_s: _Deviation | None = None
     order: Annotated[int, Field(ge=0)] | None = None
     mean_w: _Watts
-    mean_std_w: _Spread | None = None
+    mean_std_w: _Deviation | None = None
     harmonics: Annotated[list[_Harmonic], Field(max_length=1000)]
-    amplitude_std_w: Annotated[list[_Spread], Field(max_length=1000)] = []
+    amplitude_std_w: Annotated[list[_Deviation], Field(max_length=1000)] = []
     coefficients: _Coefficients | None = None
-    noise_std_w: _Spread = 0.0
+    noise_std_w: _Deviation = 0.0
     disturbance: _Disturbance | None = None
     cv_r2: Annotated[float, Field(le=1)] = 0.0
     samples: Annotated[int, Field(ge=0, le=2**53)] = 0
@@ -107,7 +107,7 @@ def parse_energy(text: Text) -> EnergyModel:
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
-    stays = content.disturbance
+    disturbance = content.disturbance
     model = EnergyModel(
         period_s=content.period_s,
         mean_w=content.mean_w,
@@ -117,7 +117,7 @@ def parse_energy(text: Text) -> EnergyModel:
         cv_r2=content.cv_r2,
         samples=content.samples,
         span_s=content.span_s,
-        disturbance=None if stays is None else Disturbance(stays.std_w, stays.time_s),
+        disturbance=None if disturbance is None else Disturbance(disturbance.std_w, disturbance.time_s),
         mean_std_w=content.mean_std_w,
         amplitude_std_w=tuple(content.amplitude_std_w),
     )
@@ -128,12 +128,12 @@ def parse_energy(text: Text) -> EnergyModel:
 
 
 def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) -> list[Fault]:
-    """Keys that say something else than the ones they repeat."""
+    """Faults of keys that contradict the ones they repeat."""
     faults = []
     if content.periodic not in (None, model.periodic):
-        said = json.dumps(content.periodic)
+        given = json.dumps(content.periodic)
         faults.append(
-            document.fault(("periodic",), f"periodic is {said}", f"{json.dumps(model.periodic)}, by period_s")
+            document.fault(("periodic",), f"periodic is {given}", f"{json.dumps(model.periodic)}, by period_s")
         )
     if content.order not in (None, model.order):
         faults.append(

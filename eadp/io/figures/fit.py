@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eadp.core.signals.spectrum import scores
+from eadp.core.signals.spectrum import periodogram
 from eadp.io.figures.pictures import COLOURS, GREY, picture
 from eadp.models.energy_fit import EnergyFit
 
@@ -72,7 +72,7 @@ def _draw_residual(axes: Axes, fitted: EnergyFit) -> None:
 
 
 def _draw_scores(axes: Axes, fitted: EnergyFit) -> None:
-    period_s, r2 = scores(fitted.times_s, fitted.power_w, fitted.model.order or 1)
+    period_s, r2 = periodogram(fitted.times_s, fitted.power_w, fitted.model.order or 1)
     axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
     best_s, counts = fitted.spectrum.period_s, fitted.model.periodic

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eadp.core.expressions.expression import number_text
+from eadp.core.expressions.tree import number_text
 from eadp.coverage.swaths import CoveragePath
 from eadp.errors import InputError, PathUndefined
 from eadp.io.text.streams import write_bytes

@@ -11,7 +11,7 @@ from typing import Any
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import read_energy
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.scenario.scenario_file import Scenario, read_scenario
 from eadp.io.text.streams import Text, read_text

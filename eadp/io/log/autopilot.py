@@ -14,11 +14,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import InputError, printable
-
-FloatArray = NDArray[np.float64]
 
 ULOG_MAGIC = b"ULog\x01\x12"
 DATAFLASH_MAGIC = b"\xa3\x95"

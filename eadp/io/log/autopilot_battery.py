@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError, printable
-from eadp.io.log.autopilot import FloatArray, Tables
+from eadp.io.log.autopilot import Tables
 
 ULOG_KINDS = ("battery_status", "vehicle_local_position")
 DATAFLASH_KINDS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")

@@ -6,20 +6,18 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.lap_time import lap_time_s
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.log.power_log import Columns, PowerLog, read_power_log
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
 from eadp.models.energy_fit import EnergyFit, fit_energy
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ def _part(log: PowerLog, begin_s: float | None, end_s: float | None, counts: dic
     return _kept(log, np.flatnonzero(inside))
 
 
-def _kept(log: PowerLog, inside: NDArray[np.int64]) -> PowerLog:
+def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
     return replace(
         log,
         times_s=log.times_s[inside],

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.core.signals.spectrum import MIN_SAMPLES, FloatArray
+from eadp.core.signals.spectrum import MIN_SAMPLES
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.log.autopilot import (
     DATAFLASH_MAGIC,
@@ -422,7 +423,7 @@ class _Table:
     raw: FloatArray
     factors: FloatArray
     others: FloatArray
-    lines: NDArray[np.int64]
+    lines: IntArray
 
     def at(self, index: NDArray[Any] | slice) -> _Table:
         return _Table(self.raw[index], self.factors[index], self.others[index], self.lines[index])

@@ -121,7 +121,7 @@ def _averaged(readings: _Readings, layouts: Sequence[_Layout], source: str, firs
             units=tuple(layout.units),
             configurations=np.array(list(readings)),
             power_w=np.array([each.mean for each in averages]),
-            spread_w=np.array([each.spread for each in averages]),
+            spread_w=np.array([each.std for each in averages]),
             samples=np.array([each.samples for each in averages]),
             source=source,
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
@@ -394,14 +394,14 @@ def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout
     """
     faults, wide = [], []
     for (point, runs), found in zip(readings.items(), averages, strict=True):
-        if found.spread <= SPREAD_LIMIT * found.mean:
+        if found.std <= SPREAD_LIMIT * found.mean:
             continue
         group = [reading for run in runs for reading in run]
         low_w, low = min(group, key=lambda reading: reading[0])
         high_w, high = max(group, key=lambda reading: reading[0])
         where = ", ".join(f"{name}={value:g}" for name, value in zip(layout.names, point, strict=True))
         readings_said = f"{where} draws {low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
-        spread = f"a spread of {100 * found.spread / found.mean:.0f} % of the mean"
+        spread = f"a spread of {100 * found.std / found.mean:.0f} % of the mean"
         later = max(low, high, key=lambda row: row.line)
         if found.samples >= FEW and found.standard_error <= SPREAD_LIMIT * found.mean:
             wide.append(later.fault(layout.power, f"power that varies a lot: {readings_said}, {spread}"))

@@ -102,7 +102,7 @@ class MeasurementSettings:
 
     def reached(self, found: SampleMean) -> bool:
         """Whether a mean is known well enough; not of a sensor that has shown one value only, and may be a slow one."""
-        return found.spread > 0 and found.standard_error <= self.accuracy * (found.mean if self.relative else 1.0)
+        return found.std > 0 and found.standard_error <= self.accuracy * (found.mean if self.relative else 1.0)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from eadp import __version__
-from eadp.core.compiled import switch_on
+from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import summarise
 from eadp.io.flight.inputs import Files, FlightInputs, load_flight
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import ends_as_model, parse_profile
 from eadp.io.scenario.scenario_file import Scenario, read_scenario, scenario_document, scenario_of
 from eadp.io.text.streams import Text
@@ -104,7 +104,7 @@ class FlyRun:
 
     def __call__(self, run: Run) -> Result:
         """Fly; whatever goes wrong is the result's error."""
-        if switch_on(self._fast) and not self._warm:
+        if enable(self._fast) and not self._warm:
             self._warm = True
             self._begin(run)
         begun_s = time.perf_counter()

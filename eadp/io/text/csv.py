@@ -1,4 +1,4 @@
-"""Lines of comma-separated fields with the place of each, for the readers of tables."""
+"""Lines of comma-separated fields with the location of each."""
 
 from __future__ import annotations
 

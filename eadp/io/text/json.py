@@ -1,8 +1,8 @@
-"""JSON with places: a reader that keeps where in the text every value stands.
+"""JSON reader that keeps the location of every value.
 
-The standard library's reader does not, and a fault in a file of thousands of positions is of use only with its line.
-A key that stands twice in an object is refused, and so are lists and objects too deep within one another. As in the
-standard library, a number too large for a float is infinite.
+The standard library's reader does not, and a fault in a file of thousands of positions needs its line. Duplicate keys
+and lists or objects nested too deeply are refused. As in the standard library, a number too large for a float is
+infinite.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from eadp.errors import InputError, printable
 from eadp.io.field.draft import FieldSource
 
 NESTING_LIMIT = 50
-"""Deepest lists and objects within one another, the document the first."""
+"""Greatest nesting of lists and objects, the document included."""
 
 _SPACE = re.compile(r"[ \t\n\r]*")
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?")
@@ -77,7 +77,7 @@ class JsonReader:
         if c == "[":
             position = _POSITION.match(self.body, i)
             value = tuple(float(number) for number in position.groups() if number) if position else ()
-            if position and all(map(math.isfinite, value)):  # by far the most lists of a file
+            if position and all(map(math.isfinite, value)):  # most lists of a file
                 return value, self._skip(position.end())
             value, end = self._list(i + 1, depth)
         elif c == "{":

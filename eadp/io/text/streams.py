@@ -15,7 +15,7 @@ from pathlib import Path
 from eadp.errors import InputError
 
 LIMIT_BYTES = 20_000_000
-"""Largest input read without being asked to: `EADP_LIMIT_BYTES` in the environment sets another."""
+"""Size limit of inputs by default: `EADP_LIMIT_BYTES` in the environment sets another."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def read_text(path: str) -> Text:
     try:
         body = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        # the decoder counts from behind a byte order mark
+        # the decoder counts from after a byte order mark
         offset = error.start + (3 if data.startswith(codecs.BOM_UTF8) else 0)
         message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}"
         raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
@@ -80,7 +80,7 @@ def write_bytes(path: str, body: bytes) -> None:
     Raises
     ------
     InputError
-        If the place cannot be written to.
+        If the location cannot be written to.
     """
     target = Path(path)
     temporary = ""
@@ -91,7 +91,7 @@ def write_bytes(path: str, body: bytes) -> None:
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, target)
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
     finally:
         if temporary and os.path.exists(temporary):
             os.unlink(temporary)
@@ -99,7 +99,7 @@ def write_bytes(path: str, body: bytes) -> None:
 
 @contextmanager
 def new_folder(path: str, *, force: bool) -> Iterator[Path]:
-    """A folder that appears under its name only when the block has ended well.
+    """A folder that appears under its name only when the block succeeds.
 
     Yields a temporary sibling to fill; renames it at the end; removes it when the block raises.
 
@@ -115,7 +115,7 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
         temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
         os.chmod(temporary, 0o777 & ~_umask())
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
     try:
         yield temporary
         if target.exists():
@@ -123,7 +123,7 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
         else:
             temporary.rename(target)
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

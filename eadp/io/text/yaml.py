@@ -1,4 +1,4 @@
-"""YAML read strictly: YAML 1.2's core scalars, no aliases, no duplicate keys, and a place for every value."""
+"""Strict YAML: YAML 1.2's core scalars, no aliases, no duplicate keys, and the location of every value."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Document:
     places: dict[Path, tuple[int, int]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
     overrides: dict[Path, str] = field(default_factory=dict)
-    """Values that came from elsewhere: what to call that place in messages."""
+    """Values from another source, such as an option: its name in messages."""
 
     def fault(self, path: Path, message: str, expected: str = "") -> Fault:
         """A fault at the value of `path`, or at its nearest parent that the document has."""
@@ -127,13 +127,13 @@ def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fau
             faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
             continue
         result[key] = _build(value_node, (*path, key), document, faults)
-        # an empty value has no place of its own worth pointing at, nor has a block that starts a line later
+        # the location is the key's: an empty value has none, and a block starts a line later
         document.places[(*path, key)] = (mark.line + 1, mark.column + 1)
     return result
 
 
 def _without_surrogates(raw: str, path: Path, document: Document, faults: list[Fault]) -> str:
-    """A string whose escapes may have spelt a character as a pair of surrogates, as JSON does."""
+    """A string whose escapes may encode a character as a pair of surrogates, as in JSON."""
     try:
         return raw.encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent, walk
+from eadp.core.geometry.curves import (
+    CIRCLE,
+    LINE,
+    Point,
+    circle_of,
+    curve_length_m,
+    line_of,
+    points_along,
+    project,
+    tangent,
+)
 from eadp.models.plan.plan import Stage
 from eadp.models.plan.triggers import beyond
 
@@ -178,7 +188,7 @@ def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tu
             angle = first + circle.turn * sweep * i / count
             yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
     else:
-        points = walk(path, start, stage.sense, leg.distance_m / count or 1.0)
+        points = points_along(path, start, stage.sense, leg.distance_m / count or 1.0)
         for _ in range(count):
             point = next(points)
             yield point, _heading(leg, point)

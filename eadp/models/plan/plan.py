@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from eadp.core.expressions.derivatives import PathFunction, bind
-from eadp.core.expressions.expression import Expression
+from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.segments import Segment, State

@@ -13,9 +13,9 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import quick
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import jitted
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of
@@ -23,8 +23,6 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg, first_beyond_m, leg_length_m, leg_points
 from eadp.models.plan.plan import Stage
-
-FloatArray = NDArray[np.float64]
 
 NODES_PER_QUARTER, MAX_NODES = 4, 16
 CURVE_NODES = 24
@@ -55,7 +53,7 @@ class Route:
     nodes: tuple[Nodes, ...]
 
     @cached_property
-    def _flat(self) -> tuple[Nodes, NDArray[np.intp], NDArray[np.intp]]:
+    def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
         """The nodes of all legs that differ, to which of these each belongs, and which each leg has: laps repeat."""
         places: dict[int, int] = {}
         order = np.array([places.setdefault(id(nodes), len(places)) for nodes in self.nodes])
@@ -64,7 +62,7 @@ class Route:
         return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
 
     @cached_property
-    def _kinds(self) -> tuple[list[int], NDArray[np.intp]]:
+    def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
         places: dict[tuple[int, Vector], int] = {}
         keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
@@ -91,7 +89,7 @@ class Route:
         if not self.legs:
             return np.zeros(0), np.zeros(0)
         nodes, of_node, order = self._flat
-        return quick(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
+        return jitted(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
 
     @cached_property
     def free(self) -> FloatArray:
@@ -111,7 +109,7 @@ class Route:
             shares.append(told)
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
-    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, NDArray[np.intp]]]:
+    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
         firsts, order = self._kinds
         places: dict[object, int] = {}
@@ -130,7 +128,7 @@ class Route:
         return tuple(leg.stage.index for leg in self.legs)
 
     @cached_property
-    def stages(self) -> NDArray[np.intp]:
+    def stages(self) -> IntArray:
         """The stage of each leg, from 1, shape (legs,)."""
         return np.array(self.shape, dtype=np.intp)
 
@@ -209,8 +207,8 @@ def _times_s(
     cosine: FloatArray,
     sine: FloatArray,
     curvature_per_m: FloatArray,
-    of_node: NDArray[np.intp],
-    order: NDArray[np.intp],
+    of_node: IntArray,
+    order: IntArray,
     airspeed_mps: float,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:

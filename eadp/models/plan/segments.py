@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from eadp.core.expressions.expression import Expression, evaluate, substituted
+from eadp.core.expressions.tree import Expression, evaluate, substituted
 
 State = tuple[float, ...]
 """The values, in this lap, of a part's quantities that change from lap to lap."""

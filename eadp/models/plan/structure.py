@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.expressions.expression import Expression, constant, difference, is_zero, scaled, simplified, substituted
+from eadp.core.arrays import FloatArray
+from eadp.core.expressions.algebra import is_zero, simplified
+from eadp.core.expressions.tree import Expression, constant, difference, scaled, substituted
 from eadp.errors import EadpError, ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan, PointExpression, Stage
 from eadp.models.plan.segments import LoopVariable, Segment, State
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Where in their sets the parameters are looked at, as shares; without sets, the parameters themselves."""
@@ -176,18 +175,19 @@ def header_disagrees(plan: Plan) -> bool:
         return False
     dx, dy = plan.shift
     hx, hy = plan.header_shift
-    same = _equal(hx, dx) and _equal(hy, dy)
+    same = equal(hx, dx) and equal(hy, dy)
     opposite = _opposite(hx, dx) and _opposite(hy, dy)
     return not (same or opposite)
 
 
-def _equal(a: Expression, b: Expression) -> bool:
+def equal(a: Expression, b: Expression) -> bool:
+    """Whether two expressions have the same value for all values of their symbols."""
     gap = difference(a, b)
     return is_zero(gap.node) if gap.names else abs(gap.at()) < TOLERANCE
 
 
 def _opposite(a: Expression, b: Expression) -> bool:
-    return _equal(a, difference(constant(0.0), b))
+    return equal(a, difference(constant(0.0), b))
 
 
 def tidy(expression: Expression) -> Expression:

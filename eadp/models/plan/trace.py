@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, tangent, walk
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, points_along, tangent
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, TracePoint, leg_points
@@ -55,7 +55,7 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
         circle = circle_of(path, trigger, stage.sense)
         point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
     else:
-        point = next(itertools.islice(walk(path, trigger, -stage.sense, 1.0), 100, None))
+        point = next(itertools.islice(points_along(path, trigger, -stage.sense, 1.0), 100, None))
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 

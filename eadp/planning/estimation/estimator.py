@@ -14,43 +14,43 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, learned, rate_per_s, stationary_covariance
+from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
-FloatArray = NDArray[np.float64]
 EXACT, PUBLISHED = "exact", "published"
 
 FIRST_STD_W, FIRST_SHARE = 10.0, 0.5
-"""Standard deviation of the level after the first reading: this, or this share of it, whichever is more. A harmonic's
-parts have half of that."""
+"""Initial standard deviation of the level [W], and as a share of the first reading; the larger counts. Harmonics have
+half of it."""
 
 DRIFT_SHARE = 0.01
-"""Level and harmonics drift at least by this share of the noise about them in each √s: what a larger aircraft's do."""
+"""Smallest drift of level and harmonics per √s, as a share of the noise: it scales with the aircraft's power."""
 
 NOMINAL_PERIOD_SHARE, ONE_LAP_SHARE = 0.05, 0.02
-"""Standard deviation of a period as a share of it: of one that nobody has measured, and of the first lap's."""
+"""Relative standard deviation of a period: of a nominal one, and of one measured on fewer than three laps."""
 
 LEARN_PERIODS, LEARN_APERIODIC_S = 6, 300.0
-"""Length of the window that noise is learned from, in periods, or in seconds without a period."""
+"""Length of the window for the noise estimate, in periods, or in seconds without a period."""
 
-LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MOST = 2, 60.0, 10
-"""When noise is first learned, in periods or in seconds without one, from where laps begin; then after one and a half
-times as long as that is ago, but after `LEARN_MOST` periods, or as many times `LEARN_FIRST_S`, at the latest."""
+LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MAX_PERIODS = 2, 60.0, 10
+"""Time of the first noise estimate after the laps start, in periods, or in seconds without a period; the next follows
+after one and a half times the elapsed time, at the latest after `LEARN_MAX_PERIODS` periods, or as many times
+`LEARN_FIRST_S`."""
 
 EXACT_SENSOR_W = 1e-6
-"""Noise of a sensor that is said to have none, or next to none."""
+"""Smallest noise of a sensor, for one specified as exact."""
 
 LEARN_SAMPLES = 192
 READINGS_KEPT = 20_000
-LEAST_NOISE_W, LEAST_DISTURBANCE_W = 0.02, 0.05
-"""No quieter than this, whatever is learned: a calm flight may become unquiet."""
+MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
+"""Lower bounds of the estimated noise: a quiet flight may become noisy."""
 
 SHORTEST_DISTURBANCE_S = 0.01
-"""What stays for less than this is white noise to a sensor."""
+"""Shortest time constant of a disturbance: a shorter one is white noise to a sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,30 +75,24 @@ class EstimatorSettings:
 
 
 class Estimator(Protocol):
-    """What planners need of an estimator."""
+    """Interface of estimators: readings and laps in, forecast power out."""
 
     period_s: float | None
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return what was forecast for it [W]."""
+        """Take a reading [W], or None where there is none; return its one-step forecast [W]."""
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order; return what was forecast for the last one [W]."""
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """Take one or more readings in order; return the one-step forecast of the last [W]."""
 
     def lap(self, time_s: float) -> None:
-        """A lap has ended."""
+        """End a lap and start the next."""
 
-    def begin_lap(self, time_s: float) -> None:
-        """A lap begins that follows no other: what went before is no lap's time."""
+    def start_lap(self, time_s: float) -> None:
+        """Start timing a lap that follows no other."""
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading."""
-
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Motion power [W] and its variance [W²], `ahead_s` [s] after the last reading; the sensor's noise is apart."""
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """Energy [J] of the motion from the last reading on, over a duration [s], and its variance [J²]."""
 
     @property
     def state_w(self) -> FloatArray:
@@ -129,11 +123,11 @@ class LapClock:
         return self.period_s
 
     def begin(self, time_s: float) -> None:
-        """Start the clock anew without a lap's time."""
+        """Restart the clock without recording a lap."""
         self._started_s = time_s
 
     def lap(self, time_s: float) -> None:
-        """Start the clock anew."""
+        """Record a lap and restart the clock."""
         self.period_s = time_s - self._started_s
         self.laps.append(self.period_s)
         self._started_s = time_s
@@ -142,9 +136,9 @@ class LapClock:
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
-    The period is the last lap's time. How far it may be off is told by how much laps differ from one to the next, and
-    harmonics may drift as fast as that turns them. White noise and disturbance are learned in flight by their
-    likelihood, see `eadp.core.signals.disturbance.learned`.
+    The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
+    at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
+    `eadp.core.signals.disturbance.fit_disturbance`.
 
     Parameters
     ----------
@@ -175,12 +169,12 @@ class ExactEstimator:
         noise_w = max(settings.noise_w, EXACT_SENSOR_W)
         self._noise = (noise_w, settings.disturbance_std_w, settings.disturbance_time_s)
         state = np.zeros(2 * self._order + 3)
-        self._begun = state_w is not None
+        self._started = state_w is not None
         if state_w is not None:
             state[:-2] = state_w[: 2 * self._order + 1]
         self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
         self._time_s: float | None = None
-        self._learn_since_s = 0.0
+        self._learn_from_s = 0.0
         self._laps = _Laps()
         self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
         self._learn_at_s = math.inf
@@ -192,12 +186,12 @@ class ExactEstimator:
 
     @property
     def noise_w(self) -> float:
-        """Standard deviation of the readings' white noise [W], as learned so far."""
+        """Standard deviation of the readings' white noise [W], as estimated so far."""
         return self._noise[0]
 
     @property
     def disturbance(self) -> tuple[float, float]:
-        """Standard deviation [W] and time constant [s] of the disturbance, as learned so far."""
+        """Standard deviation [W] and time constant [s] of the disturbance, as estimated so far."""
         return self._noise[1], self._noise[2]
 
     @property
@@ -217,8 +211,8 @@ class ExactEstimator:
             if step_s > 0:
                 self._filter.predict(step_s)
             return self._filter.expected_w()
-        if not self._begun:
-            self._begin(motion_w)
+        if not self._started:
+            self._start(motion_w)
         if step_s > 0 and not self._settings.gate_w:
             expected = self._filter.follow(step_s, motion_w)
         else:
@@ -229,29 +223,29 @@ class ExactEstimator:
                 self._learn(time_s)
         return expected
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Readings together where nothing but the filter has to look at each; see `Estimator.observe_all`."""
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """Process readings in batches between noise estimates; see `Estimator.observe_batch`."""
         expected, n = 0.0, 0
         while n < len(times_s):
-            # up to where noise is learned next
+            # up to the next noise estimate
             end = bisect.bisect_left(times_s, self._learn_at_s, n)
             readings = [value for value in motion_w[n:end] if value is not None]
-            if self._time_s is None or not self._begun or self._settings.gate_w or not readings:
+            if self._time_s is None or not self._started or self._settings.gate_w or not readings:
                 end = n + 1
                 expected = self.observe(times_s[n], motion_w[n])
             elif len(readings) < end - n:
                 expected = _one_by_one(self, times_s[n:end], motion_w[n:end])
             else:
-                expected = self._filter.follow_all(self._time_s, times_s[n:end], readings)
+                expected = self._filter.follow_batch(self._time_s, times_s[n:end], readings)
                 self._time_s = times_s[end - 1]
                 if self._settings.learn_noise:
                     self._readings.extend(zip(times_s[n:end], readings, strict=True))
             n = end
         return expected
 
-    def _begin(self, motion_w: float) -> None:
-        """Start from the first reading: all of it is level."""
-        self._begun = True
+    def _start(self, motion_w: float) -> None:
+        """Initialise the level with the first reading."""
+        self._started = True
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
         self._filter.restart(state, self._first_covariance(motion_w))
@@ -268,17 +262,17 @@ class ExactEstimator:
     # --- laps
 
     def lap(self, time_s: float) -> None:
-        """Take the lap's time as the period, the first one apart: it may have begun anywhere."""
+        """Take the lap's time as the period, except the first: it may have started anywhere."""
         self._laps.end(time_s)
         times = self._laps.times_s
         if not times:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
-            self._period_std_s = _spread_s(times)
+            self._period_std_s = _lap_time_std_s(times)
             self._filter.dynamics = self._dynamics(self._filter.state)
 
-    def begin_lap(self, time_s: float) -> None:
+    def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
         self._laps = _Laps([time_s])
         self._learn_from(time_s)
@@ -286,49 +280,13 @@ class ExactEstimator:
     # --- forecasts
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """C e^{At} x, what is left of the disturbance included; see `Estimator.forecast`."""
+        """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
         power: FloatArray = self._rows(ahead_s) @ self._filter.state
         return power
-
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The forecast and its variance; see `Estimator.forecast_with_variance`.
-
-        The variance is that of the state as it is known, of the noise yet to come, and of the period: the slope of the
-        forecast by it times its standard deviation, and never more than a phase that nobody knows would make.
-        """
-        rows, known, moves = self._rows(ahead_s), self._filter, self._filter.dynamics
-        # C e^{At} P e^{Aᵀt} Cᵀ + what noise adds + (∂h/∂T)² var T
-        variance = np.einsum("ni,ij,nj->n", rows, known.covariance, rows)
-        variance += forecasting.power_variance_w2(moves.drift_w2_per_s, moves.std_w, moves.time_s, ahead_s)
-        if self.period_s is not None:
-            slope = forecasting.power_by_period(known.state, self.period_s, ahead_s)
-            variance += np.minimum((slope * self._period_std_s) ** 2, float(self._amplitude_w2().sum()))
-        return rows @ known.state, variance
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """The energy and its variance, in closed form; see `Estimator.energy_forecast`.
-
-        Of the power's errors along the way it knows how they go together. Variances as `forecast_with_variance` has.
-        """
-        known, moves = self._filter, self._filter.dynamics
-        row = forecasting.energy_row(moves.order, moves.period_s, moves.time_s, duration_s)
-        variance = float(row @ known.covariance @ row) + forecasting.energy_variance_j2(
-            moves.drift_w2_per_s, moves.period_s, moves.std_w, moves.time_s, duration_s
-        )
-        if self.period_s is not None:
-            slope = forecasting.energy_by_period(known.state, self.period_s, duration_s)
-            omega = 2 * math.pi / self.period_s * np.arange(1, self._order + 1)
-            most = float((self._amplitude_w2() / omega**2).sum())
-            variance += min((slope * self._period_std_s) ** 2, most)
-        return float(row @ known.state), variance
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
         moves = self._filter.dynamics
         return _power_rows(moves.order, moves.period_s, moves.time_s, np.asarray(ahead_s, dtype=float).tobytes())
-
-    def _amplitude_w2(self) -> FloatArray:
-        """Squared amplitude of each harmonic, shape (r,) [W²]."""
-        return _squared_amplitudes(self._filter.state)
 
     # --- the model
 
@@ -352,50 +310,50 @@ class ExactEstimator:
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
-        """Learn noise from readings from now on: what was flown before the laps is not like them."""
+        """Restart the noise estimate: flight before the laps has other statistics."""
         self._readings.clear()
-        self._learn_since_s = time_s
+        self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
-        """Noise and disturbance by their likelihood in the readings of a window, whatever the harmonics are."""
+        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
         unit_s = self.period_s or LEARN_FIRST_S
-        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_since_s), unit_s), LEARN_MOST * unit_s)
+        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
         times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         times, power = times[times > time_s - window_s], power[times > time_s - window_s]
         angle = 2 * math.pi * self._laps.turns(times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
-        found = learned(times, power, columns=columns, samples=LEARN_SAMPLES)
+        found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
         if math.isfinite(found.log_likelihood):
             self._relearn(found)
 
     def _relearn(self, found: DisturbanceFit) -> None:
-        """Go on with another noise. A state from readings that were noisier than it was thought is less certain."""
+        """Adopt a noise estimate, and widen the covariance if the noise is larger than assumed so far."""
         before = self._density_w2_s()
-        if found.std_w >= LEAST_DISTURBANCE_W:
+        if found.std_w >= MIN_DISTURBANCE_W:
             disturbance = (found.std_w, found.time_s)
         else:
-            disturbance = (LEAST_DISTURBANCE_W, self._noise[2])
-        self._noise = (max(found.noise_w, LEAST_NOISE_W), *disturbance)
+            disturbance = (MIN_DISTURBANCE_W, self._noise[2])
+        self._noise = (max(found.noise_w, MIN_NOISE_W), *disturbance)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
         self._filter.dynamics = self._dynamics(self._filter.state)
 
     def _density_w2_s(self) -> float:
-        """Spectral density of noise and disturbance at frequency 0: what a mean over a while is uncertain by."""
+        """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
         noise_w, std_w, time_s = self._noise
         return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
 class _Laps:
-    """When laps began, one after the other."""
+    """Times at which laps started."""
 
     def __init__(self, marks_s: list[float] | None = None) -> None:
         self._marks_s = marks_s or []
 
     def end(self, time_s: float) -> None:
-        """A lap has ended and the next begins."""
+        """End a lap and start the next."""
         self._marks_s.append(time_s)
 
     @property
@@ -404,17 +362,17 @@ class _Laps:
         return np.diff(self._marks_s).tolist()
 
     def turns(self, times_s: FloatArray, period_s: float) -> FloatArray:
-        """Laps flown at some times, from anywhere: ended ones are one turn each, others as the period says."""
+        """Laps flown at given times: completed ones are one turn each, others progress by the period."""
         marks = self._marks_s or [float(times_s[0])]
         far = 1e6
-        places = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
+        marks_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
         count = np.arange(len(marks), dtype=float)
-        turns: FloatArray = np.interp(times_s, places, np.concatenate([[-far], count, [count[-1] + far]]))
+        turns: FloatArray = np.interp(times_s, marks_s, np.concatenate([[-far], count, [count[-1] + far]]))
         return turns
 
 
-def _spread_s(times_s: list[float]) -> float:
-    """Standard deviation of the next lap's time about the last one's [s]: of the changes from lap to lap so far."""
+def _lap_time_std_s(times_s: list[float]) -> float:
+    """Standard deviation of the next lap's time [s]: root mean square of the changes between laps."""
     if len(times_s) < 3:
         return ONE_LAP_SHARE * times_s[-1]
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
@@ -427,15 +385,15 @@ def _squared_amplitudes(state: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> FloatArray:
-    """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, remembered."""
+    """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, cached."""
     return forecasting.power_rows(order, period_s, time_s, np.frombuffer(ahead))
 
 
 class PublishedEstimator:
     """The filter as the published flights ran it.
 
-    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, a state of ones at
-    the start, and a period that grows with the running lap from 1 s on.
+    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, an initial state
+    of ones, and a period that grows with the running lap from 1 s on.
 
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """
@@ -478,8 +436,8 @@ class PublishedEstimator:
         self._state = state
         return expected
 
-    def observe_all(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """One step each; see `Estimator.observe_all`."""
+    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+        """One step each; see `Estimator.observe_batch`."""
         return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
@@ -494,7 +452,7 @@ class PublishedEstimator:
         """Restart the clock."""
         self._clock.lap(time_s)
 
-    def begin_lap(self, time_s: float) -> None:
+    def start_lap(self, time_s: float) -> None:
         """Restart the clock without a lap's time."""
         self._clock.begin(time_s)
 
@@ -502,13 +460,3 @@ class PublishedEstimator:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
         assert self.period_s is not None
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
-
-    def forecast_with_variance(self, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The forecast, and 0 for its variance: the published filter's covariances tell none."""
-        return self.forecast(ahead_s), np.zeros(len(ahead_s))
-
-    def energy_forecast(self, duration_s: float) -> tuple[float, float]:
-        """The energy [J] of the forecast, and 0 for its variance: the published filter's covariances tell none."""
-        assert self.period_s is not None
-        row = forecasting.energy_row(self._order, self.period_s, 1.0, duration_s)
-        return float(row[:-2] @ self.state_w), 0.0

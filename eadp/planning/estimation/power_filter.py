@@ -1,9 +1,9 @@
 """The Kalman filter behind the exact estimator: a Fourier state and a disturbance, moved by the exact step.
 
-Readings that come evenly are the rule, and what they do to the covariance does not depend on their values. So once the
-gain hardly changes any more it is held for a block of readings, and the covariance goes through the block in one map
-(`eadp.core.signals.riccati`), which is exact but for the gain being up to a block old. `SETTLED` says how little change
-that is; everything else, a drop-out, a gated reading, an odd step, a new model, is taken one step at a time.
+The covariance does not depend on the values of the readings. Once the gain has converged (`SETTLED`), it is held for a
+block of evenly spaced readings, and the covariance passes the block in one map (`eadp.core.signals.riccati`), which is
+exact except that the gain is up to a block old. A drop-out, a gated reading, an irregular step or a new model is
+processed step by step.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import quick
+from eadp.core.arrays import FloatArray
+from eadp.core.compiled import jitted
 from eadp.core.signals import forecasting
 from eadp.core.signals.kalman import predict, update
 from eadp.core.signals.riccati import CovarianceMap, step_map
-
-FloatArray = NDArray[np.float64]
 
 BLOCK_DOUBLINGS = 4
 BLOCK = 2**BLOCK_DOUBLINGS
@@ -34,7 +32,7 @@ SAME_STEP_S = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnergyDynamics:
-    """How the state moves between readings, and how they see it; units as in `eadp.core.signals.forecasting`."""
+    """State-space model of the motion power; units as in `eadp.core.signals.forecasting`."""
 
     order: int
     period_s: float
@@ -72,29 +70,29 @@ class EnergyFilter:
 
     @property
     def covariance(self) -> FloatArray:
-        """P, with every reading that has been taken."""
+        """P after every reading taken."""
         self._catch_up()
         return self._covariance
 
     @property
     def dynamics(self) -> EnergyDynamics:
-        """How the state moves."""
+        """The state-space model."""
         return self._dynamics
 
     @dynamics.setter
     def dynamics(self, dynamics: EnergyDynamics) -> None:
-        """Move in another way from now on; the state keeps its meaning, so phases continue where they are."""
+        """Switch to another model; the state keeps its meaning, so phases continue."""
         self._step_by_step()
         self._dynamics = dynamics
         self._step_s = 0.0
 
     def restart(self, state: FloatArray, covariance: FloatArray) -> None:
-        """Go on from another state and covariance."""
+        """Replace state and covariance."""
         self._step_by_step()
         self.state, self._covariance = state, covariance
 
     def widen(self, factor: float) -> None:
-        """Take the covariance to be larger by a factor."""
+        """Scale the covariance by a factor."""
         self._step_by_step()
         self._covariance = factor * self._covariance
 
@@ -103,19 +101,19 @@ class EnergyFilter:
         return float(self._output @ self.state)
 
     def predict(self, step_s: float) -> None:
-        """Move on by a step without a reading."""
+        """Predict over a step without a reading."""
         self._step_by_step()
         self._prepare(step_s)
         self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
 
     def correct(self, measured_w: float) -> None:
-        """Take a reading of now."""
+        """Update with a reading."""
         self._step_by_step()
         variance = self._dynamics.noise_w**2
         self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
 
     def follow(self, step_s: float, measured_w: float) -> float:
-        """Move on by a step and take a reading; return what was expected of it [W]."""
+        """Predict over a step, update with a reading, and return its forecast [W]."""
         if self._maps and abs(step_s - self._step_s) < SAME_STEP_S:
             return self._follow_held(np.array([measured_w]))
         same = abs(step_s - self._step_s) < SAME_STEP_S
@@ -127,8 +125,8 @@ class EnergyFilter:
             self._hold()
         return expected
 
-    def follow_all(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
-        """`follow` readings at some times [s], the first after `before_s`; return what was expected of the last [W]."""
+    def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
+        """`follow` readings at some times [s], the first after `before_s`; return the forecast of the last [W]."""
         steps = [after - before for before, after in itertools.pairwise((before_s, *times_s))]
         expected, n, count = 0.0, 0, len(steps)
         while n < count:
@@ -145,8 +143,8 @@ class EnergyFilter:
         return expected
 
     def _follow_held(self, measured_w: FloatArray) -> float:
-        """Take readings of one block, the gain held; return what was expected of the last [W]."""
-        held = quick(_held)
+        """Take readings of one block, the gain held; return the forecast of the last [W]."""
+        held = jitted(_held)
         self.state, expected = held(self._transition, self._output, self._gain, self.state, measured_w)
         self._held += len(measured_w)
         if self._held == BLOCK:
@@ -165,22 +163,22 @@ class EnergyFilter:
         return gain
 
     def _change(self, before: FloatArray) -> float:
-        """The most that the correlation of a state with a reading has changed."""
-        spread = np.sqrt(np.maximum(np.diagonal(self._covariance), 1e-18))
-        return float(np.max(np.abs(self._gain - before) / spread)) * self._dynamics.noise_w
+        """Largest change of the correlation of a state with a reading."""
+        std = np.sqrt(np.maximum(np.diagonal(self._covariance), 1e-18))
+        return float(np.max(np.abs(self._gain - before) / std)) * self._dynamics.noise_w
 
     def _hold(self) -> None:
-        """Hold the gain from here on, and prepare the maps of 1, 2, 4, … steps."""
+        """Hold the gain, and compose the maps of 1, 2, 4, … steps."""
         maps = [step_map(self._transition, self._noise, self._output, self._dynamics.noise_w**2)]
         for _ in range(BLOCK_DOUBLINGS):
             maps.append(maps[-1].then(maps[-1]))
         self._maps, self._held = tuple(maps), 0
 
     def _catch_up(self) -> None:
-        """Take the covariance through the readings that the state has already seen."""
+        """Update the covariance for the readings that the state has already taken."""
         for k, powers in enumerate(self._maps):
             if self._held >> k & 1:
-                self._covariance = powers.of(self._covariance)
+                self._covariance = powers.apply(self._covariance)
         self._held = 0
 
     def _step_by_step(self) -> None:
@@ -192,7 +190,7 @@ class EnergyFilter:
 def _held(
     transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
 ) -> tuple[FloatArray, float]:
-    """The state after readings, and what was expected of the last one [W]."""
+    """The state after readings, and the forecast of the last one [W]."""
     expected = 0.0
     for value in measured_w:
         state = transition @ state

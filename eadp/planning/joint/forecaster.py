@@ -12,9 +12,9 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import quick
+from eadp.core.arrays import FloatArray
+from eadp.core.compiled import jitted
 from eadp.core.flight.wind import GUST_TIME_S, WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
@@ -25,8 +25,6 @@ from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
 from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
-
-FloatArray = NDArray[np.float64]
 
 WIND_STEP_MPS = 0.02
 """A wind that has changed by less is planned with as before."""
@@ -194,7 +192,7 @@ class Forecaster:
         for x, y, step_s in zip(readings.x_m, readings.y_m, steps, strict=True):
             self._off_path((x, y), step_s)
         first = 0 if steps[0] > 0 else 1  # before the first of all nothing is known to have lasted
-        self._wind.observe_all(
+        self._wind.observe_batch(
             readings.vx_mps[first:], readings.vy_mps[first:], readings.headings_rad[first:], steps[first:]
         )
         jumped = False
@@ -206,9 +204,9 @@ class Forecaster:
             self._known_wind = None
         return jumped
 
-    def in_doubt(self, soc: float) -> bool:
+    def is_ambiguous(self, soc: float) -> bool:
         """Whether the charge, `soc` now, may have jumped: the next reading will tell."""
-        return self._charge.in_doubt(soc)
+        return self._charge.is_ambiguous(soc)
 
     def _since(self, time_s: float) -> float:
         """How long after the last readings these are [s]."""
@@ -259,7 +257,7 @@ class Forecaster:
         if course is not None and self._stages_started > 1:
             forecast_s = float(course.times_s(self._speed, self.wind_mps)[0][0])
             self._ratio.learn(forecast_s, duration, self._wind.gust_std_mps, self._speed, GUST_TIME_S)
-        self._motion.end_spell(self._slope)
+        self._motion.end_window(self._slope)
         self._margin_m = max(self._least_margin_m, 2 * math.sqrt(self._off_path_m2))
         self._stages_started = o.stages_started
         self._cursor, self._joined = o.cursor, o.joined_m
@@ -389,7 +387,7 @@ class Forecaster:
         if not math.isfinite(whole.sum()):
             return None
         left, motion = self._left(course, float(whole[0])), self._motion
-        times, motion_w, total_s, bank_s = quick(_left_of)(
+        times, motion_w, total_s, bank_s = jitted(_left_of)(
             whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w
         )
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(course)

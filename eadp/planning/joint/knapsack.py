@@ -12,10 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from eadp.core.arrays import FloatArray, IntArray
 
 FULL = 1e-9
 """A charge short by less than this is enough."""

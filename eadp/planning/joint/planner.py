@@ -16,8 +16,8 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
@@ -35,8 +35,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.forecaster import Forecaster, ripple_w
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
-
-FloatArray = NDArray[np.float64]
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 
@@ -95,7 +93,7 @@ class JointPlanner(TrackingPlanner):
         read = o.time_s >= self._next_reading_s - 1e-9
         self._track(o)
         self._jumped |= read and ahead.read(o, self._computing_w)
-        self._looked_s, self._in_doubt = o.time_s, ahead.in_doubt(o.soc)
+        self._looked_s, self._in_doubt = o.time_s, ahead.is_ambiguous(o.soc)
         if self._jumped:
             why = JUMPED
         elif not why and o.time_s >= self._next_s - 1e-9:

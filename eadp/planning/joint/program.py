@@ -24,13 +24,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible, SolverFailed
 from eadp.planning.joint.knapsack import FULL, Allocation, Increments, allocation_of, fill_greedy
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
-FloatArray = NDArray[np.float64]
 Shares = tuple[float, ...]
 """Path parameters as shares of their boxes."""
 

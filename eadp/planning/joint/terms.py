@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eadp.core.compiled import quick
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import jitted
 from eadp.core.flight.battery import drains_per_s
 from eadp.errors import Infeasible
 from eadp.models.battery import Battery
@@ -19,9 +19,7 @@ from eadp.models.computing import Computing
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Box, Plan
 from eadp.models.plan.route import Route
-from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, IntArray, concave_envelope
-
-FloatArray = NDArray[np.float64]
+from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 
 QUALITY, TOTAL = "quality", "total"
 MOST_CONFIGURATIONS = 50_000
@@ -173,11 +171,11 @@ class TermBuilder:
             powers = self.configurations(course.legs[first].stage.sets, course.parameters[first])[1]
             lowest[members], highest[members] = powers[0], powers[-1]
         # not below the reserve on the way
-        volts, room, beyond, least_soc = quick(_on_the_way, drains_per_s)(
+        volts, room, beyond, least_soc = jitted(_on_the_way, drains_per_s)(
             times, segments.motion_w, segments.peak_w, lowest, highest, soc, min(reserve_soc, soc), self._cell
         )
         groups = _Groups(worth_past, len(times))
-        steps_of = quick(_steps, drains_per_s)
+        steps_of = jitted(_steps, drains_per_s)
         for first, members in alike:
             stage, own = course.legs[first].stage, course.parameters[first]
             powers = self.configurations(stage.sets, own)[1]
@@ -212,7 +210,7 @@ class TermBuilder:
             worth = self._weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
             worth /= max(float((worth * most).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return worth, 0.0
-        return quick(_quality)(course.free, course.shares, times, times_s, areas_s, self._weights, rho)
+        return jitted(_quality)(course.free, course.shares, times, times_s, areas_s, self._weights, rho)
 
     # --- menus
 

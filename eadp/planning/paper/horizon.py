@@ -1,20 +1,19 @@
-"""The computations over a receding horizon: the optimal control problem, as reals and as integers.
+"""Optimal control of the computations over a receding horizon: continuous relaxation and integer solution.
 
-The periodic motion power is exogenous (B touches α0 only), so the states drop out of the problem: what is
-left are the computations' parameters at each step of the horizon, z ∈ [0, 1] of their sets, coupled by the
-state of charge alone.
+The periodic motion power is exogenous (B touches α0 only), so the states drop out of the problem. The variables are
+the computations' parameters at each step of the horizon, z ∈ [0, 1] of their sets, coupled by the state of charge.
 
     maximise   Σ_m l(c_m)                                     convex in c: linearised round a plan, repeated
     subject to y_m = h_m + g(c_m) ≤ b_m · Q_c V crate         the output constraint, at each step
                b_m = b_0 − Σ_{j≤m} k_b I(h̄_j + g(c_j)) Δ/Q_c  the battery
                R c_m − r ≥ 0                                  trade-offs
 
-y ≥ 0 needs no row: no choice of computations makes a power negative that is not so without them.
+y ≥ 0 needs no row: computations only add power.
 
-The reals come from a sequence of QPs that climbs to them. For one computation a closed form often tells them, with
-multipliers that prove it: then it is taken, or, where QPs are asked for, their climb from the last plan ends there.
-Steps share nothing but charge, so values that computations may take are searched, not only rounded to: of each
-choice only its power, its charge and its worth matter.
+The relaxation is solved by a sequence of QPs. For one computation a closed form is often optimal, certified by its
+multipliers: then it is the solution, or, where QPs are requested, the bound at which their sequence from the last plan
+stops. Steps share nothing but charge, so the integer solution is found by branch and bound, not only by rounding: each
+choice enters by its power, its charge and its value.
 
 Source: letter, Eq. 16 and Def. III.3; drafts 003 and 004 for the trade-offs and for the subroutine that
 lowers by δ.
@@ -32,66 +31,65 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.battery import current_slope_a_per_w, currents_a
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
-FloatArray = NDArray[np.float64]
 Table = list[list[float]]
 Numbers = Any
 
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
 COSTS = (CONTROL, POWER, QUADRATIC, OUTPUT)
 PROXIMAL = (0.03, 0.3)
-"""Of a gradient scaled to 1: little takes few QPs, more is for those that OSQP does not solve then."""
+"""Proximal weights for a gradient scaled to 1: the first needs few QPs, the second is for those that OSQP fails on."""
 
 PASSES = 25
-"""Most QPs of a climb."""
+"""Most QPs of one ascent."""
 
-SKETCHES = 4
-"""Most QPs that find where to climb from."""
+CHORD_PASSES = 4
+"""Most QPs of the ascent along chords that finds a starting point."""
 
-STILL = 1e-7
-"""Share of its set that a parameter may move in a plan that stands still."""
+STATIONARY = 1e-7
+"""Movement, as a share of its set, below which a plan is stationary."""
 
 REACHED = 1e-7
-"""Share of an objective by which QPs may end below what is proven to be the best."""
+"""Relative tolerance within which QPs have reached the certified optimum."""
 
 SAME = 1e-10
-"""Share of an objective that makes no difference."""
+"""Relative tolerance of equal objectives."""
 
 FEASIBLE_W = 1e-6
-"""Power above the limit that is taken for rounding."""
+"""Excess of power that counts as rounding [W]."""
 
 FLOOR_SLACK = 1e-4
-"""Share of the span of power that the solver's reals may lie below a level that they mean."""
+"""Tolerance, as a share of the span of power, within which a relaxed value counts as its next level above."""
 
 CHOICES = 4096
-"""Most combinations of levels that are looked at; of more, every second level of the longest is left out."""
+"""Most combinations of levels; of more, every second level of the longest list is left out."""
 
 WORK = 20_000
-"""Steps that a search may look at; its first descent is feasible, and nearly always the best."""
+"""Most steps that branch and bound visits; its first descent is feasible, and nearly always optimal."""
 
 TIGHTEST = 1e-5
-"""Smallest share of its set that a parameter is measured in."""
+"""Smallest scaling of a parameter, as a share of its set."""
 
 DELIVERED = 0.99
-"""Share of the current of greatest power that the climb starts from at most: slopes are infinite there."""
+"""Limit of a starting point, as a share of the current of maximum power, where slopes are infinite."""
 
 BEND = 1e-9
-"""Share of a function's range below which it does not bend."""
+"""Relative tolerance of collinear knots."""
 
 DIFFERENCE = 1e-4
-"""Share of its set by which a parameter is moved to tell a slope."""
+"""Step of finite differences, as a share of the set."""
 
 
 @dataclass(frozen=True)
 class ComputationLevels:
-    """The computations that may be chosen now.
+    """The computations, their sets, levels and power.
 
     Parameters
     ----------
@@ -104,8 +102,8 @@ class ComputationLevels:
     Attributes
     ----------
     knots, values : list of float
-        One computation: where g bends and what it is there [W]; g is taken as linear between its levels and
-        the ends of its set. Several: empty.
+        One computation: knots of the piecewise linear g, and its values [W]; g is linear between its levels and the
+        ends of its set. Several: empty.
     """
 
     low: FloatArray
@@ -154,7 +152,7 @@ class ComputationLevels:
             return np.full_like(c, self._slopes[0] if len(self._slopes) else 0.0)
         return self._slopes[self.pieces(c, side), None]
 
-    def pieces(self, c: FloatArray, side: int = 1) -> NDArray[np.intp]:
+    def pieces(self, c: FloatArray, side: int = 1) -> IntArray:
         """One computation: which linear piece each step is on, shape (M,); at a knot, the one on a side."""
         nudge = side * BEND * (self.knots[-1] - self.knots[0])
         return np.clip(np.searchsorted(self.knots, c[:, 0] + nudge, "right") - 1, 0, len(self.knots) - 2)
@@ -173,7 +171,7 @@ class ComputationLevels:
 
 @dataclass(frozen=True)
 class HorizonForecast:
-    """What the horizon looks like from now.
+    """Forecast over the horizon.
 
     Parameters
     ----------
@@ -198,9 +196,9 @@ class HorizonForecast:
 
 @dataclass(frozen=True)
 class HorizonSolution:
-    """An answer: the parameters at each step, shape (M, σ), as reals and as values that may be taken.
+    """A solution: the parameters at each step, shape (M, σ), relaxed and on their levels.
 
-    `passes` is how many QPs it took, 0 where the closed form was proven and taken.
+    `passes` is the number of QPs, 0 where the certified closed form is the solution.
     """
 
     relaxed: FloatArray
@@ -211,7 +209,7 @@ class HorizonSolution:
 
     @property
     def gap(self) -> float:
-        """How far the integer objective lies below the real one, as a share of it."""
+        """Relative gap between the relaxed and the integer objective."""
         return (self.relaxed_objective - self.objective) / max(abs(self.relaxed_objective), 1e-12)
 
 
@@ -227,11 +225,11 @@ class Horizon:
     cost : str
         `control`, `power`, `quadratic` or `output`.
     trade_offs : sequence of (R row of shape (σ,), r)
-        Rows R c − r ≥ 0; what other parameters add is in r already.
+        Rows R c − r ≥ 0; contributions of other parameters are in r.
     weights : (float, float)
         Q and R of cost `quadratic`, as multiples of the identity.
     closed_form : bool
-        Take the closed form as the reals where its multipliers prove it; without, QPs climb there.
+        Use the closed form where its multipliers certify it; otherwise QPs.
     """
 
     def __init__(
@@ -254,7 +252,7 @@ class Horizon:
         self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, computations.count)
         self._least = np.array([r for _, r in trade_offs], dtype=float)
         self._width = computations.high - computations.low
-        # the lowest parameters, and each raised to its highest alone
+        # the minimum parameters, and each alone at its maximum
         ends = computations.low + np.vstack([np.zeros(computations.count), np.diag(self._width)])
         self._end_powers = np.array([computations.power(end.tolist()) for end in ends])
         self._nu, self._tau = _separate(computations.low, self._width, self._end_powers)
@@ -268,7 +266,7 @@ class Horizon:
         self._build_program()
 
     def _list_choices(self) -> None:
-        """Every combination of levels that keeps the trade-offs, the least power first."""
+        """Every combination of levels that satisfies the trade-offs, in order of power."""
         choices = np.array(list(itertools.product(*_thinned(self._c.levels))), dtype=float)
         choices = choices[(choices @ self._rows.T >= self._least - _slack(self._least)).all(axis=1)]
         powers = np.array([self._c.power(choice.tolist()) for choice in choices], dtype=float)
@@ -278,7 +276,7 @@ class Horizon:
         self._controls = ((self._nu * self._choices + self._tau) ** 2).sum(axis=1)
 
     def _build_program(self) -> None:
-        """Rows of the QP that stay: boxes, then powers (each with every step until then), then trade-offs."""
+        """Constant rows of the QP: boxes, then powers (each with every step until then), then trade-offs."""
         steps, count, extra = self._steps, self._c.count, len(self._rows)
         size = steps * count
         self._until = np.repeat(np.tril(np.ones((steps, steps))), count, axis=1)
@@ -294,12 +292,12 @@ class Horizon:
 
     # --- the model
 
-    def objective(self, c: FloatArray, outlook: HorizonForecast) -> float:
+    def objective(self, c: FloatArray, forecast: HorizonForecast) -> float:
         """Σ_m l(c_m) at parameters of shape (M, σ)."""
         controls = ((self._nu * c + self._tau) ** 2).sum(axis=1)
-        return float(self._worth(controls, self._c.power_w(c), outlook.limit_motion_w, outlook).sum())
+        return float(self._stage_value(controls, self._c.power_w(c), forecast.limit_motion_w, forecast).sum())
 
-    def excess_w(self, c: FloatArray, outlook: HorizonForecast) -> FloatArray:
+    def excess_w(self, c: FloatArray, forecast: HorizonForecast) -> FloatArray:
         """How far each step's power is above what the battery allows [W], shape (M,); no trade-offs.
 
         Raises
@@ -309,24 +307,24 @@ class Horizon:
         """
         g = self._c.power_w(c)
         b = self._battery
-        current = currents_a(outlook.mean_motion_w + g, b.voltage_v, b.resistance_ohm)
-        allowed = b.power_per_soc_w * (outlook.soc - self._soc_per_a(outlook) * np.cumsum(current))
-        result: FloatArray = outlook.limit_motion_w + g - allowed
+        current = currents_a(forecast.mean_motion_w + g, b.voltage_v, b.resistance_ohm)
+        allowed = b.power_per_soc_w * (forecast.soc - self._soc_per_a(forecast) * np.cumsum(current))
+        result: FloatArray = forecast.limit_motion_w + g - allowed
         return result
 
-    def feasible(self, c: FloatArray, outlook: HorizonForecast) -> bool:
+    def feasible(self, c: FloatArray, forecast: HorizonForecast) -> bool:
         """Whether every constraint holds at parameters of shape (M, σ), to 1e-6 W."""
         try:
-            powers = bool((self.excess_w(c, outlook) <= FEASIBLE_W).all())
+            powers = bool((self.excess_w(c, forecast) <= FEASIBLE_W).all())
         except Infeasible:
             return False
         return powers and bool((c @ self._rows.T >= self._least - _slack(self._least)).all())
 
-    def _soc_per_a(self, outlook: HorizonForecast) -> float:
+    def _soc_per_a(self, forecast: HorizonForecast) -> float:
         """What a step takes off the state of charge for each ampere: k_b Δ/Q_c [1/A]."""
-        return self._battery.k_b_per_s * outlook.step_s / self._battery.capacity_ah
+        return self._battery.k_b_per_s * forecast.step_s / self._battery.capacity_ah
 
-    def _worth(self, controls: Numbers, g: Numbers, limit: Numbers, outlook: HorizonForecast) -> Numbers:
+    def _stage_value(self, controls: Numbers, g: Numbers, limit: Numbers, forecast: HorizonForecast) -> Numbers:
         """l from Σû² of the computations [W²], their power and the motion's [W]; numbers, or arrays that fit."""
         if self._cost == OUTPUT:
             # l = ½y²
@@ -334,156 +332,155 @@ class Horizon:
         if self._cost == CONTROL:
             return controls
         # l = ½(q + Bu)ᵀ diag(C) (q + Bu), or with Q for diag(C) and ½uᵀRu beside it
-        power = 0.5 * ((outlook.level_w + g) ** 2 + outlook.ripple_w2)
+        power = 0.5 * ((forecast.level_w + g) ** 2 + forecast.ripple_w2)
         q, r = self._weights
         return power if self._cost == POWER else q * power + 0.5 * r * controls
 
     def _gain(
-        self, nu: Numbers, control: Numbers, g: Numbers, slope: Numbers, limit: Numbers, outlook: HorizonForecast
+        self, nu: Numbers, control: Numbers, g: Numbers, slope: Numbers, limit: Numbers, forecast: HorizonForecast
     ) -> Numbers:
         """∂l/∂c from ν, û, g and ∂g/∂c; numbers, or arrays that fit."""
         if self._cost == OUTPUT:
             return (limit + g) * slope
         if self._cost == CONTROL:
             return 2 * nu * control
-        power = (outlook.level_w + g) * slope
+        power = (forecast.level_w + g) * slope
         q, r = self._weights
         return power if self._cost == POWER else q * power + r * nu * control
 
-    # --- an answer
+    # --- solution
 
-    def solve(self, outlook: HorizonForecast) -> HorizonSolution:
-        """The best values that computations may take, and the best reals.
+    def solve(self, forecast: HorizonForecast) -> HorizonSolution:
+        """The integer solution and the relaxation.
 
         Raises
         ------
         Infeasible
-            If not even the values of least power are admissible.
+            If not even the levels of minimum power are feasible.
         SolverFailed
-            If the solver gave no answer; the caller's fallback is `lowered`.
+            If the solver failed; the caller's fallback is `lowered`.
         """
-        made, objective, whole = self._search(outlook)
+        made, objective, whole = self._search(forecast)
         chosen = self._choices[made]
-        relaxed, best, passes = self._reals(chosen, objective, outlook)
+        relaxed, best, passes = self._reals(chosen, objective, forecast)
         if not whole:
-            chosen, objective = self._floored(relaxed, chosen, objective, outlook)
+            chosen, objective = self._floored(relaxed, chosen, objective, forecast)
         if objective > best:
             relaxed, best = chosen, objective
         return HorizonSolution(relaxed, chosen, objective, best, passes)
 
-    def _reals(self, chosen: FloatArray, least: float, outlook: HorizonForecast) -> tuple[FloatArray, float, int]:
-        """The best reals, their objective and the QPs it took."""
+    def _reals(self, chosen: FloatArray, least: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
+        """The relaxed solution, its objective and the number of QPs."""
         starts = [chosen]
         if self._increasing and not len(self._rows):
-            steps = self._filled(outlook)
-            filled, value = np.array([[step.c] for step in steps]), sum(step.worth for step in steps)
-            if value >= least - SAME * abs(least) and _proven(steps):
+            steps = self._fill_greedy(forecast)
+            filled, value = np.array([[step.c] for step in steps]), sum(step.value for step in steps)
+            if value >= least - SAME * abs(least) and _is_optimal(steps):
                 if self._closed_form:
                     return filled, value, 0
-                return self._climbed_to(value, filled, chosen, outlook)
+                return self._ascent_to(value, filled, chosen, forecast)
             starts.append(filled)
-        return self._highest(starts, outlook)
+        return self._best_ascent(starts, forecast)
 
-    def _climbed_to(
-        self, value: float, filled: FloatArray, chosen: FloatArray, outlook: HorizonForecast
+    def _ascent_to(
+        self, value: float, filled: FloatArray, chosen: FloatArray, forecast: HorizonForecast
     ) -> tuple[FloatArray, float, int]:
-        """The reals by QPs from the last plan, where multipliers have proven what the best are worth.
+        """The relaxed solution by QPs from the last plan, where multipliers certify its optimum.
 
-        The climb ends as soon as it is there. Where it ends lower, or OSQP fails on the way, the proven plan is the
-        answer.
+        The ascent stops at the optimum. Where it ends lower, or OSQP fails, the certified plan is the solution.
         """
         enough = value - REACHED * abs(value)
-        begin = chosen if self._last is None or not self.feasible(self._last, outlook) else self._last
+        start = chosen if self._last is None or not self.feasible(self._last, forecast) else self._last
         relaxed, best, passes = filled, value, 0
         with contextlib.suppress(SolverFailed, Infeasible):
-            top, worth, passes = self._climbed(begin, outlook, enough=enough)
-            if worth >= enough:
-                relaxed, best = top, worth
+            top, reached, passes = self._ascent(start, forecast, enough=enough)
+            if reached >= enough:
+                relaxed, best = top, reached
         self._last = relaxed
         return relaxed, best, passes
 
-    def _highest(self, starts: list[FloatArray], outlook: HorizonForecast) -> tuple[FloatArray, float, int]:
-        """Where charge is short, tops are many: the highest of those climbed to from several plans.
+    def _best_ascent(self, starts: list[FloatArray], forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
+        """The best local maximum reached from several plans: where charge is short there are many.
 
         Raises
         ------
         SolverFailed
-            If OSQP failed on the way from each.
+            If OSQP failed from each.
         """
-        passes, tops, failures = 0, [], []
+        passes, maxima, failures = 0, [], []
         least = np.tile(self._choices[0], (self._steps, 1))
-        for start, chords in (*((start, None) for start in starts), (least, self._chords(outlook))):
+        for start, chords in (*((start, None) for start in starts), (least, self._chords(forecast))):
             try:
-                begin, _, sketches = (start, 0.0, 0) if chords is None else self._climbed(start, outlook, chords)
-                top, value, more = self._climbed(begin, outlook)
-            except (SolverFailed, Infeasible) as error:  # a QP round an admissible plan has an answer
+                first, _, chord_passes = (start, 0.0, 0) if chords is None else self._ascent(start, forecast, chords)
+                top, value, more = self._ascent(first, forecast)
+            except (SolverFailed, Infeasible) as error:  # a QP round a feasible plan is feasible
                 failures.append(str(error))
                 continue
-            tops.append((value, top))
-            passes += sketches + more
-        if not tops:
+            maxima.append((value, top))
+            passes += chord_passes + more
+        if not maxima:
             raise SolverFailed(failures[0])
-        best, relaxed = max(tops, key=lambda top: top[0])
+        best, relaxed = max(maxima, key=lambda top: top[0])
         return relaxed, best, passes
 
-    # --- values that computations may take
+    # --- integer solution
 
-    def _search(self, outlook: HorizonForecast) -> tuple[list[int], float, bool]:
-        """The best choice for each step, what they are worth, and whether the search came to its end.
+    def _search(self, forecast: HorizonForecast) -> tuple[list[int], float, bool]:
+        """The best choice for each step, their value, and whether the search completed.
 
-        Charge is counted as if every step so far had made the choice of least power, less what the choices
-        made took beyond that: then what a choice needs does not depend on those before.
+        Charge is counted relative to choices of minimum power at every step so far: then the charge that a choice needs
+        does not depend on the choices before it.
         """
         if not len(self._choices):
-            raise Infeasible("no values of the computations keep the trade-offs")
-        b, limit = self._battery, outlook.limit_motion_w[:, None]
-        total = outlook.mean_motion_w[:, None] + self._powers
+            raise Infeasible("no values of the computations satisfy the trade-offs")
+        b, limit = self._battery, forecast.limit_motion_w[:, None]
+        total = forecast.mean_motion_w[:, None] + self._powers
         under_root = b.voltage_v**2 - 4 * b.resistance_ohm * total
         # Δb = k_b I(y) Δ/Q_c
-        drop = total / (b.voltage_v + np.sqrt(np.maximum(under_root, 0.0))) * (2 * self._soc_per_a(outlook))
+        drop = total / (b.voltage_v + np.sqrt(np.maximum(under_root, 0.0))) * (2 * self._soc_per_a(forecast))
         beyond = drop - drop[:, :1]
         needed = (limit + (self._powers - FEASIBLE_W)) / b.power_per_soc_w + beyond
         needed += np.cumsum(drop[:, 0])[:, None]
         needed[under_root < 0] = math.inf
-        # the rest at its least must remain possible: a choice needs what later steps do, and what it takes
+        # minimum power must remain possible later: a choice needs what later steps need, and what it uses
         later = np.maximum.accumulate(needed[::-1, 0])[::-1]
-        if not later[0] <= outlook.soc:
-            if math.isnan(later[0] + outlook.soc):
-                raise SolverFailed("an outlook that is not finite")
-            raise Infeasible("not even the computations of least power keep to what the battery allows")
+        if not later[0] <= forecast.soc:
+            if math.isnan(later[0] + forecast.soc):
+                raise SolverFailed("a forecast that is not finite")
+            raise Infeasible("even the computations of minimum power exceed what the battery allows")
         needed[:-1] = np.maximum(needed[:-1], later[1:, None] + beyond[:-1])
-        worth = np.asarray(self._worth(self._controls, self._powers, limit, outlook))
-        top = np.maximum.accumulate(worth, axis=-1).tolist()
-        tops = top if worth.ndim == 2 else [top] * self._steps
-        return _Search(needed.tolist(), beyond.tolist(), tops).best(outlook.soc)
+        stage_values = np.asarray(self._stage_value(self._controls, self._powers, limit, forecast))
+        top = np.maximum.accumulate(stage_values, axis=-1).tolist()
+        maxima = top if stage_values.ndim == 2 else [top] * self._steps
+        return _Search(needed.tolist(), beyond.tolist(), maxima).best(forecast.soc)
 
     def _floored(
-        self, relaxed: FloatArray, chosen: FloatArray, objective: float, outlook: HorizonForecast
+        self, relaxed: FloatArray, chosen: FloatArray, objective: float, forecast: HorizonForecast
     ) -> tuple[FloatArray, float]:
-        """For a search cut short: the best choices within the power of the reals, if better than those it made."""
-        limit = outlook.limit_motion_w[:, None]
-        worth = np.asarray(self._worth(self._controls, self._powers, limit, outlook))
+        """After an incomplete search: the best choices within the relaxed power, if better than those found."""
+        limit = forecast.limit_motion_w[:, None]
+        stage_values = np.asarray(self._stage_value(self._controls, self._powers, limit, forecast))
         power = self._c.power_w(relaxed)[:, None]
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
-            made = np.where(self._powers <= power + slack, worth, -math.inf).argmax(axis=1)
+            made = np.where(self._powers <= power + slack, stage_values, -math.inf).argmax(axis=1)
             plan = self._choices[made]
-            value = self.objective(plan, outlook)
-            if value > objective and self.feasible(plan, outlook):
+            value = self.objective(plan, forecast)
+            if value > objective and self.feasible(plan, forecast):
                 return plan, value
         return chosen, objective
 
-    # --- reals
+    # --- continuous relaxation
 
-    def _filled(self, outlook: HorizonForecast) -> list[_Step]:
-        """One computation: every step in turn takes all that its own limit and the rest at its least leave.
+    def _fill_greedy(self, forecast: HorizonForecast) -> list[_Step]:
+        """Greedy fill for one computation: each step uses all power that its limit and the later minimum leave.
 
         Exact for the nonlinear battery: with I the current, y = V I − R I², so the limit is a quadratic in I.
         """
         b, knots, values = self._battery, self._c.knots, self._c.values
-        volt, ohm, rate, per_soc = b.voltage_v, b.resistance_ohm, self._soc_per_a(outlook), b.power_per_soc_w
+        volt, ohm, rate, per_soc = b.voltage_v, b.resistance_ohm, self._soc_per_a(forecast), b.power_per_soc_w
         nu, tau, sag = float(self._nu[0]), float(self._tau[0]), per_soc * rate
-        soc, steps = outlook.soc, []
-        limits, means = outlook.limit_motion_w.tolist(), outlook.mean_motion_w.tolist()
+        soc, steps = forecast.soc, []
+        limits, means = forecast.limit_motion_w.tolist(), forecast.mean_motion_w.tolist()
         for limit, mean, rest in zip(limits, means, self._rests(limits, means, rate), strict=True):
             # g + sag·I = b Q_c V crate − h =: left  →  R I² − (V + sag) I + left + h̄ = 0
             left = per_soc * soc - limit
@@ -500,16 +497,16 @@ class Horizon:
             slope = (values[i + 1] - values[i]) / (knots[i + 1] - knots[i])
             c = knots[i] + (power - values[i]) / slope
             control = nu * c + tau
-            worth = self._worth(control * control, power, limit, outlook)
-            gain = self._gain(nu, control, power, slope, limit, outlook) / slope
+            value = self._stage_value(control * control, power, limit, forecast)
+            gain = self._gain(nu, control, power, slope, limit, forecast) / slope
             root = math.sqrt(volt * volt - 4 * ohm * (mean + power))
             # κ = Q_c V crate · k_b Δ/Q_c · dI/dy
-            steps.append(_Step(c, worth, gain, sag / root, full, full or amps == own))
+            steps.append(_Step(c, value, gain, sag / root, full, full or amps == own))
             soc -= rate * 2 * (mean + power) / (volt + root)
         return steps
 
     def _rests(self, limits: list[float], means: list[float], rate: float) -> list[float]:
-        """The charge that must be left after each step, for those after it at their least."""
+        """The charge that must remain after each step for minimum power in the later ones."""
         b, least, per_soc = self._battery, self._c.values[0], self._battery.power_per_soc_w
         rest, rests = -math.inf, []
         for limit, mean in zip(reversed(limits), reversed(means), strict=True):
@@ -517,47 +514,47 @@ class Horizon:
             rest = max(rest, (limit + least) / per_soc) + rate * b.current_a(mean + least)
         return rests[::-1]
 
-    def _chords(self, outlook: HorizonForecast) -> FloatArray:
-        """What each parameter gains on its way from end to end, the others at their lowest, shape (M, σ).
+    def _chords(self, forecast: HorizonForecast) -> FloatArray:
+        """Chord slope of l over each parameter's set, the others at their minimum, shape (M, σ).
 
-        Over its set a convex l is nowhere above its chord: who climbs by these does not end at the nearest top.
+        A convex l is nowhere above its chord: an ascent along chords does not stop at the nearest local maximum.
         """
-        limit = outlook.limit_motion_w[:, None]
-        ends = np.asarray(self._worth(self._end_controls, self._end_powers, limit, outlook))
+        limit = forecast.limit_motion_w[:, None]
+        ends = np.asarray(self._stage_value(self._end_controls, self._end_powers, limit, forecast))
         ends = np.broadcast_to(ends, (self._steps, self._c.count + 1))
         chords: FloatArray = (ends[:, 1:] - ends[:, :1]) / np.where(self._width > 0, self._width, math.inf)
         return chords
 
-    def _climbed(
-        self, c: FloatArray, outlook: HorizonForecast, chords: FloatArray | None = None, enough: float = math.inf
+    def _ascent(
+        self, c: FloatArray, forecast: HorizonForecast, chords: FloatArray | None = None, enough: float = math.inf
     ) -> tuple[FloatArray, float, int]:
-        """From an admissible plan, QP by QP, to one that none betters or that is worth enough; its worth, and how many.
+        """Ascent by QPs from a feasible plan to a stationary one, or to an objective of `enough`: plan, value, QPs.
 
-        Slopes are taken above and below in turn, so that a bend of g is left on whichever side is better. With
-        chords, a few QPs that climb by them.
+        Slopes above and below alternate, so that a knot of g is left on the better side. With chords, a few QPs along
+        them.
         """
 
-        def worth(plan: FloatArray) -> float:
-            return self.objective(plan, outlook) if chords is None else float((chords * plan).sum())
+        def value_of(plan: FloatArray) -> float:
+            return self.objective(plan, forecast) if chords is None else float((chords * plan).sum())
 
-        most = PASSES if chords is None else SKETCHES
+        most = PASSES if chords is None else CHORD_PASSES
         sides = 1 if len(self._c.knots) == 2 else 2
-        value = worth(c)
+        value = value_of(c)
         still = passes = 0
         while still < sides and passes < most:
             passes += 1
-            new = self._pass(c, 1 if passes % 2 else -1, outlook, chords)
+            new = self._pass(c, 1 if passes % 2 else -1, forecast, chords)
             before = value
-            c, value = self._bettered(c, new, value, worth, outlook)
+            c, value = self._line_search(c, new, value, value_of, forecast)
             if value >= enough:
                 break
             still = still + 1 if value - before <= SAME * abs(value) else 0
         return c, value, passes
 
-    def _pass(self, c: FloatArray, side: int, outlook: HorizonForecast, chords: FloatArray | None) -> FloatArray:
-        """One QP round a plan: rows and gradient there, and a proximal term that holds it near."""
+    def _pass(self, c: FloatArray, side: int, forecast: HorizonForecast, chords: FloatArray | None) -> FloatArray:
+        """One QP round a plan: linearised rows and gradient, and a proximal term."""
         z = np.divide(c - self._c.low, self._width, out=np.zeros_like(c), where=self._width > 0).ravel()
-        gradient, rows, left = self._linearised(c, z, side, outlook)
+        gradient, rows, left = self._linearised(c, z, side, forecast)
         lower, upper = self._bounds(c, side)
         if chords is not None:
             gradient = (chords * self._width).ravel()
@@ -565,7 +562,7 @@ class Horizon:
         upper[z.size : z.size + len(left)] = left
         matrix = self._matrix.copy()
         matrix[z.size : z.size + len(left)] = rows
-        # each parameter in units of what it can reach, each row then in units of its largest entry
+        # each parameter is scaled by its reach, each row then by its largest entry
         reach = _reach(rows, left)
         matrix *= reach
         units = np.abs(matrix).max(axis=1)
@@ -576,27 +573,27 @@ class Horizon:
         return self._c.low + np.clip(answer * reach, 0.0, 1.0).reshape(c.shape) * self._width
 
     def _linearised(
-        self, c: FloatArray, z: FloatArray, side: int, outlook: HorizonForecast
+        self, c: FloatArray, z: FloatArray, side: int, forecast: HorizonForecast
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradient by z, shape (Mσ,), and power rows, shape (M, Mσ), with what they leave, in shares of g's span."""
+        """Gradient by z, shape (Mσ,), and power rows, shape (M, Mσ), with their slack, in shares of g's span."""
         b = self._battery
         g, slopes = self._c.power_w(c), self._c.slopes_w(c, side)
-        control, limit = self._nu * c + self._tau, outlook.limit_motion_w[:, None]
-        gain = np.asarray(self._gain(self._nu, control, g[:, None], slopes, limit, outlook))
-        total = outlook.mean_motion_w + g
-        # ∂y_m/∂z_m, and κ_m ∂y_m/∂z_m: what it takes off its own limit and every later one
-        sag = b.power_per_soc_w * self._soc_per_a(outlook)
+        control, limit = self._nu * c + self._tau, forecast.limit_motion_w[:, None]
+        gain = np.asarray(self._gain(self._nu, control, g[:, None], slopes, limit, forecast))
+        total = forecast.mean_motion_w + g
+        # ∂y_m/∂z_m, and κ_m ∂y_m/∂z_m: its reduction of its own limit and every later one
+        sag = b.power_per_soc_w * self._soc_per_a(forecast)
         own = slopes * self._width / self._span_w
         drain = sag * current_slope_a_per_w(total, b.voltage_v, b.resistance_ohm)[:, None] * own
         rows = self._at * own.ravel() + self._until * drain.ravel()
         used = sag * np.cumsum(currents_a(total, b.voltage_v, b.resistance_ohm))
-        left = (b.power_per_soc_w * outlook.soc - outlook.limit_motion_w - g - used) / self._span_w
+        left = (b.power_per_soc_w * forecast.soc - forecast.limit_motion_w - g - used) / self._span_w
         return (gain * self._width).ravel(), rows, left + rows @ z
 
     def _nearest(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, point: FloatArray
     ) -> FloatArray:
-        """The QP's minimiser, held near the point as little as OSQP can do with."""
+        """The QP's minimiser with the smallest proximal weight that OSQP solves."""
         for proximal, program in self._programs:
             try:
                 return program.solve(-gradient - proximal * point, matrix, lower, upper, point)
@@ -605,7 +602,7 @@ class Horizon:
         raise failure
 
     def _bounds(self, c: FloatArray, side: int) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the rows; where g bends, a step stays on its linear piece."""
+        """Bounds of the rows; each step stays on its linear piece of g."""
         lower, upper = self._lower.copy(), self._upper.copy()
         if len(self._c.knots) > 2:
             share = (np.array(self._c.knots) - self._c.low) / self._width
@@ -613,30 +610,30 @@ class Horizon:
             lower[: self._steps], upper[: self._steps] = share[piece], share[piece + 1]
         return lower, upper
 
-    def _bettered(
+    def _line_search(
         self,
         c: FloatArray,
         new: FloatArray,
         value: float,
-        worth: Callable[[FloatArray], float],
-        outlook: HorizonForecast,
+        value_of: Callable[[FloatArray], float],
+        forecast: HorizonForecast,
     ) -> tuple[FloatArray, float]:
-        """The solver's answer, made admissible, and its value; the plan c and its own where that betters nothing."""
-        if np.abs(new - c).max() <= STILL * self._width.max():
+        """Line search from the plan c to the QP's solution: a feasible plan of greater value, else c."""
+        if np.abs(new - c).max() <= STATIONARY * self._width.max():
             return c, value
-        # the solver's tolerance and the battery's curvature are made up for by a little less power
+        # a little less power makes up for the solver's tolerance and the battery's curvature
         less = (new + share * (self._choices[0] - new) for share in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4))
         nearer = (c + share * (new - c) for share in (0.5, 0.2, 0.05, 0.01))
         for trial in itertools.chain(less, nearer):
-            found = worth(trial)
-            if found > value and self.feasible(trial, outlook):
+            found = value_of(trial)
+            if found > value and self.feasible(trial, forecast):
                 return np.asarray(trial), found
         return c, value
 
     # --- the fallback
 
-    def lowered(self, now: FloatArray, deltas: FloatArray, outlook: HorizonForecast) -> FloatArray:
-        """The fallback of a failed solve: from those in force, lower all by δ until every constraint holds.
+    def lowered(self, now: FloatArray, deltas: FloatArray, forecast: HorizonForecast) -> FloatArray:
+        """Fallback of a failed solve: lower the parameters in force by δ until every constraint holds.
 
         Parameters
         ----------
@@ -650,7 +647,7 @@ class Horizon:
         Raises
         ------
         Infeasible
-            If not even the lowest parameters are admissible.
+            If not even the minimum parameters are feasible.
 
         Source: drafts 003 and 004, the subroutine of their algorithms.
         """
@@ -658,7 +655,7 @@ class Horizon:
         while True:
             value = np.array([_floor(levels, x) for levels, x in zip(self._c.levels, c, strict=True)])
             plan = np.tile(value, (self._steps, 1))
-            if self.feasible(plan, outlook):
+            if self.feasible(plan, forecast):
                 return plan
             if (c <= self._c.low).all():
                 raise Infeasible("not even the lowest parameters are admissible")
@@ -666,20 +663,20 @@ class Horizon:
 
 
 class _Step(NamedTuple):
-    """A step that took all it could: the computation, its l, ∂l/∂y, κ; whether at its top, or its own limit."""
+    """A filled step: the computation, its l, ∂l/∂y, κ; whether it is at its maximum, or at its own limit."""
 
     c: float
-    worth: float
+    value: float
     gain: float
     takes: float
     full: bool
     free: bool
 
 
-def _proven(steps: Sequence[_Step]) -> bool:
-    """Whether steps at their top or at their own limits have multipliers of 0 or more: no plan near is better.
+def _is_optimal(steps: Sequence[_Step]) -> bool:
+    """Whether steps at their maximum or at their own limits have multipliers of 0 or more: a local optimum.
 
-    From the last step back: a watt more at step m gains ∂l/∂y, and takes κ_m off its own limit and every later.
+    Backwards: a watt more at step m gains ∂l/∂y, and lowers its own limit and every later one by κ_m.
     """
     later = 0.0
     for step in reversed(steps):
@@ -692,24 +689,24 @@ def _proven(steps: Sequence[_Step]) -> bool:
 
 
 class _Search:
-    """The best choice at each step, by branch and bound.
+    """Branch and bound over the choices at each step.
 
     Parameters
     ----------
-    needed, beyond, top : tables of M rows, one entry for each choice, the least power first
-        Charge that must be left for it, and what it takes of that; the most worth of it and those before it.
-        The first two rise along a row.
+    needed, beyond, top : tables of M rows, one entry for each choice, in order of power
+        Charge that must be left for it, and what it uses of that; the running maximum of the value. The first two
+        rise along a row.
 
-    A choice that is worth no more than one of less power is never made: `top` tells which are worth more.
+    A choice of no greater value than one of less power is dominated: `top` shows which are not.
     """
 
     def __init__(self, needed: Table, beyond: Table, top: Table) -> None:
         self._needed, self._beyond, self._top = needed, beyond, top
 
     def best(self, charge: float) -> tuple[list[int], float, bool]:
-        """One index for each step, what they are worth, and whether it is certain that none are worth more.
+        """One index for each step, their value, and whether it is certified as optimal.
 
-        It ends where the first descent meets the bound: the usual case.
+        It ends where the first descent meets the bound, the usual case.
         """
         made, value = self._descent(charge)
         enough = value + SAME * abs(value)
@@ -718,7 +715,7 @@ class _Search:
         return self._branched(charge, made, value)
 
     def _descent(self, charge: float) -> tuple[list[int], float]:
-        """At each step the choice of most worth that the charge admits."""
+        """Greedy: at each step the choice of greatest value that the charge admits."""
         made, value = [], 0.0
         for needed, beyond, top in zip(self._needed, self._beyond, self._top, strict=True):
             i = bisect_left(top, top[bisect_right(needed, charge) - 1])
@@ -728,29 +725,29 @@ class _Search:
         return made, value
 
     def _bound(self, first: int, charge: float, enough: float) -> float:
-        """What the steps from the first on are worth at most, or some number up to `enough` if that is less.
+        """Upper bound of the value of the steps from `first` on, or a number up to `enough` if that is less.
 
-        At first each step counts as if those before it had taken nothing. Who does better than `enough` can
-        have forgone of that no more than the difference, so takes almost as much charge: count again with it.
+        At first each step is bounded as if those before it had used nothing. A plan better than `enough` forgoes at
+        most the difference, so it uses almost as much charge: the bound is tightened with it.
         """
         steps = range(first, len(self._needed))
         bound = spared = math.inf
         while True:
-            worth, left = 0.0, charge
+            total, left = 0.0, charge
             for k in steps:
                 needed, top = self._needed[k], self._top[k]
                 i = bisect_right(needed, min(charge, left + spared)) - 1
                 if i < 0:
                     return -math.inf
-                worth += top[i]
+                total += top[i]
                 left -= self._beyond[k][bisect_left(top, top[i])]
-            if worth <= enough or bound - worth < 1e-3 * (bound - enough):
-                return worth
-            bound, spared = worth, self._charge_per_worth * (worth - enough)
+            if total <= enough or bound - total < 1e-3 * (bound - enough):
+                return total
+            bound, spared = total, self._charge_per_value * (total - enough)
 
     @cached_property
-    def _charge_per_worth(self) -> float:
-        """The most charge that a little less worth can spare, at any step."""
+    def _charge_per_value(self) -> float:
+        """Largest charge saved per value forgone, at any step."""
         most = 0.0
         for beyond, top in zip(self._beyond, self._top, strict=True):
             last = 0
@@ -761,7 +758,7 @@ class _Search:
         return most
 
     def _branched(self, charge: float, made: list[int], most: float) -> tuple[list[int], float, bool]:
-        """A plan worth more than the one made, if there is any: from the choices of most worth down."""
+        """A plan of greater value, if there is one: depth first, from the choices of greatest value down."""
         steps, work = len(self._needed), 0
         stack: list[tuple[int, float, float, _Link | None]] = [(0, charge, 0.0, None)]
         while stack and work < WORK:
@@ -800,7 +797,7 @@ class _Link(NamedTuple):
 
 
 def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[float]]:
-    """Points and values of a piecewise linear function without those where it does not bend."""
+    """Knots and values of a piecewise linear function without collinear ones."""
     knots, kept = points[:1], values[:1]
     for i in range(1, len(points)):
         if i < len(points) - 1:
@@ -814,9 +811,9 @@ def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[
 
 
 def _reach(rows: FloatArray, left: FloatArray) -> FloatArray:
-    """The share of its set that each column could move by if it alone used what the rows leave.
+    """Reach of each column: the share of its set by which it could move if it alone used the slack of the rows.
 
-    Where charge is short this is little for all that must share it; OSQP stalls unless it is told.
+    Where charge is short the reach is small; without this scaling OSQP stalls.
     """
     shares = np.divide(left[:, None], rows, out=np.ones_like(rows), where=rows > 0)
     reach: FloatArray = np.clip(shares.min(axis=0), TIGHTEST, 1.0)
@@ -844,7 +841,7 @@ def _floor(levels: Sequence[float], value: float) -> float:
 def _separate(low: FloatArray, width: FloatArray, end_powers: FloatArray) -> tuple[FloatArray, FloatArray]:
     """ν and τ of each computation (letter, Eq. 11), the others at their lowest.
 
-    What all cost there is shared evenly.
+    Their common power there is shared evenly.
     """
     share = end_powers[0] / len(low)
     scaled = [

@@ -7,8 +7,8 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eadp.core.arrays import FloatArray
 from eadp.core.flight.battery import currents_a
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
@@ -26,8 +26,6 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForecast
-
-FloatArray = NDArray[np.float64]
 
 LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10

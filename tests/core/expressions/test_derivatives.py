@@ -10,8 +10,10 @@ import sympy
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from eadp.core.expressions.algebra import to_sympy
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression, substituted, to_sympy
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import substituted
 from eadp.errors import ExpressionError, PathUndefined
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12

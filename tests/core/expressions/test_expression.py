@@ -12,7 +12,9 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from eadp.core.expressions.expression import (
+from eadp.core.expressions.algebra import from_sympy, is_zero, simplified, to_sympy
+from eadp.core.expressions.reader import read_expression, read_expressions
+from eadp.core.expressions.tree import (
     CONSTANT_LIMIT,
     DIGITS_LIMIT,
     EXPONENT_LIMIT,
@@ -29,14 +31,8 @@ from eadp.core.expressions.expression import (
     Sum,
     Symbol,
     constant,
-    from_sympy,
-    is_zero,
     number_text,
-    read_expression,
-    read_expressions,
-    simplified,
     substituted,
-    to_sympy,
     to_text,
 )
 from eadp.errors import ExpressionError, PathUndefined
@@ -303,21 +299,21 @@ def test_the_message_says_what_and_the_expectation_what_else():
 def test_further_names_are_symbols():
     expression = read_expression("left - 2left + c3", {"left"})
     assert expression.names == {"left", "c3"}
-    assert expression.places == {"left": 0, "c3": 15}
+    assert expression.offsets == {"left": 0, "c3": 15}
 
 
-def test_names_and_places():
+def test_names_and_offsets():
     expression = read_expression("  y + c12*x - y + pi")
     assert expression.names == {"x", "y", "c12"}
-    assert expression.places == {"y": 2, "c12": 6, "x": 10}
-    assert expression.highest_parameter == 12
-    assert read_expression("pi").highest_parameter == 0
+    assert expression.offsets == {"y": 2, "c12": 6, "x": 10}
+    assert expression.max_parameter == 12
+    assert read_expression("pi").max_parameter == 0
 
 
 def test_lists_of_expressions():
     first, second = read_expressions("-115, 150 - 2*sqrt(4900 + c1)", count=2)
     assert (first.at(), second.at((0,))) == (-115, 10)
-    assert second.places == {"c1": 26}, "in the whole text"
+    assert second.offsets == {"c1": 26}, "in the whole text"
     assert len(read_expressions("1, min(2, 3), (4)")) == 3
     with pytest.raises(ExpressionError, match="1 of 2 values") as caught:
         read_expressions("1", count=2)
@@ -327,10 +323,10 @@ def test_lists_of_expressions():
 
 
 def test_the_first_function_that_is_not_smooth_is_known():
-    assert read_expression("x + max(x, abs(y))").rough == "max"
-    assert read_expression("sqrt(x)").rough == ""
+    assert read_expression("x + max(x, abs(y))").non_smooth == "max"
+    assert read_expression("sqrt(x)").non_smooth == ""
     first, second = read_expressions("abs(x), y")
-    assert (first.rough, second.rough) == ("abs", "")
+    assert (first.non_smooth, second.non_smooth) == ("abs", "")
 
 
 @unhurried
@@ -511,7 +507,7 @@ def test_ten_thousand_brackets(text):
 
 
 def test_nesting_is_counted_along_one_branch():
-    assert read_expression("+".join(["(((x)))"] * 200)).highest_parameter == 0
+    assert read_expression("+".join(["(((x)))"] * 200)).max_parameter == 0
 
 
 def test_digits_limit():
@@ -614,7 +610,7 @@ def read_or_refuse(text):
 
 def test_reading_and_writing_do_without_sympy():
     program = (
-        "import sys; from eadp.core.expressions.expression import read_expression as read;"
+        "import sys; from eadp.core.expressions.reader import read_expression as read;"
         "read('(x + 45)^2 + sin(c1)').at((1,)); read('-x/2').text; sys.exit('sympy' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
@@ -666,14 +662,14 @@ def test_a_substituted_value_is_the_value_of_the_value(outer, inner):
     assert whole.at(parameters, PLACE["x"], y) == pytest.approx(wanted, rel=SAME_VALUE, abs=SAME_VALUE)
 
 
-def test_substitution_keeps_places_names_and_size():
+def test_substitution_keeps_offsets_names_and_size():
     outer = read_expression("y - left^2", {"left"})
     inner = read_expression("min(c3, 2) - 1")
     whole = substituted(outer, {"left": inner})
     assert whole.text == "y - (min(c3, 2) - 1)^2"
-    assert whole.places == {"y": 0, "c3": 4}, "where the name stood"
-    assert whole.rough == "min"
-    assert (outer.rough, outer.names) == ("", {"y", "left"}), "unchanged"
+    assert whole.offsets == {"y": 0, "c3": 4}, "where the name stood"
+    assert whole.non_smooth == "min"
+    assert (outer.non_smooth, outer.names) == ("", {"y", "left"}), "unchanged"
     assert read_expression(whole.text).node == whole.node
 
 
@@ -817,7 +813,7 @@ def test_what_sympy_says_in_words_of_its_own_is_refused():
         from_sympy(sympy.Piecewise((c1, c1 > 0), (0, True)))
     with pytest.raises(ExpressionError):
         from_sympy(sympy.zoo)
-    assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).rough in ("max", "abs")
+    assert from_sympy(sympy.Max(c1, sympy.Abs(c1))).non_smooth in ("max", "abs")
 
 
 def test_an_expression_is_its_tree():

@@ -59,7 +59,7 @@ def test_outliers_do_not_move_it():
 def test_a_current_that_hardly_varies_tells_no_resistance():
     fit = fit_battery(*log(vary_a=0.001), CAPACITY_AH)
     assert fit.resistance_ohm is None
-    assert any("resistance cannot be told" in note for note in fit.notes)
+    assert any("resistance cannot be estimated" in note for note in fit.notes)
 
 
 def test_little_charge_used_tells_no_slope():

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
+from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.guidance import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
 
 unhurried = settings(deadline=None)  # no test depends on the clock

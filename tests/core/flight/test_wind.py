@@ -147,12 +147,12 @@ def filtered(readings, *, headings=True, step_s=1.0):
 
 def test_with_headings_it_is_a_batch_least_squares_of_a_random_walk(monkeypatch):
     # the spread of the gusts kept as at first, so that all is linear
-    monkeypatch.setattr(wind, "_spread", lambda gusts, seen_s, *_: (gusts, seen_s))
+    monkeypatch.setattr(wind, "_gust_variance", lambda gusts, seen_s, *_: (gusts, seen_s))
     readings = list(flown(40, (3.0, -4.0), 0.5, 1))
     found = filtered(readings)
-    n, noise = len(readings), wind.FIRST_GUST_MPS**2 * 2 * wind.GUST_TIME_S
+    n, noise = len(readings), wind.INITIAL_GUST_MPS**2 * 2 * wind.GUST_TIME_S
     steps = np.minimum.outer(np.arange(1, n + 1), np.arange(1, n + 1))
-    prior = wind.FIRST_STD_MPS**2 + wind.DRIFT_M2PS3 * steps
+    prior = wind.INITIAL_STD_MPS**2 + wind.DRIFT_M2PS3 * steps
     inverse = np.linalg.inv(prior + noise * np.eye(n))
     values = np.array(
         [
@@ -221,7 +221,7 @@ def test_without_headings_it_is_calibrated_on_lines(course, gust_mps):
     assert np.mean(squares < chi2(2).ppf(0.95)) > 0.75
 
 
-def test_the_spread_of_gusts_is_seen_on_a_single_course_without_headings():
+def test_the_standard_deviation_of_gusts_is_seen_on_a_single_course_without_headings():
     spreads = [
         filtered(flown(240, (3.0, -4.0), 0.3, seed, course=lambda _: 0.0), headings=False).gust_std_mps
         for seed in range(10)
@@ -235,8 +235,8 @@ def test_nothing_is_learned_of_what_a_single_course_does_not_show():
     # a cross wind of 5 m/s crabs like a tail wind: neither is told well, and it is said so
     assert abs(found.wind_mps[0] - 4) < 2 * math.sqrt(xx)
     assert abs(found.wind_mps[1] - 5) < 2 * math.sqrt(yy)
-    assert yy > 0.8 * wind.FIRST_STD_MPS**2
-    assert xx < wind.FIRST_STD_MPS**2 / 5
+    assert yy > 0.8 * wind.INITIAL_STD_MPS**2
+    assert xx < wind.INITIAL_STD_MPS**2 / 5
 
 
 def test_a_wind_that_turns_is_followed():
@@ -245,7 +245,7 @@ def test_a_wind_that_turns_is_followed():
 
 
 def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(wind, "_spread", lambda gusts, seen_s, *_: (gusts, seen_s))
+    monkeypatch.setattr(wind, "_gust_variance", lambda gusts, seen_s, *_: (gusts, seen_s))
     found, twice = WindFilter(AIRSPEED_MPS), WindFilter(AIRSPEED_MPS)
     for _ in range(10):
         found.observe((20.0, 0.0), 0.0, 1.0)
@@ -268,15 +268,15 @@ def test_standing_in_the_air_tells_nothing_without_a_heading():
 def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
     readings = list(flown(120, (3.0, -4.0), 0.5, 1, step_s=0.5))
     found, together = filtered(readings, headings=headings, step_s=0.5), WindFilter(AIRSPEED_MPS)
-    compiled.switch_on(on)
+    compiled.enable(on)
     try:
         for begin in range(0, len(readings), 7):
             some = readings[begin : begin + 7]
             (vx, vy), count = zip(*(velocity for velocity, _ in some), strict=True), len(some)
             directions = [heading if headings else math.nan for _, heading in some]
-            together.observe_all(vx, vy, directions, [0.5] * count)
+            together.observe_batch(vx, vy, directions, [0.5] * count)
     finally:
-        compiled.switch_on(False)
+        compiled.enable(False)
     assert together.wind_mps == pytest.approx(found.wind_mps, rel=NANO)
     assert together.covariance == pytest.approx(found.covariance, rel=NANO, abs=NANO)
     assert together.gust_std_mps == pytest.approx(found.gust_std_mps, rel=NANO)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from eadp.core.expressions.derivatives import bind
-from eadp.core.expressions.expression import read_expression
+from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.curves import (
     CIRCLE,
     CURVE,
@@ -23,10 +23,9 @@ from eadp.core.geometry.curves import (
     curve_length_m,
     line_of,
     path_kind,
+    points_along,
     project,
-    rotate,
     tangent,
-    walk,
     wrap_angle_rad,
 )
 from eadp.errors import PathUndefined
@@ -361,17 +360,6 @@ def test_wrapped_ends():
     assert wrap_angle_rad(0.0) == 0
 
 
-@unhurried
-@given(points, st.floats(-7, 7))
-def test_rotation_is_multiplication_by_a_complex_number(vector, angle):
-    turned = complex(*vector) * complex(math.cos(angle), math.sin(angle))
-    assert rotate(vector, angle) == near((turned.real, turned.imag))
-
-
-def test_rotation_by_90_degrees_is_the_spec_matrix():
-    assert rotate((3.0, 4.0), math.pi / 2) == near(tuple(np.array([[0, -1], [1, 0]]) @ [3, 4]))
-
-
 # --- onto a path and along it -----------------------------------------------------------------------------------------
 
 
@@ -410,7 +398,7 @@ def test_no_value_is_said():
 
 
 def test_walking_keeps_to_the_path_with_even_steps():
-    steps = list(itertools.islice(walk(path("y - 10*sin(x/20)"), (0.0, 3.0), -1, 0.5), 200))
+    steps = list(itertools.islice(points_along(path("y - 10*sin(x/20)"), (0.0, 3.0), -1, 0.5), 200))
     for (x0, y0), (x1, y1) in itertools.pairwise(steps):
         assert y1 == pytest.approx(10 * math.sin(x1 / 20), abs=1e-7)
         assert math.dist((x0, y0), (x1, y1)) == pytest.approx(0.5, rel=LENGTH_SHARE)

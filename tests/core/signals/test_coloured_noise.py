@@ -35,7 +35,7 @@ def dense_likelihood(power: np.ndarray, columns: np.ndarray, correlation: np.nda
 
 
 def correlations(table: TimeBins) -> list[np.ndarray]:
-    return [v * w @ v.T for w, v in ((t.eigenvalues, t.vectors) for t in table._turned)]
+    return [v * w @ v.T for w, v in ((t.eigenvalues, t.vectors) for t in table._eigenbases)]
 
 
 def test_noise_is_the_likeliest_of_all_mixtures() -> None:
@@ -72,7 +72,7 @@ def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_lik
     left = float(np.sum((table.power_w - columns @ fitted) ** 2)) / (N - 3)
     back = np.linalg.inv(columns.T @ columns) @ columns.T
     likelihoods, covariances = [], []
-    for turned, k in zip(table._turned, correlations(table), strict=True):
+    for turned, k in zip(table._eigenbases, correlations(table), strict=True):
         for part in _COLOURED_PARTS:
             correlation = part * k + (1 - part) * np.eye(N)
             whitened = solve(correlation, columns)

@@ -12,12 +12,11 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapuno
 from scipy.stats import multivariate_normal
 
 from eadp.core.signals.disturbance import (
-    FEWEST,
+    MIN_FREE_SAMPLES,
     DisturbanceFit,
     _innovations,
-    _kept,
-    covariance_w2,
-    learned,
+    _subsampled,
+    fit_disturbance,
     process_noise,
     stationary_covariance,
     transition,
@@ -106,7 +105,9 @@ def test_prediction_does_not_depend_on_how_time_is_cut(cuts, std_w, time_s):
 def test_the_states_have_the_covariance_of_a_matern():
     apart = np.array([0.0, 0.3, 2.0, -2.0, 11.0])
     ours = [(transition(abs(t), 4.0) @ stationary_covariance(0.7, 4.0))[0, 0] for t in apart]
-    assert covariance_w2(apart, 0.7, 4.0) == pytest.approx(ours)
+    # σ² (1 + λ|τ|) e^{−λ|τ|}: Rasmussen and Williams 2006, Eq. 4.17
+    turns = math.sqrt(3) / 4.0 * np.abs(apart)
+    assert 0.7**2 * (1 + turns) * np.exp(-turns) == pytest.approx(ours)
 
 
 # --- likelihood
@@ -141,7 +142,7 @@ def test_the_log_likelihood_is_the_density_of_the_samples():
     rng = np.random.default_rng(5)
     at = np.sort(rng.uniform(0, 60, 80))
     power = sample(rng, at, 0.8, 4.0, 0.3)
-    found = learned(at, power)
+    found = fit_disturbance(at, power)
     wanted = multivariate_normal(cov=dense(at, (found.std_w, found.time_s, found.noise_w))).logpdf(power)
     assert found.log_likelihood == pytest.approx(wanted, abs=1e-6)
 
@@ -152,7 +153,7 @@ def test_with_columns_it_is_the_density_of_what_they_cannot_follow():
     at = np.sort(rng.uniform(0, 60, 60))
     columns = np.column_stack([np.ones(60), np.cos(at / 5), np.sin(at / 5)])
     power = sample(rng, at, 0.8, 4.0, 0.3) + columns @ [30.0, 2.0, -1.0]
-    found = learned(at, power, columns=columns)
+    found = fit_disturbance(at, power, columns=columns)
     free = np.linalg.svd(columns)[0][:, 3:].T
     covariance = free @ dense(at, (found.std_w, found.time_s, found.noise_w)) @ free.T
     wanted = multivariate_normal(cov=covariance).logpdf(free @ power)
@@ -163,7 +164,7 @@ def test_it_is_the_likeliest():
     rng = np.random.default_rng(7)
     at = np.arange(0, 40, 0.25)
     power = sample(rng, at, 0.8, 4.0, 0.3)
-    found = learned(at, power)
+    found = fit_disturbance(at, power)
     for std_w in (0.5, 0.7, 1.0, 1.5):
         for time_s in (1.0, 2.5, 4.0, 8.0):
             for noise_w in (0.1, 0.28, 0.35, 0.6):
@@ -175,7 +176,7 @@ def test_what_was_put_in_is_found_on_average():
     """20 runs: each logarithm's mean within four of its own standard errors, and a coarse grid's bias, of the truth."""
     rng = np.random.default_rng(8)
     at = np.arange(0, 200, 0.5)
-    found = [learned(at, sample(rng, at, 0.8, 4.0, 0.3)) for _ in range(20)]
+    found = [fit_disturbance(at, sample(rng, at, 0.8, 4.0, 0.3)) for _ in range(20)]
     logs = np.log([[f.std_w, f.time_s, f.noise_w] for f in found]) - np.log([0.8, 4.0, 0.3])
     error = logs.std(axis=0, ddof=1) / math.sqrt(len(found))
     assert (np.abs(logs.mean(axis=0)) < 4 * error + 0.05).all()
@@ -190,10 +191,10 @@ def test_coefficients_fitted_beside_do_not_make_the_noise_look_less():
     with_columns, plain = [], []
     for _ in range(30):
         power = sample(rng, at, 0.8, 4.0, 0.3)
-        found = learned(at, power, columns=columns)
+        found = fit_disturbance(at, power, columns=columns)
         with_columns.append(found.std_w**2 + found.noise_w**2)
         fitted, *_ = np.linalg.lstsq(columns, power, rcond=None)
-        alone = learned(at, power - columns @ fitted)
+        alone = fit_disturbance(at, power - columns @ fitted)
         plain.append(alone.std_w**2 + alone.noise_w**2)
     truth = 0.8**2 + 0.3**2
     error = np.std(with_columns, ddof=1) / math.sqrt(30)
@@ -202,7 +203,7 @@ def test_coefficients_fitted_beside_do_not_make_the_noise_look_less():
 
 
 def test_of_many_samples_both_ends_of_the_scale_are_looked_at():
-    kept = _kept(36_000, 1024)
+    kept = _subsampled(36_000, 1024)
     assert len(kept) <= 1024
     assert kept[0] == 0
     assert kept[-1] == 35_999
@@ -210,7 +211,7 @@ def test_of_many_samples_both_ends_of_the_scale_are_looked_at():
     assert (gaps > 0).all()
     assert (gaps == 1).sum() >= 400, "runs of consecutive samples"
     assert gaps.max() < 36_000 / 400, "and none far from any"
-    assert _kept(7, 1024).tolist() == list(range(7))
+    assert _subsampled(7, 1024).tolist() == list(range(7))
 
 
 def test_thinned_samples_tell_the_same():
@@ -221,17 +222,17 @@ def test_thinned_samples_tell_the_same():
     for n, draw in enumerate(rng.standard_normal((len(at), 2))):
         state = step @ state + root @ draw
         power[n] = state[0]
-    found = learned(at, power + 0.3 * rng.standard_normal(len(at)))
+    found = fit_disturbance(at, power + 0.3 * rng.standard_normal(len(at)))
     assert found.std_w == pytest.approx(0.5, rel=0.3)
     assert found.time_s == pytest.approx(6.0, rel=0.5)
     assert found.noise_w == pytest.approx(0.3, rel=0.15)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, FEWEST - 1])
+@pytest.mark.parametrize("count", [0, 1, 2, MIN_FREE_SAMPLES - 1])
 def test_few_samples_are_white(count):
     rng = np.random.default_rng(11)
     at, power = np.arange(count, dtype=float), rng.standard_normal(count)
-    found = learned(at, power)
+    found = fit_disturbance(at, power)
     assert found.std_w == 0
     assert found.time_s > 0
     assert found.noise_w == pytest.approx(math.sqrt(np.mean(power**2)) if count else 0.0)
@@ -239,20 +240,20 @@ def test_few_samples_are_white(count):
 
 @pytest.mark.parametrize("level", [0.0, 5.0])
 def test_what_does_not_vary_has_no_noise(level):
-    found = learned(np.arange(50.0), np.full(50, level), columns=np.ones((50, 1)))
+    found = fit_disturbance(np.arange(50.0), np.full(50, level), columns=np.ones((50, 1)))
     assert found.std_w == 0
     assert found.noise_w <= 1e-6 * level + 1e-100
 
 
 def test_fewer_samples_than_columns():
-    found = learned(np.arange(3.0), np.array([1.0, 2.0, 0.0]), columns=np.eye(3, 4))
+    found = fit_disturbance(np.arange(3.0), np.array([1.0, 2.0, 0.0]), columns=np.eye(3, 4))
     assert found == DisturbanceFit(0.0, 2.0, 0.0, -math.inf)
 
 
 def test_columns_that_say_nothing_do_no_harm():
     rng = np.random.default_rng(12)
     at, power = np.arange(40.0), rng.standard_normal(40)
-    found = learned(at, power, columns=np.column_stack([np.ones(40), np.zeros(40), np.ones(40)]))
+    found = fit_disturbance(at, power, columns=np.column_stack([np.ones(40), np.zeros(40), np.ones(40)]))
     assert found.std_w**2 + found.noise_w**2 == pytest.approx(power.var(ddof=1), rel=0.5)
 
 
@@ -261,6 +262,6 @@ def test_columns_that_say_nothing_do_no_harm():
 def test_any_noise_gives_finite_answers(seed, count):
     rng = np.random.default_rng(seed)
     at = np.cumsum(10 ** rng.uniform(-3, 3, count))
-    found = learned(at, 10 ** rng.uniform(-3, 3) * rng.standard_normal(count))
+    found = fit_disturbance(at, 10 ** rng.uniform(-3, 3) * rng.standard_normal(count))
     assert all(math.isfinite(value) for value in (found.std_w, found.time_s, found.noise_w, found.log_likelihood))
     assert found.time_s > 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import forecast_variance
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -74,7 +75,7 @@ def test_a_step_is_the_matrix_exponential(order, step_s):
 @given(orders, st.lists(durations, min_size=1, max_size=4))
 def test_power_rows_and_variances(order, ahead):
     rows = forecasting.power_rows(order, PERIOD_S, TIME_S, ahead)
-    added = forecasting.power_variance_w2(DRIFT[: order + 1], STD_W, TIME_S, ahead)
+    added = forecast_variance.power_variance_w2(DRIFT[: order + 1], STD_W, TIME_S, ahead)
     for k, t in enumerate(ahead):
         turn, noise = van_loan(system(order), density(order), t)
         assert rows[k] == pytest.approx(row(order) @ turn, abs=SAME)
@@ -85,27 +86,27 @@ def test_power_rows_and_variances(order, ahead):
 @given(orders, durations)
 def test_energy_is_one_more_state(order, duration_s):
     turn, noise = van_loan(*with_energy(order), duration_s)
-    ours = forecasting.energy_row(order, PERIOD_S, TIME_S, duration_s)
+    ours = forecast_variance.energy_row(order, PERIOD_S, TIME_S, duration_s)
     assert ours == pytest.approx(turn[-1, :-1], rel=1e-7, abs=SAME)
-    added = forecasting.energy_variance_j2(DRIFT[: order + 1], PERIOD_S, STD_W, TIME_S, duration_s)
+    added = forecast_variance.energy_variance_j2(DRIFT[: order + 1], PERIOD_S, STD_W, TIME_S, duration_s)
     assert added == pytest.approx(noise[-1, -1], rel=1e-6, abs=SAME)
 
 
 @pytest.mark.parametrize("turns", [0.01, 0.049999, 0.050001, 0.3, 3.0, 80.0])
 def test_what_has_settled_is_its_integral_on_both_sides_of_the_series(turns):
     wanted, _ = quad(lambda v: (1 - (1 + v) * math.exp(-v)) ** 2, 0, turns, epsabs=0, epsrel=1e-9)
-    assert forecasting._settled(turns) == pytest.approx(wanted, rel=1e-5)
+    assert forecast_variance._settled(turns) == pytest.approx(wanted, rel=1e-5)
 
 
 @pytest.mark.parametrize("duration_s", [0.5, 20.0, 46.0, 300.0])
 def test_slopes_by_the_period(duration_s):
     h = 1e-4
     power = [forecasting.power_rows(3, T, TIME_S, [duration_s]) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
-    energy = [forecasting.energy_row(3, T, TIME_S, duration_s) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
-    assert forecasting.power_by_period(STATE, PERIOD_S, [duration_s]) == pytest.approx(
+    energy = [forecast_variance.energy_row(3, T, TIME_S, duration_s) @ STATE for T in (PERIOD_S - h, PERIOD_S + h)]
+    assert forecast_variance.power_by_period(STATE, PERIOD_S, [duration_s]) == pytest.approx(
         (power[1] - power[0]) / (2 * h), abs=1e-6
     )
-    assert forecasting.energy_by_period(STATE, PERIOD_S, duration_s) == pytest.approx(
+    assert forecast_variance.energy_by_period(STATE, PERIOD_S, duration_s) == pytest.approx(
         (energy[1] - energy[0]) / (2 * h), abs=1e-5
     )
 
@@ -122,9 +123,9 @@ def test_energy_of_noise_by_a_dense_gaussian_process():
 
     wanted = matern(np.subtract.outer(at, at)).sum() * step_s**2
     # from the stationary state, whose own part is the row's
-    ours = forecasting.energy_row(0, PERIOD_S, TIME_S, count * step_s)
+    ours = forecast_variance.energy_row(0, PERIOD_S, TIME_S, count * step_s)
     spread = np.array([0.0, STD_W, rate * STD_W])
-    total = float(np.square(ours * spread).sum()) + forecasting.energy_variance_j2(
+    total = float(np.square(ours * spread).sum()) + forecast_variance.energy_variance_j2(
         np.zeros(1), PERIOD_S, STD_W, TIME_S, count * step_s
     )
     assert total == pytest.approx(wanted, rel=1e-3)

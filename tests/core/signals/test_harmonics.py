@@ -17,7 +17,6 @@ from eadp.core.signals.harmonics import (
     phases_of_state,
     rotation_matrix,
     signal_w,
-    state_of_coefficients,
     state_of_phases,
 )
 
@@ -50,6 +49,11 @@ def series_w(t: float, a: list[float], b: list[float], period_s: float) -> float
 def test_output_row() -> None:
     assert output_row(0).tolist() == [1]
     assert output_row(3).tolist() == [1, 1, 0, 1, 0, 1, 0]
+
+
+def state_of_coefficients(a, b, period_s: float):
+    """q0 = (1/T) [a0, 2a1, 2b1, …]: the start that makes letter's Eqs. 3 and 4 one signal (Lemma III.1, corrected)."""
+    return np.array([a[0], *(2 * part for pair in zip(a[1:], b, strict=True) for part in pair)]) / period_s
 
 
 @unhurried

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eadp.core.signals.lap_time import FEWEST, lap_time_s
+from eadp.core.signals.lap_time import MIN_POSITIONS, lap_time_s
 
 LAP_S = 46.0
 
@@ -52,7 +52,7 @@ def test_a_flight_without_laps(kind: str) -> None:
         "one circle": np.stack([np.cos(times / 25), np.sin(times / 25)], axis=1),
         "walk": walk,
         "unknown": np.full((200, 2), np.nan),
-        "few": np.where(np.arange(200)[:, np.newaxis] < FEWEST - 1, track(times), np.nan),
+        "few": np.where(np.arange(200)[:, np.newaxis] < MIN_POSITIONS - 1, track(times), np.nan),
     }[kind]
     assert lap_time_s(times, position) is None
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eadp.core.signals.outliers import MOST, WINDOW, spikes
+from eadp.core.signals.outliers import MAX_SHARE, WINDOW, spikes
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 
@@ -47,7 +47,7 @@ def test_what_is_no_spike(kind: str) -> None:
         "heavy tails": rng.standard_t(1.2, n),
     }[kind]
     found = spikes(power)
-    assert np.mean(found) <= (MOST if kind == "heavy tails" else 0.0)
+    assert np.mean(found) <= (MAX_SHARE if kind == "heavy tails" else 0.0)
 
 
 def test_three_in_a_row_are_no_spike() -> None:
@@ -66,5 +66,5 @@ def test_too_few_to_tell(n: int) -> None:
 def test_never_more_than_the_limit_whatever_comes(values: list[float], factor: float, offset: float) -> None:
     power = np.array(values)
     found = spikes(power)
-    assert found.mean() <= MOST
+    assert found.mean() <= MAX_SHARE
     assert len(spikes(factor * power + offset)) == len(found)

@@ -41,7 +41,7 @@ def stepped(covariance, steps, transition, noise, output, variance):
 def test_one_step_is_a_prediction_and_a_reading(seed, variance):
     transition, noise, output, covariance = system(seed)
     wanted = stepped(covariance, 1, transition, noise, output, variance)
-    got = step_map(transition, noise, output, variance).of(covariance)
+    got = step_map(transition, noise, output, variance).apply(covariance)
     assert got == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
     assert (got == got.T).all()
 
@@ -54,7 +54,7 @@ def test_doubled_maps_are_the_steps_one_after_the_other(seed, variance, doubling
     for _ in range(doublings):
         many = many.then(many)
     wanted = stepped(covariance, 2**doublings, transition, noise, output, variance)
-    assert many.of(covariance) == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
+    assert many.apply(covariance) == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
 
 
 @unhurried
@@ -63,7 +63,7 @@ def test_two_different_steps(seed, other, variance):
     first, then = system(seed), system(other)
     both = step_map(*first[:3], variance).then(step_map(*then[:3], 2.0))
     wanted = stepped(stepped(first[3], 1, *first[:3], variance), 1, *then[:3], 2.0)
-    assert both.of(first[3]) == pytest.approx(wanted, abs=SAME * np.abs(first[3]).max())
+    assert both.apply(first[3]) == pytest.approx(wanted, abs=SAME * np.abs(first[3]).max())
 
 
 def test_for_ever_is_the_riccati_equations_answer():
@@ -73,4 +73,4 @@ def test_for_ever_is_the_riccati_equations_answer():
         many = many.then(many)
     before = solve_discrete_are(transition.T, output[:, None], noise, np.array([[0.5]]))
     wanted = update(np.zeros(SIZE), before, output, 0.0, 0.5)[1]
-    assert many.of(covariance) == pytest.approx(wanted, abs=SAME)
+    assert many.apply(covariance) == pytest.approx(wanted, abs=SAME)

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spectrum, _Grid, _Samples, _sums, analyse
 from eadp.errors import Infeasible
 
-FloatArray = NDArray[np.float64]
 NoiseModel = Callable[[np.random.Generator, int], FloatArray]
 
 PERIOD_S = 46.05

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eadp.core.signals.spectrum import analyse, scores
+from eadp.core.signals.spectrum import analyse, periodogram
 from eadp.errors import InputError
 from eadp.io.figures.fit import write_fit_figure
 from eadp.models.energy_fit import fit_energy
@@ -39,11 +39,11 @@ def test_a_name_that_is_no_picture(tmp_path: Path) -> None:
 
 def test_scores_are_highest_at_the_period_and_agree_with_the_analysis() -> None:
     found = analyse(TIMES, POWER)
-    period_s, r2 = scores(TIMES, POWER, 1)
+    period_s, r2 = periodogram(TIMES, POWER, 1)
     assert np.all(np.diff(period_s) > 0)
     assert period_s[np.argmax(r2)] == pytest.approx(46, rel=0.01)
     assert r2.max() == pytest.approx(found.cv_r2, abs=0.002)
     fine = np.arange(0, 200, 0.02)
     power = 36 + 2 * np.cos(2 * np.pi * fine / 46)
-    period_s, r2 = scores(fine, power, 1)
+    period_s, r2 = periodogram(fine, power, 1)
     assert period_s[np.argmax(r2)] == pytest.approx(46, rel=0.01), "of many samples averages are taken"

@@ -12,7 +12,7 @@ from common import ROOT
 from eadp.errors import InputError
 from eadp.io.log.fit_inputs import FitOptions, plan_lap_s, read_fit
 from eadp.io.log.power_log import Columns
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 
 PERIOD_S, STEP_S = 46.0, 0.5

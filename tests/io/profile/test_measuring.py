@@ -174,7 +174,7 @@ def test_idle_power_comes_first_and_is_not_subtracted(board: Callable[..., Board
 
 def test_a_sensor_that_never_changes_is_not_trusted(board: Callable[..., Board]) -> None:
     (measured,), _ = run(board(lambda _fps, _since_s: 3.0), at(2), longest_s=60)
-    assert (measured.average.spread, measured.accurate, len(measured.powers_w)) == (0, False, 300)
+    assert (measured.average.std, measured.accurate, len(measured.powers_w)) == (0, False, 300)
 
 
 def test_a_command_that_ends_by_itself(board: Callable[..., Board]) -> None:

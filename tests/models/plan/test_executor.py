@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
 from eadp.errors import PathUndefined
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
 from eadp.models.plan.executor import PlanExecutor

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eadp.core.expressions.expression import read_expression, read_expressions
+from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.plan import COMPUTATION, PATH, Box, Parameter, Plan, Stage
 

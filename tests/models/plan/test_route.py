@@ -19,9 +19,9 @@ from common.routes import Tracked
 
 from eadp.cli.main import main
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
-from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, walk
+from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
 from eadp.errors import PathUndefined
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
@@ -237,7 +237,7 @@ def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], f
             yield (x + ox, y + oy), length * share
     else:
         length, last = 0.0, local
-        for x, y in itertools.islice(walk(itinerary.path, local, stage.sense, 0.2), 1, 4000):
+        for x, y in itertools.islice(points_along(itinerary.path, local, stage.sense, 0.2), 1, 4000):
             length += math.dist(last, (x, y))
             last = (x, y)
             if math.dist(last, end) < 0.3:

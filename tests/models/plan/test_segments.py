@@ -8,7 +8,8 @@ import pytest
 from common.plans import PARTS
 
 from eadp.errors import InputError, PathUndefined
-from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from eadp.errors import PathUndefined
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import default_start, nominal_legs, trace
 

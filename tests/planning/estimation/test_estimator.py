@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from forecast_variance import energy_forecast, forecast_with_variance
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
@@ -277,11 +278,11 @@ def test_a_forecast_is_gaussian_conditioning():
     weights = np.linalg.solve(seen, prior[:n, n:]).T
     wanted = mean[n:] + weights @ (readings - mean[:n])
     spread = prior[n:, n:] - weights @ prior[:n, n:]
-    power, variance = estimator.forecast_with_variance(middles - times[-1])
+    power, variance = forecast_with_variance(estimator, middles - times[-1])
     assert power == pytest.approx(wanted, abs=1e-6)
     assert power == pytest.approx(estimator.forecast(middles - times[-1]))
     assert variance == pytest.approx(np.diag(spread), rel=1e-5)
-    energy, energy_variance = estimator.energy_forecast(duration_s)
+    energy, energy_variance = energy_forecast(estimator, duration_s)
     step_s = duration_s / count
     assert energy == pytest.approx(wanted.sum() * step_s, rel=1e-5)
     assert energy_variance == pytest.approx(spread.sum() * step_s**2, rel=1e-3)
@@ -325,7 +326,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
     errors = {"power soon": [], "power later": [], "energy": []}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "DRIFT_SHARE", 0.0)  # what is simulated does not drift
-        patch.setattr(module, "LEAST_DISTURBANCE_W", 1e-3)
+        patch.setattr(module, "MIN_DISTURBANCE_W", 1e-3)
         settings = replace(settings, harmonic_drift_w_per_sqrt_s=0.0)
         for _ in range(RUNS):
             readings, power = sampled(rng, times, *truth)
@@ -334,11 +335,11 @@ def test_forecasts_are_as_sure_as_they_say(learn):
             for time_s, reading in zip(times[known], readings[known], strict=True):
                 estimator.observe(time_s, reading)
             ahead = times[~known] - times[known][-1]
-            mean, variance = estimator.forecast_with_variance(ahead)
+            mean, variance = forecast_with_variance(estimator, ahead)
             standard = (power[~known] - mean) / np.sqrt(variance)
             errors["power soon"].append(standard[4])
             errors["power later"].append(standard[150])
-            joule, square = estimator.energy_forecast(duration_s)
+            joule, square = energy_forecast(estimator, duration_s)
             lived = np.trapezoid(np.concatenate([power[known][-1:], power[~known]]), dx=0.25)
             errors["energy"].append((lived - joule) / math.sqrt(square))
     low, high = chi2.ppf([SURE, 1 - SURE], RUNS)
@@ -352,12 +353,12 @@ def test_the_periods_spread_widens_a_forecast_by_its_slope_and_no_farther_than_a
     ahead = np.array([0.0, 20.0, 1000.0])
     # harmonics may drift by a lap's spread, too: that apart
     unsure._filter.dynamics = sure._filter.dynamics
-    more = unsure.forecast_with_variance(ahead)[1] - sure.forecast_with_variance(ahead)[1]
+    more = forecast_with_variance(unsure, ahead)[1] - forecast_with_variance(sure, ahead)[1]
     h = 1e-3
     slope = (forecast_w(STATE_W, PERIOD_S + h, ahead) - forecast_w(STATE_W, PERIOD_S - h, ahead)) / (2 * h)
     assert more[:2] == pytest.approx((0.2 * slope[:2]) ** 2, rel=1e-5)
     assert more[2] <= np.square(STATE_W[1:]).sum() + ROUNDING
-    energy = [estimator.energy_forecast(1e5)[1] for estimator in (sure, unsure)]
+    energy = [energy_forecast(estimator, 1e5)[1] for estimator in (sure, unsure)]
     omega = 2 * np.pi / PERIOD_S * np.repeat([1, 2, 3], 2)
     assert energy[1] - energy[0] <= np.square(STATE_W[1:] / omega).sum() * (1 + 1e-6) + 1e-3 * energy[0]
 
@@ -379,7 +380,7 @@ def test_a_lap_that_follows_no_other_begins_the_count_anew():
     estimator = ExactEstimator(NOISES, PERIOD_S)
     for end_s in (30.0, 76.0):
         estimator.lap(end_s)
-    estimator.begin_lap(200.0)
+    estimator.start_lap(200.0)
     assert estimator.period_s == pytest.approx(46.0)
     estimator.lap(240.0)
     assert estimator.period_s == pytest.approx(40.0)
@@ -411,8 +412,8 @@ def test_a_calm_flight_keeps_the_least_noise():
         estimator = ExactEstimator(EstimatorSettings(), period_s)
         for time_s in np.arange(0.0, 200.0, 0.1):
             estimator.observe(time_s, 26.0)
-        assert estimator.noise_w == module.LEAST_NOISE_W
-        assert estimator.disturbance[0] == module.LEAST_DISTURBANCE_W
+        assert estimator.noise_w == module.MIN_NOISE_W
+        assert estimator.disturbance[0] == module.MIN_DISTURBANCE_W
         assert estimator.forecast(np.array([100.0])) == pytest.approx([26.0])
 
 
@@ -423,22 +424,9 @@ def test_learning_that_the_noise_is_larger_makes_it_less_sure():
     for k in range(3000):
         level = 200.0 if k < 300 else 70.0
         estimator.observe(0.1 * k, level + 30 * rng.standard_normal())
-    mean, variance = estimator.forecast_with_variance(np.array([60.0]))
+    mean, variance = forecast_with_variance(estimator, np.array([60.0]))
     assert abs(mean[0] - 70.0) < 4 * math.sqrt(variance[0])
     assert mean[0] == pytest.approx(70.0, abs=15)
-
-
-def test_the_published_filter_tells_no_variance():
-    estimator = PublishedEstimator(EstimatorSettings())
-    for i in range(1, 501):
-        estimator.observe(i * 0.01, float(signal_w(i * 0.01)))
-    ahead = (np.arange(2000) + 0.5) * 0.001
-    power, variance = estimator.forecast_with_variance(ahead)
-    assert power == pytest.approx(estimator.forecast(ahead))
-    assert not variance.any()
-    energy, square = estimator.energy_forecast(2.0)
-    assert energy == pytest.approx(power.sum() * 0.001, rel=1e-6)
-    assert square == 0
 
 
 # --- published

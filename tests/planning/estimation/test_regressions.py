@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.plan import Box
 from eadp.planning.estimation import regressions as observed
@@ -107,8 +107,8 @@ def test_power_is_a_bayesian_regression():
     powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
     motion = MotionPower(36.0)
     spells(motion, powers, slopes)
-    ages = observed.SPELL_S * np.arange(count)[::-1]
-    weights = observed.SPELL_S * np.exp(-ages / observed.FADE_S)
+    ages = observed.WINDOW_S * np.arange(count)[::-1]
+    weights = observed.WINDOW_S * np.exp(-ages / observed.FADE_S)
     prior = np.array([36.0, observed.TURN_SHARE * 36.0])
     spread = np.array([observed.LEVEL_SHARE * 36.0, observed.TURN_SHARE * 36.0])
     mean, covariance = posterior(
@@ -140,15 +140,15 @@ def test_power_that_nothing_is_known_of_is_what_is_flown(told_w):
 def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
     motion = MotionPower(36.0)
     motion.observe(1000.0, 1.0, 0.0)
-    motion.end_spell(0.0)
+    motion.end_window(0.0)
     assert motion.level_w == 36
     for _ in range(3):
         motion.observe(40.0, 1.0, 0.0)
-    motion.end_spell(0.0)
+    motion.end_window(0.0)
     assert 36 < motion.level_w < 40
     motion.observe(1000.0, 1.0, 0.0)
-    motion.reset_spell()
-    motion.end_spell(0.0)
+    motion.reset_window()
+    motion.end_window(0.0)
     assert 36 < motion.level_w < 40
 
 
@@ -179,7 +179,7 @@ def test_forecasts_of_energy_are_calibrated():
         motion = MotionPower(36.0)
         spells(motion, level + slope * slopes + rng.normal(0, spread, len(slopes)), slopes)
         seconds, bank_s = 300.0, 25.0
-        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * observed.SPELL_S))
+        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * observed.WINDOW_S))
         told = motion.level_w * seconds + motion.slope_w * bank_s
         squares.append((came - told) ** 2 / motion.energy_variance_j2(seconds, bank_s))
     assert np.mean(squares) == pytest.approx(1, abs=0.4)

@@ -7,7 +7,7 @@ import pytest
 from common import ROOT
 from common.observations import observation
 
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile

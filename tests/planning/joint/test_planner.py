@@ -17,7 +17,7 @@ from common.recorder import Recorder
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.io.flight.folder import record_row
 from eadp.io.flight.inputs import load_flight
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile

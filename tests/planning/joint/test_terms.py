@@ -13,7 +13,7 @@ from scipy.optimize import brentq, linprog
 
 from eadp.core import compiled
 from eadp.core.flight.battery import soc_rate_per_s
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile
@@ -235,11 +235,11 @@ def test_compiled_terms_are_the_plain_ones(name):
     it = CASES[name]()
     plain, wind = it.terms(), (3.0, -4.0)
     times = it.course.times_s(15.0, wind)
-    compiled.switch_on()
+    compiled.enable()
     try:
         fast, fast_times = it.terms(), it.course.times_s(15.0, wind)
     finally:
-        compiled.switch_on(False)
+        compiled.enable(False)
     assert np.array(fast_times) == pytest.approx(np.array(times), rel=ALGEBRA)
     for name in ("use", "gain", "least_use", "least_value"):
         assert getattr(fast.steps, name) == pytest.approx(getattr(plain.steps, name), rel=ALGEBRA, abs=1e-15)

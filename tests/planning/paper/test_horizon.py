@@ -328,7 +328,7 @@ def test_reals_equal_those_of_another_solver(shape):
         starts = [plan.relaxed[:, 0], *(rng.uniform(low, high, found.steps) for _ in range(4))]
         best = slsqp(found, horizon, starts)
         below.append((best - plan.relaxed_objective) / plan.relaxed_objective)
-        if module._proven(horizon._filled(found.outlook)):
+        if module._is_optimal(horizon._fill_greedy(found.outlook)):
             assert below[-1] <= SAME_OBJECTIVE
     assert len(below) > 15
     assert np.mean(np.array(below) <= SAME_OBJECTIVE) >= 0.9
@@ -405,18 +405,18 @@ def test_the_closed_form_and_the_qps_agree(cost, monkeypatch):
             plan = found.horizon().solve(found.outlook)
         except Infeasible:
             continue
-        steps = found.horizon()._filled(found.outlook)
-        if module._proven(steps):
+        steps = found.horizon()._fill_greedy(found.outlook)
+        if module._is_optimal(steps):
             proven.append(found)
             best = found.objective(np.array([[step.c] for step in steps]))
             assert plan.relaxed_objective == pytest.approx(best, rel=SAME_OBJECTIVE)
     assert len(proven) > 8
     for found in proven:
         horizon = found.horizon(closed_form=False)
-        best = sum(step.worth for step in horizon._filled(found.outlook))
+        best = sum(step.value for step in horizon._fill_greedy(found.outlook))
         towards = horizon.solve(found.outlook)  # the QPs know what there is to reach
         with monkeypatch.context() as patch:
-            patch.setattr(module, "_proven", lambda steps: False)
+            patch.setattr(module, "_is_optimal", lambda steps: False)
             alone = horizon.solve(found.outlook)
         assert alone.passes > 0
         with monkeypatch.context() as patch:

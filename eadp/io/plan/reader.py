@@ -1,4 +1,4 @@
-"""Plan text: the papers' format and its dialects in, canonical text out.
+"""Reader of plan text: the papers' format and its dialects.
 
 Source: draft 002, Appendix II.
 """
@@ -11,20 +11,19 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from eadp.core.expressions.expression import (
+from eadp.core.expressions.reader import read_expression, read_expressions
+from eadp.core.expressions.tree import (
     FUNCTIONS,
     Expression,
     constant,
     difference,
     evaluate,
-    is_zero,
     number_text,
-    read_expression,
-    read_expressions,
     substituted,
     total,
 )
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
+from eadp.io.plan.writer import point_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.plan import (
     ROTATIONS,
@@ -37,7 +36,7 @@ from eadp.models.plan.plan import (
     Stage,
 )
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.structure import find_shift, find_structure, header_disagrees, tidy
+from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
@@ -45,8 +44,8 @@ _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
-QUANTITIES_LIMIT = 200
-"""Most quantities of laps that end on a condition."""
+VARIABLES_LIMIT = 200
+"""Most loop variables of a segment."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -55,35 +54,40 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class _Line:
-    """A line of the file without its number: where its text starts [column, from 1]."""
+    """A line of the file without its printed number; `column` is where its text starts, from 1."""
 
     number: int
     text: str
     column: int
+
+    def after(self, offset: int) -> _Line:
+        """The rest of the line from an offset on."""
+        return _Line(self.number, self.text[offset:], self.column + offset)
+
+
+_START = _Line(1, "", 1)
 
 
 @dataclass(slots=True)
 class _Draft:
     """A stage being read; parts that could not be read stay None."""
 
-    line: int
-    column: int = 1
+    line: _Line
     gain: float | None = None
     rotation: int | None = None
     path: Expression | None = None
+    path_line: _Line = field(default_factory=lambda: _START)
     trigger: PointExpression | None = None
+    trigger_line: _Line | None = None
     sets: list[Box | None] = field(default_factory=list)
     set_lines: list[_Line] = field(default_factory=list)
-    path_column: int = 1
-    trigger_line: int = 0
-    trigger_columns: tuple[int, int] = (1, 1)
 
 
 @dataclass(slots=True)
 class _Group:
-    """The sections of one part: its quantities by name (a shift of None is a formula), stages, and end.
+    """The sections of one segment: its loop variables by name (a shift of None is a formula), stages, and end.
 
-    `drafts` is where its stages begin among the plan's. A part with a condition is flown lap by lap until it holds.
+    `drafts` is the index of its first stage. A segment with a condition is flown lap by lap until it holds.
     """
 
     line: _Line
@@ -95,15 +99,11 @@ class _Group:
     n: tuple[int, _Line] | None = None
     final: PointExpression | None = None
     until: tuple[Expression, Expression] | None = None
-    final_line: _Line = field(default_factory=lambda: _Line(1, "", 1))
-
-    def changing(self) -> dict[str, tuple[Expression, Expression, _Line]]:
-        """The coordinates that have a shift."""
-        return {name: (first, move, line) for name, (first, move, line) in self.coordinates.items() if move is not None}
+    final_line: _Line = field(default_factory=lambda: _START)
 
 
 def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
-    """Read a plan; what reading shows comes with it, errors excepted.
+    """Read a plan, with warnings about it.
 
     Raises
     ------
@@ -120,10 +120,9 @@ class _Reader:
         self._faults: list[Fault] = []
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
-        self._headers: dict[str, tuple[_Line, int]] = {}
+        self._headers: dict[str, _Line] = {}
         self._header_shift: PointExpression | None = None
-        self._header_shift_line = 1
-        self._sectioned = False
+        self._header_shift_line = _START
         self._section = ""
         self._groups: list[_Group] = []
         self._numbered = 0
@@ -141,7 +140,7 @@ class _Reader:
             if line is not None and line.text.strip():
                 self._read_line(line)
         if not self._drafts and not self._faults:
-            self._fault(_Line(1, "", 1), 0, "no stage", STAGE_EXPECTED)
+            self._fault(_START, 0, "no stage", STAGE_EXPECTED)
         self._finish_stages()
         self._check_faults()
         plan = self._assembled()
@@ -168,18 +167,16 @@ class _Reader:
         if stripped[:1] in ("%", "#"):
             if stripped[:2] == "%:":
                 offset = len(text) - len(stripped) + 2
-                self._read_header(_Line(number, text[offset:], column + offset))
+                self._read_header(_Line(number, text, column).after(offset))
             return None
         return _Line(number, text, column)
 
     def _read_line(self, line: _Line) -> None:
         section = _SECTION.match(line.text)
         if section:
-            if self._drafts and not self._sectioned:
-                self._fault(
-                    line, 0, f"a section {section[1]}: after stages without sections", "sections from the start"
-                )
-            self._sectioned = True
+            if self._drafts and not self._groups:
+                what = f"a section {section[1]}: after stages without sections"
+                self._fault(line, 0, what, "sections from the start")
             self._begin_section(section[1], line)
         elif self._section == "init":
             self._read_definition(line)
@@ -191,7 +188,7 @@ class _Reader:
     # --- sections
 
     def _begin_section(self, name: str, line: _Line) -> None:
-        """A section: of the part that is being read, or the first of the next part."""
+        """A section: of the current segment, or the first of the next."""
         group = self._groups[-1] if self._groups else None
         if group is not None and self._section == "init" and name != "init":
             self._read_definitions(group)
@@ -203,7 +200,7 @@ class _Reader:
         self._section = name
 
     def _ends_on_condition(self, number: int) -> bool:
-        """Whether the part whose sections begin on a line ends on a condition: its `trig:` holds a >=."""
+        """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
         section = ""
         for raw in self._source[number:]:
             text = _NUMBERED.sub("", raw, count=1)
@@ -232,11 +229,11 @@ class _Reader:
             group.until = (sides[0], sides[1])
 
     def _scalar(self, line: _Line, text: str, start: int) -> Expression | None:
-        """A number in parameters and quantities."""
+        """A number in parameters and loop variables."""
         value = self._expression(line, text, start)
         for name in ("x", "y"):
-            if value is not None and name in value.places:
-                self._fault(line, start + value.places[name], f"a value that depends on {name}", "numbers and names")
+            if value is not None and name in value.offsets:
+                self._fault(line, start + value.offsets[name], f"a value that depends on {name}", "numbers and names")
                 return None
         return value
 
@@ -247,27 +244,25 @@ class _Reader:
         elif ";" in line.text:
             self._read_head(line)
         elif not self._drafts:
-            if self._header_shift is not None or self._sectioned:
+            if self._header_shift is not None or self._groups:
                 self._fault(line, 0, "neither a stage nor a header", STAGE_EXPECTED)
             else:
-                self._header_shift_line = line.number
+                self._header_shift_line = line
                 self._header_shift = self._point(line, "a shift like -10, -1, or " + STAGE_EXPECTED) or _NOWHERE
-        elif self._drafts[-1].trigger_line > 0:
-            self._fault(
-                line, 0, f"stage {len(self._drafts)} has its trigger already", "a set like [2, 10] or a new stage"
-            )
+        elif self._drafts[-1].trigger_line not in (None, _START):
+            what = f"stage {len(self._drafts)} has its trigger already"
+            self._fault(line, 0, what, "a set like [2, 10] or a new stage")
         else:
             self._read_trigger(line)
 
     # --- lines of a stage
 
     def _read_head(self, line: _Line) -> None:
-        draft = _Draft(line.number, line.column)
+        draft = _Draft(line)
         self._drafts.append(draft)
         parts = line.text.split(";")
         if len(parts) != 3:
-            expected = STAGE_EXPECTED
-            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", expected)
+            self._fault(line, 0, f"a stage with {len(parts)} parts between semicolons", STAGE_EXPECTED)
             return
         starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
         draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
@@ -282,27 +277,25 @@ class _Reader:
             draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
         path = parts[2].lstrip()
         start = starts[2] + len(parts[2]) - len(path)
-        draft.path_column = line.column + start
+        draft.path_line = line.after(start)
         draft.path = self._expression(line, path, start)
         if draft.path is not None and not draft.path.names & {"x", "y"}:
             self._fault(line, start, "a path that names neither x nor y", "a path function of x and y")
 
     def _read_trigger(self, line: _Line) -> None:
         draft = self._drafts[-1]
-        draft.trigger_line = line.number
+        draft.trigger_line = line
         draft.trigger = self._point(line, f"the trigger of stage {len(self._drafts)}, like -115, 146")
-        draft.trigger_columns = (line.column, line.column)
 
     def _read_set(self, line: _Line) -> None:
         if not self._drafts:
             self._fault(line, 0, "a set before the first stage", STAGE_EXPECTED)
             return
         draft = self._drafts[-1]
-        if not draft.trigger_line:
-            self._fault(
-                line, 0, f"a set before the trigger of stage {len(self._drafts)}", "its trigger, like -115, 146"
-            )
-            draft.trigger_line = -1
+        if draft.trigger_line is None:
+            what = f"a set before the trigger of stage {len(self._drafts)}"
+            self._fault(line, 0, what, "its trigger, like -115, 146")
+            draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
         draft.sets.append(self._box(line, line.text, 0, which))
         draft.set_lines.append(line)
@@ -323,10 +316,9 @@ class _Reader:
             self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
             return None
         if values[0] > values[1]:
-            message = (
-                f"a set whose lower bound {number_text(values[0])} is above its upper bound {number_text(values[1])}"
-            )
-            self._fault(line, offset, message, "lower bound first")
+            low, high = map(number_text, values)
+            what = f"a set whose lower bound {low} is above its upper bound {high}"
+            self._fault(line, offset, what, "lower bound first")
             return None
         return Box(*values)
 
@@ -351,25 +343,25 @@ class _Reader:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
-        if group.conditional:  # what it may name stands below it, too: read once all names are known
-            group.coordinates[name] = (*_NOWHERE, _Line(line.number, rest, line.column + start))
+        if group.conditional:  # it may name what stands below it: read once all names are known
+            group.coordinates[name] = (*_NOWHERE, line.after(start))
             group.definitions.append((name, start, line))
             return
         pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
         if pair is not None and any(part.names & {"x", "y"} for part in pair):
             self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
             pair = None
-        if pair is None:  # the name is known all the same: one mistake is one fault
+        if pair is None:  # the name stays defined: one mistake is one fault
             pair = list(_NOWHERE)
-        group.coordinates[name] = (pair[0], pair[1], _Line(line.number, rest, line.column + start))
+        group.coordinates[name] = (pair[0], pair[1], line.after(start))
 
     def _read_definitions(self, group: _Group) -> None:
-        """The quantities of laps that end on a condition: a first value and a shift, or a formula."""
+        """The loop variables of a repeating segment: a first value and an increment, or a formula."""
         formulas: set[str] = set()
         names = {name for name, _, _ in group.definitions}
-        if len(names) > QUANTITIES_LIMIT:
-            line = group.definitions[QUANTITIES_LIMIT][2]
-            self._fault(line, 0, f"{len(names)} quantities in a part", f"at most {QUANTITIES_LIMIT}")
+        if len(names) > VARIABLES_LIMIT:
+            line = group.definitions[VARIABLES_LIMIT][2]
+            self._fault(line, 0, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
             return
         for name, start, line in group.definitions:
             rest = line.text[start:]
@@ -380,14 +372,16 @@ class _Reader:
                 self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
                 continue
             if any(part.names & {"x", "y"} for part in values):
-                self._fault(line, start, f"the quantity {name} depends on x or y", "numbers, parameters and quantities")
+                self._fault(
+                    line, start, f"the loop variable {name} depends on x or y", "numbers, parameters and loop variables"
+                )
                 continue
             place = group.coordinates[name][2]
             if len(values) == 2:
                 used = sorted(values[0].names & names)
                 if used:
                     what = f"the first value of {name} names {used[0]}"
-                    self._fault(line, start + values[0].places[used[0]], what, "numbers and parameters")
+                    self._fault(line, start + values[0].offsets[used[0]], what, "numbers and parameters")
                 group.coordinates[name] = (values[0], values[1], place)
             else:
                 group.coordinates[name] = (values[0], None, place)
@@ -400,7 +394,7 @@ class _Reader:
             for other in sorted((formula.names & formulas) - known):
                 source = "itself" if other == name else f"{other}, which stands below it"
                 message = f"{name} is computed from {source}"
-                self._fault(line, start + formula.places[other], message, "formulas above it")
+                self._fault(line, start + formula.offsets[other], message, "formulas above it")
             known.add(name)
 
     # --- headers
@@ -409,8 +403,7 @@ class _Reader:
         stripped = line.text.strip()
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
-        value = line.text[start:].lstrip()
-        start = len(line.text) - len(value)
+        start = len(line.text) - len(line.text[start:].lstrip())
         known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
         if key not in known:
             message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
@@ -418,18 +411,16 @@ class _Reader:
             return
         if key in self._headers:
             self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
-        self._headers[key] = (_Line(line.number, value, line.column + start), line.number)
+        self._headers[key] = line.after(start)
 
     def _header_number(self, key: str, expected: str) -> float | None:
-        if key not in self._headers:
-            return None
-        line, _ = self._headers[key]
-        return self._number(line, line.text, 0, expected, lambda value: value > 0)
+        line = self._headers.get(key)
+        return self._number(line, line.text, 0, expected, lambda value: value > 0) if line else None
 
     def _header_computations(self) -> tuple[tuple[str, str], ...]:
-        if "computations" not in self._headers:
+        line = self._headers.get("computations")
+        if line is None:
             return ()
-        line, _ = self._headers["computations"]
         result: list[tuple[str, str]] = []
         seen: set[str] = set()
         offset = 0
@@ -447,9 +438,9 @@ class _Reader:
         return tuple(result)
 
     def _header_sets(self) -> dict[int, Box]:
-        if "sets" not in self._headers:
+        line = self._headers.get("sets")
+        if line is None:
             return {}
-        line, _ = self._headers["sets"]
         result: dict[int, Box] = {}
         position = 0
         while line.text[position:].strip():
@@ -467,9 +458,9 @@ class _Reader:
         return result
 
     def _header_origin(self) -> tuple[float, float] | None:
-        if "origin" not in self._headers:
+        line = self._headers.get("origin")
+        if line is None:
             return None
-        line, _ = self._headers["origin"]
         words = line.text.replace(",", " ").split()
         try:
             latitude, longitude = (float(word) for word in words)
@@ -483,15 +474,15 @@ class _Reader:
     # --- from drafts to a plan
 
     def _finish_stages(self) -> None:
-        """What can be said of the stages once all are read."""
+        """Checks that need all stages."""
         for index, draft in enumerate(self._drafts, 1):
-            if not draft.trigger_line:
+            if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
-                self._fault(_Line(draft.line, "", draft.column), 0, f"stage {index} has no trigger", expected)
+                self._fault(draft.line, 0, f"stage {index} has no trigger", expected)
         if not self._drafts:
             return
         self._check_set_counts()
-        if self._sectioned:
+        if self._groups:
             self._check_sections()
 
     def _check_set_counts(self) -> None:
@@ -499,7 +490,7 @@ class _Reader:
         for index, draft in enumerate(self._drafts, 1):
             if len(draft.sets) == first:
                 continue
-            place = draft.set_lines[-1] if draft.set_lines else _Line(draft.line, "", draft.column)
+            place = draft.set_lines[-1] if draft.set_lines else draft.line
             message = f"stage {index} has {len(draft.sets)} sets where stage 1 has {first}"
             self._fault(place, 0, message, "the same number of sets in every stage")
 
@@ -509,7 +500,7 @@ class _Reader:
                 stages, line = group.n
                 self._fault(line, 0, f"n = {stages} where {len(drafts)} stages follow", f"n = {len(drafts)}")
             elif not drafts and not self._faults:
-                self._fault(group.line, 0, "a part without stages", "a section path: with some")
+                self._fault(group.line, 0, "a segment without stages", "a section path: with some")
         if len(self._groups) == 1 and not self._groups[0].conditional:
             self._check_short_form(self._groups[0])
             return
@@ -518,47 +509,45 @@ class _Reader:
                 place = group.final_line if group.final else group.line
                 self._fault(place, 0, "laps that do not end on a condition", "a section trig: like s >= 90")
             elif group.final is not None:
-                self._fault(group.final_line, 0, "a final point of a part that is flown once", "no section trig:")
+                self._fault(group.final_line, 0, "a final point of a segment that is flown once", "no section trig:")
         last = self._groups[-1]
         if last.until is not None and not self._faults:
             what = "the plan ends with laps that end on a condition"
             self._fault(last.final_line, 0, what, "a section path: after it, whose last trigger is the final point")
 
     def _check_short_form(self, group: _Group) -> None:
-        """A plan of one part with a final point, as the papers write it."""
-        place = _Line(self._drafts[0].line, "", self._drafts[0].column)
+        """A plan of one repeating segment with a final point, as the papers write it."""
         if group.final is None and not self._faults:
             self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
         if not group.coordinates and not self._faults:
-            self._fault(place, 0, "a section path: without coordinates", "a section init: that names some")
+            self._fault(
+                self._drafts[0].line, 0, "a section path: without coordinates", "a section init: that names some"
+            )
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
-        """Each part with its stages."""
+        """Each segment with its stages."""
         ends = [group.drafts for group in self._groups[1:]] + [len(self._drafts)]
         for group, end in zip(self._groups, ends, strict=True):
             yield group, self._drafts[group.drafts : end]
 
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
-        path_count = self._path_count()
+        path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
         sets = self._header_sets()
         if sets and count:
-            line, _ = self._headers["sets"]
-            self._fault(line, 0, "a header sets beside stages that carry sets", "one or the other")
+            self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
         elif sets:
             count = max(sets)
             missing = [f"c{i}" for i in range(1, max(count, path_count) + 1) if i not in sets]
             if missing:
-                line, _ = self._headers["sets"]
-                self._fault(line, 0, f"no set for {', '.join(missing)}", "a set for every parameter")
+                self._fault(self._headers["sets"], 0, f"no set for {', '.join(missing)}", "a set for every parameter")
                 self._check_faults()
         if count:
             self._check_indices(count, path_count)
         computations = self._header_computations()
         if count >= path_count and count and computations and len(computations) != count - path_count:
-            line, _ = self._headers["computations"]
             message = f"{len(computations)} names for {count - path_count} computations"
-            self._fault(line, 0, message, "a name for each set after the paths'")
+            self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
         self._check_computation_sets(path_count, sets)
         self._check_faults()
         boxes = tuple(sets[i] for i in sorted(sets))
@@ -576,13 +565,14 @@ class _Reader:
             parts=parts,
         )
         self._check_smoothness(plan)
-        if parts:
-            return self._with_laps(plan)
-        return self._repeating(plan) if self._sectioned else self._structured(plan)
+        complete = self._with_laps if parts else self._repeating if self._groups else self._structured
+        plan = complete(plan)
+        self._compare_header(plan)
+        return plan
 
     def _parts(self) -> tuple[Segment, ...]:
-        """The parts of a plan that has more than the papers' one."""
-        if not self._sectioned or (len(self._groups) == 1 and not self._groups[0].conditional):
+        """The segments of a plan; none of the papers' short form."""
+        if not self._groups or (len(self._groups) == 1 and not self._groups[0].conditional):
             return ()
         return tuple(
             Segment(
@@ -595,55 +585,46 @@ class _Reader:
         )
 
     def _with_laps(self, plan: Plan) -> Plan:
-        """A plan of parts: how many stages a lap has, and the shift of its laps where there is one."""
+        """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
         counts = {part.count for part in plan.parts if part.repeats}
-        plan = replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
-        self._compare_header(plan)
-        return plan
+        return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:
-        """An explicit plan with the structure that its stages show."""
+        """An explicit plan with the structure found in its stages."""
         found = find_structure(plan)
-        if found is None:
-            return plan
-        plan = replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
-        self._compare_header(plan)
-        return plan
+        return plan if found is None else replace(plan, primitive_stages=found.primitive_stages, shift=found.shift)
 
     def _compare_header(self, plan: Plan) -> None:
-        """A finding where the first line's shift is neither what the stages do nor its opposite."""
+        """A warning where the shift on the first line is neither that of the stages nor its opposite."""
         if plan.header_shift is None or plan.shift is None or not header_disagrees(plan):
             return
         message = (
-            f"the shift ({_point_text(plan.header_shift)}) is neither what the stages do, "
-            f"({_point_text(plan.shift)}), nor its opposite"
+            f"the shift ({point_text(plan.header_shift)}) is neither what the stages do, "
+            f"({point_text(plan.shift)}), nor its opposite"
         )
-        self._findings.append(Finding("warning", None, self._header_shift_line, "header-shift", message))
+        self._findings.append(Finding("warning", None, self._header_shift_line.number, "header-shift", message))
 
     def _stage(self, index: int, draft: _Draft, boxes: tuple[Box, ...], parts: tuple[Segment, ...]) -> Stage:
         assert draft.gain is not None
         assert draft.rotation in ROTATIONS
         own = tuple(box for box in draft.sets if box is not None)
-        firsts = {} if parts else {name: first for name, (first, _, _) in self._coordinates_of_all().items()}
+        firsts = {} if parts else {name: first for name, first, _ in self._short_form_coordinates()}
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
-        return Stage(index, draft.line, draft.gain, draft.rotation, path, trigger, own or boxes, part)
+        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, own or boxes, part)
 
-    def _coordinates_of_all(self) -> dict[str, tuple[Expression, Expression, _Line]]:
-        """The coordinates of the short form; of no other."""
-        return self._groups[0].changing() if self._groups else {}
+    def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
+        """Name, first value and shift of the coordinates of the short form; none without sections."""
+        table = self._groups[0].coordinates if self._groups else {}
+        return [(name, first, shift) for name, (first, shift, _) in table.items() if shift is not None]
 
     def _placed(self, draft: _Draft, values: Mapping[str, Expression]) -> tuple[Expression, PointExpression]:
-        """A stage's path and trigger with its coordinates put in."""
+        """A stage's path and trigger with its coordinates substituted."""
         assert draft.path is not None
         assert draft.trigger is not None
         if not values:
             return draft.path, draft.trigger
-        parts = [
-            (draft.path, _Line(draft.line, "", draft.path_column)),
-            (draft.trigger[0], _Line(draft.trigger_line, "", draft.trigger_columns[0])),
-            (draft.trigger[1], _Line(draft.trigger_line, "", draft.trigger_columns[1])),
-        ]
+        parts = zip((draft.path, *draft.trigger), (draft.path_line, *[draft.trigger_line or _START] * 2), strict=True)
         placed = []
         for part, line in parts:
             try:
@@ -653,97 +634,83 @@ class _Reader:
                 self._check_faults()
         return placed[0], (placed[1], placed[2])
 
-    def _path_count(self) -> int:
-        """ρ: the highest index that any expression names."""
-        parts = [part for draft in self._drafts for part in (draft.path, *(draft.trigger or ())) if part is not None]
+    def _named(self) -> Iterator[tuple[str, Expression, _Line]]:
+        """Every expression that may name a parameter: what it belongs to, and where it stands."""
         for group in self._groups:
-            parts += [part for first, shift, _ in group.coordinates.values() for part in (first, shift) if part]
-            parts += [*(group.final or ()), *(group.until or ())]
-        parts += [*(self._header_shift or ())]
-        return max((part.highest_parameter for part in parts), default=0)
+            for name, (first, shift, line) in group.coordinates.items():
+                yield from ((f"the coordinate {name}", value, line) for value in (first, shift) if value)
+            yield from (("the final point", value, group.final_line) for value in group.final or ())
+            yield from (("the end of the laps", value, group.final_line) for value in group.until or ())
+        for index, draft in enumerate(self._drafts, 1):
+            if draft.path:
+                yield f"stage {index}", draft.path, draft.path_line
+            yield from ((f"stage {index}", value, draft.trigger_line or _START) for value in draft.trigger or ())
+        yield from (("the shift", value, self._header_shift_line) for value in self._header_shift or ())
 
     def _check_indices(self, count: int, path_count: int) -> None:
         """An index without a set is an error at the expression that names it."""
-        if path_count <= count:
-            return
-        named: list[tuple[str, Expression | None, int, int]] = []
-        for group in self._groups:
-            for name, (first, shift, line) in group.coordinates.items():
-                named += [(f"the coordinate {name}", value, line.number, line.column) for value in (first, shift)]
-            end = group.final_line
-            named += [("the final point", value, end.number, end.column) for value in group.final or ()]
-            named += [("the end of the laps", value, end.number, end.column) for value in group.until or ()]
-        for index, draft in enumerate(self._drafts, 1):
-            named.append((f"stage {index}", draft.path, draft.line, draft.path_column))
-            for value in draft.trigger or ():
-                named.append((f"stage {index}", value, draft.trigger_line, draft.trigger_columns[0]))
-        named += [("the shift", value, self._header_shift_line, 1) for value in self._header_shift or ()]
-        for who, part, number, column in named:
-            if part is not None and part.highest_parameter > count:
-                name = f"c{part.highest_parameter}"
+        for who, part, line in self._named():
+            if path_count > count < part.max_parameter:
+                name = f"c{part.max_parameter}"
                 message = f"{who} names {name} where stages have {count} sets"
-                self._fault(_Line(number, "", column), part.places.get(name, 0), message, f"a set for {name}")
-        if not self._faults:
-            self._fault(_Line(1, "", 1), 0, f"c{path_count} is named where stages have {count} sets", "a set for it")
+                self._fault(line, part.offsets.get(name, 0), message, f"a set for {name}")
 
     def _check_computation_sets(self, path_count: int, header_sets: Mapping[int, Box]) -> None:
         for draft in self._drafts:
             for i, (box, line) in enumerate(zip(draft.sets, draft.set_lines, strict=True)):
                 if i >= path_count and box is not None and box.lo < 0:
-                    self._fault(line, 0, f"a computation's set that begins at {number_text(box.lo)}", "0 or more")
+                    self._fault(line, 0, f"a computation's set that starts at {number_text(box.lo)}", "0 or more")
         for i, box in header_sets.items():
             if i > path_count and box.lo < 0:
-                line, _ = self._headers["sets"]
-                self._fault(line, 0, f"the set of computation c{i} begins at {number_text(box.lo)}", "0 or more")
+                self._fault(
+                    self._headers["sets"],
+                    0,
+                    f"the set of computation c{i} starts at {number_text(box.lo)}",
+                    "0 or more",
+                )
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
-            if stage.path.rough:
-                used = stage.path.rough
+            if stage.path.non_smooth:
+                used = stage.path.non_smooth
                 message = f"the path of stage {stage.index} uses {used}, which is not twice differentiable everywhere"
-                self._findings.append(
-                    Finding("warning", stage.index, stage.line, "not-smooth", message, draft.path_column)
-                )
+                column = draft.path_line.column
+                self._findings.append(Finding("warning", stage.index, stage.line, "not-smooth", message, column))
 
     def _repeating(self, plan: Plan) -> Plan:
         """The short form: lap 1's stages, and the shift d that takes them to the next lap.
 
-        Each trigger tells d, as its change when every coordinate moves by its shift; all must agree, and so must the
-        paths (letter, Eq. 2).
+        d is the change of each trigger when every coordinate moves by its shift; all must agree, and so must the paths
+        (letter, Eq. 2).
         """
-        coordinates, final = self._coordinates_of_all(), self._groups[0].final
-        moved = {name: total(first, shift) for name, (first, shift, _) in coordinates.items()}
+        coordinates = self._short_form_coordinates()
+        moved = {name: total(first, shift) for name, first, shift in coordinates}
         shift: PointExpression | None = None
         for stage, draft in zip(plan.stages, self._drafts, strict=True):
             path, trigger = self._placed(draft, moved)
             d = (difference(trigger[0], stage.trigger[0]), difference(trigger[1], stage.trigger[1]))
             if shift is None:
                 shift = (tidy(d[0]), tidy(d[1]))
-            expected = f"a shift of ({shift[0].text}, {shift[1].text})"
-            if not (_equal(d[0], shift[0]) and _equal(d[1], shift[1])):
+            expected = f"a shift of ({point_text(shift)})"
+            if not (equal(d[0], shift[0]) and equal(d[1], shift[1])):
                 message = f"the trigger of stage {stage.index} does not shift as that of stage 1 does"
-                self._fault(_Line(draft.trigger_line, "", draft.trigger_columns[0]), 0, message, expected)
+                self._fault(draft.trigger_line or _START, 0, message, expected)
             elif not _shifts(stage.path, path, shift):
                 message = f"the path of stage {stage.index} does not shift as its trigger does"
-                self._fault(_Line(draft.line, "", draft.path_column), 0, message, expected)
+                self._fault(draft.path_line, 0, message, expected)
         if shift is not None and all(not part.names and part.at() == 0 for part in shift):
-            self._fault(_Line(self._drafts[0].line, "", 1), 0, "a plan that repeats without a shift", "a shift")
-        short = ShortForm(
-            tuple((name, first, move) for name, (first, move, _) in coordinates.items()),
-            tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger),
-        )
-        plan = replace(
+            self._fault(_Line(self._drafts[0].line.number, "", 1), 0, "a plan that repeats without a shift", "a shift")
+        stages = tuple((draft.path, draft.trigger) for draft in self._drafts if draft.path and draft.trigger)
+        return replace(
             plan,
             repeats=True,
             shift=shift,
-            final=final,
+            final=self._groups[0].final,
             primitive_stages=len(plan.stages),
-            short_form=short,
+            short_form=ShortForm(tuple(coordinates), stages),
         )
-        self._compare_header(plan)
-        return plan
 
-    # --- reading parts of a line, with faults noted
+    # --- reading parts of a line, faults recorded
 
     def _fault(self, line: _Line, offset: int, message: str, expected: str = "") -> None:
         source = self._source[line.number - 1] if line.number <= len(self._source) else ""
@@ -771,8 +738,8 @@ class _Reader:
             return None
         for part in pair:
             for name in ("x", "y"):
-                if name in part.places:
-                    self._fault(line, part.places[name], f"a point that depends on {name}", "numbers and parameters")
+                if name in part.offsets:
+                    self._fault(line, part.offsets[name], f"a point that depends on {name}", "numbers and parameters")
                     return None
         return pair[0], pair[1]
 
@@ -796,16 +763,11 @@ class _Reader:
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
 
 
-def _equal(a: Expression, b: Expression) -> bool:
-    gap = difference(a, b)
-    return is_zero(gap.node) if gap.names else abs(gap.at()) < 1e-9
-
-
 def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:
-    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, looked at where it is defined."""
+    """Whether later(p + d, c) − first(p, c) is the same for every p: letter, Eq. 2, evaluated where it is defined."""
     points = ((0.0, 0.0), (37.3, -11.9), (-83.1, 141.7), (211.9, 73.3), (-17.7, -197.3))
     for sample in (0.0, -0.37, 0.81, -211.3):
-        count = max(first.highest_parameter, later.highest_parameter, *(part.highest_parameter for part in shift))
+        count = max(first.max_parameter, later.max_parameter, *(part.max_parameter for part in shift))
         c = [sample * (1 + 0.1 * i) for i in range(count)]
         differences = []
         try:
@@ -820,66 +782,3 @@ def _shifts(first: Expression, later: Expression, shift: PointExpression) -> boo
         if max(values) - min(values) > 1e-9 * scale:
             return False
     return True
-
-
-# --- writing ----------------------------------------------------------------------------------------------------------
-
-
-def plan_text(plan: Plan) -> str:
-    """Canonical text of a plan; reading it again gives the same plan."""
-    lines = []
-    if plan.computations:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
-        lines.append(f"%: computations {', '.join(names)}")
-    if plan.trigger_radius_m != TRIGGER_RADIUS_M:
-        lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
-    if plan.min_radius_m is not None:
-        lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
-    if plan.origin_deg is not None:
-        lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
-    if plan.header_shift is not None:
-        lines.append(_point_text(plan.header_shift))
-    if plan.parts:
-        for part in plan.parts:
-            lines += _part_lines(plan, part)
-        return "\n".join([*lines, ""])
-    short = plan.short_form
-    if short is None:
-        parts = tuple((stage.path, stage.trigger) for stage in plan.stages)
-    else:
-        parts = short.stages
-        lines += ["init:", f"n = {len(plan.stages)}"]
-        lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
-        lines.append("path:")
-    for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
-        lines += _stage_lines(stage, path, trigger)
-    if short is not None and plan.final is not None:
-        lines += ["trig:", _point_text(plan.final)]
-    return "\n".join([*lines, ""])
-
-
-def _part_lines(plan: Plan, part: Segment) -> list[str]:
-    """The sections of a part."""
-    lines = []
-    if part.repeats or part.quantities:
-        lines += ["init:", f"n = {part.count}"]
-        for q in part.quantities:
-            lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
-    lines.append("path:")
-    for stage in plan.stages[part.first : part.first + part.count]:
-        lines += _stage_lines(stage, stage.path, stage.trigger)
-    if part.until is not None:
-        lines += ["trig:", f"{part.until[0].text} >= {part.until[1].text}"]
-    return lines
-
-
-def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
-    return [
-        f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
-        _point_text(trigger),
-        *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
-    ]
-
-
-def _point_text(point: PointExpression) -> str:
-    return f"{point[0].text}, {point[1].text}"

@@ -10,9 +10,11 @@ from common import ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from eadp.core.expressions.expression import constant, read_expression
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
-from eadp.io.plan.text import plan_text, read_plan
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import COMPUTATION, PATH, Box, Plan, Stage
 
@@ -479,7 +481,7 @@ def plans(draw):
     count = draw(st.integers(1, 4))
     per_stage = draw(st.integers(0, 4))
     texts = [draw(paths) for _ in range(count)]
-    path_count = max(read_expression(text).highest_parameter for text in texts)
+    path_count = max(read_expression(text).max_parameter for text in texts)
     if per_stage:
         per_stage = max(per_stage, path_count)
     computations = ()

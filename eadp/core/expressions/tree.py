@@ -1,0 +1,406 @@
+"""Expression trees: nodes, limits, evaluation, substitution and canonical text.
+
+Derivatives are compiled in `eadp.core.expressions.derivatives`; `eadp.core.expressions.algebra` gives a tree to sympy.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from eadp.errors import ExpressionError, PathUndefined, printable
+
+LENGTH_LIMIT = 10_000
+NESTING_LIMIT = 100
+DIGITS_LIMIT = 50
+EXPONENT_LIMIT = 64
+CONSTANT_LIMIT = 1e300
+SIZE_LIMIT = 20_000
+"""Most nodes of one tree, after coordinates have been substituted."""
+
+DEPTH_LIMIT = 4 * NESTING_LIMIT
+"""Greatest depth of a tree after substitution: that of a text of the deepest nesting."""
+
+FUNCTIONS: dict[str, tuple[int, int]] = {
+    **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "abs", "exp", "log"), (1, 1)),
+    "atan2": (2, 2),
+    "min": (2, 64),
+    "max": (2, 64),
+}
+"""Function → minimum and maximum number of arguments."""
+
+NON_SMOOTH_FUNCTIONS = frozenset({"abs", "min", "max"})
+"""Functions that are not twice differentiable everywhere."""
+
+PARAMETER = re.compile(r"c([1-9][0-9]{0,2})\Z")
+
+
+# --- the tree ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A literal, 0 or more."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """x, y, pi or a parameter c1, c2, …."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Negative:
+    """−operand."""
+
+    operand: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Sum:
+    """Terms with whether each is subtracted; the first never is."""
+
+    terms: tuple[tuple[bool, Node], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """Factors with whether each divides, from left to right; the first never does."""
+
+    factors: tuple[tuple[bool, Node], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """base ^ exponent."""
+
+    base: Node
+    exponent: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """function(arguments)."""
+
+    function: str
+    arguments: tuple[Node, ...]
+
+
+Node = Number | Symbol | Negative | Sum | Product | Power | Call
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A checked expression.
+
+    `offsets` gives, for each name in it, the offset of its first use in the text that it was read from.
+    """
+
+    node: Node
+    offsets: Mapping[str, int] = field(default_factory=dict, compare=False)
+    size: int = field(default=1, compare=False)
+    non_smooth: str = field(default="", compare=False)
+    """The first function in it that is not twice differentiable everywhere, or ''."""
+
+    @cached_property
+    def text(self) -> str:
+        """Canonical text; reading it again gives the same tree."""
+        return to_text(self.node)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The symbols it depends on, pi left out."""
+        return frozenset(symbols(self.node)) - {"pi"}
+
+    @property
+    def max_parameter(self) -> int:
+        """The largest index i of any c_i in it; 0 without."""
+        return max((int(name[1:]) for name in self.names if PARAMETER.match(name)), default=0)
+
+    def at(
+        self,
+        parameters: Sequence[float] = (),
+        x: float = 0.0,
+        y: float = 0.0,
+        quantities: Mapping[str, float] | None = None,
+    ) -> float:
+        """Value for parameters c1, c2, … at a point, and for other names' values.
+
+        Raises
+        ------
+        PathUndefined
+            If it has no finite real value there, or names a parameter that is not given.
+        """
+        if isinstance(self.node, Number):
+            return self.node.value
+        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}, **(quantities or {})}
+        return evaluate(self.node, values)
+
+
+def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
+    """The expression with symbols replaced by other expressions.
+
+    Raises
+    ------
+    ExpressionError
+        At the first symbol whose replacement makes the tree too large, or on a constant part that is not allowed.
+    """
+    size = expression.size
+    offsets = {name: offset for name, offset in expression.offsets.items() if name not in values}
+    non_smooth = expression.non_smooth
+
+    def build(node: Node) -> Node:
+        nonlocal size, non_smooth
+        if isinstance(node, Symbol):
+            if node.name not in values:
+                return node
+            value = values[node.name]
+            size += value.size
+            non_smooth = non_smooth or value.non_smooth
+            offset = expression.offsets.get(node.name, 0)
+            if size > SIZE_LIMIT:
+                raise ExpressionError(offset, "an expression of too many parts", f"at most {SIZE_LIMIT}")
+            for name in value.names:
+                offsets.setdefault(name, offset)
+            return value.node
+        if isinstance(node, Sum):
+            return Sum(tuple([_joined(minus, term, build(term)) for minus, term in node.terms]))
+        if isinstance(node, Product):
+            return Product(tuple([(divides, build(factor)) for divides, factor in node.factors]))
+        if isinstance(node, Power):
+            return Power(build(node.base), build(node.exponent))
+        if isinstance(node, Negative):
+            return Negative(build(node.operand))
+        if isinstance(node, Call):
+            return Call(node.function, tuple([build(argument) for argument in node.arguments]))
+        return node
+
+    offset = min(expression.offsets.values(), default=0)
+    if _depth(expression.node) + max(_depth(value.node) for value in values.values()) > DEPTH_LIMIT:
+        raise ExpressionError(offset, f"nested deeper than {NESTING_LIMIT} levels", f"at most {NESTING_LIMIT}")
+    node = build(expression.node)
+    _check_constants(node, offset)
+    return Expression(node, offsets, size, non_smooth)
+
+
+def _depth(node: Node) -> int:
+    """Depth of a tree."""
+    deepest = 0
+    waiting = [(node, 1)]
+    while waiting:
+        part, depth = waiting.pop()
+        deepest = max(deepest, depth)
+        waiting.extend((child, depth + 1) for child in children(part))
+    return deepest
+
+
+def _check_constants(node: Node, offset: int) -> float | None:
+    """The value of a constant tree, or None: `constant_value` for constants that arise by substitution."""
+    values = []
+    for part in children(node):
+        values.append(_check_constants(part, offset))
+    return constant_value(node, values, offset)
+
+
+def constant_value(node: Node, values: Sequence[float | None], offset: int) -> float | None:
+    """The value of a node from the values of its parts; None where it or one of its parts is not constant.
+
+    Raises
+    ------
+    ExpressionError
+        At `offset`, if a constant part has no finite real value, is too large, or is too large an exponent.
+    """
+    if isinstance(node, Number):
+        return node.value
+    if isinstance(node, Symbol):
+        return math.pi if node.name == "pi" else None
+    if isinstance(node, Power) and values[1] is not None and abs(values[1]) > EXPONENT_LIMIT:
+        message = f"a constant exponent of {values[1]:g}"
+        raise ExpressionError(offset, message, f"an exponent from -{EXPONENT_LIMIT} to {EXPONENT_LIMIT}")
+    known = [value for value in values if value is not None]
+    if isinstance(node, Sum):  # sums and products are checked over their constant parts
+        node = Sum(tuple([term for term, value in zip(node.terms, values, strict=True) if value is not None]))
+    elif isinstance(node, Product):
+        node = Product(tuple([part for part, value in zip(node.factors, values, strict=True) if value is not None]))
+    elif len(known) < len(values):
+        return None
+    try:
+        value = _combined(node, known)
+    except (ArithmeticError, ValueError):
+        raise ExpressionError(offset, "a constant part without a finite real value", "a finite real number") from None
+    if not abs(value) <= CONSTANT_LIMIT:
+        raise ExpressionError(offset, "a constant part that is too large", f"at most {CONSTANT_LIMIT:g}")
+    return value if len(known) == len(values) else None
+
+
+def total(a: Expression, b: Expression) -> Expression:
+    """a + b."""
+    return Expression(Sum(((False, a.node), (False, b.node))), {**b.offsets, **a.offsets}, a.size + b.size + 1)
+
+
+def difference(a: Expression, b: Expression) -> Expression:
+    """a − b."""
+    return Expression(Sum(((False, a.node), (True, b.node))), {**b.offsets, **a.offsets}, a.size + b.size + 1)
+
+
+def scaled(a: Expression, factor: float) -> Expression:
+    """factor · a."""
+    number = constant(factor)
+    if factor == 0 or not a.names:
+        return constant(factor * a.at() if factor else 0.0)
+    if factor == 1:
+        return a
+    return Expression(Product(((False, number.node), (False, a.node))), a.offsets, a.size + 2, a.non_smooth)
+
+
+def _joined(minus: bool, old: Node, new: Node) -> tuple[bool, Node]:
+    """A term of a sum after substitution: a − (−b) is written a + b."""
+    if minus and isinstance(old, Symbol) and isinstance(new, Negative):
+        return False, new.operand
+    return minus, new
+
+
+def constant(value: float) -> Expression:
+    """The expression of a number."""
+    return Expression(Number(value) if value >= 0 else Negative(Number(-value)))
+
+
+# --- values -----------------------------------------------------------------------------------------------------------
+
+
+_OPERATIONS: dict[str, Callable[..., float]] = {
+    **{
+        name: getattr(math, name)
+        for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")
+    },
+    "abs": abs,
+    "min": min,
+    "max": max,
+}
+
+
+def evaluate(node: Node, values: Mapping[str, float]) -> float:
+    """Value of a tree for the values of its symbols.
+
+    Raises
+    ------
+    PathUndefined
+        If it has no finite real value there, or a symbol has no value.
+    """
+    try:
+        value = unchecked_value(node, values)
+    except (ArithmeticError, ValueError):
+        raise PathUndefined(f"{printable(to_text(node), 60)} has no finite real value here") from None
+    except KeyError as error:
+        raise PathUndefined(f"{error.args[0]} has no value in {printable(to_text(node), 60)}") from None
+    if not math.isfinite(value):
+        raise PathUndefined(f"{printable(to_text(node), 60)} has no finite real value here")
+    return value
+
+
+def unchecked_value(node: Node, values: Mapping[str, float]) -> float:
+    """`evaluate` with the errors of the arithmetic, and KeyError for a symbol without a value."""
+    if isinstance(node, Number):
+        return node.value
+    if isinstance(node, Symbol):
+        return math.pi if node.name == "pi" else values[node.name]
+    parts = []
+    for part in children(node):  # a plain loop: a comprehension would double the depth of the stack
+        parts.append(unchecked_value(part, values))
+    return _combined(node, parts)
+
+
+def _combined(node: Node, values: Sequence[float]) -> float:
+    """Value of a node from the values of its parts."""
+    if isinstance(node, Sum):
+        total = 0.0
+        for (minus, _), value in zip(node.terms, values, strict=True):
+            total = total - value if minus else total + value
+        return total
+    if isinstance(node, Product):
+        product = 1.0
+        for (divides, _), value in zip(node.factors, values, strict=True):
+            product = product / value if divides else product * value
+        return product
+    if isinstance(node, Power):
+        return math.pow(*values)  # refuses what would be complex, where ** would return it
+    if isinstance(node, Negative):
+        return -values[0]
+    assert isinstance(node, Call)
+    return _OPERATIONS[node.function](*values)
+
+
+def symbols(node: Node) -> set[str]:
+    """Names of the symbols in a tree."""
+    found: set[str] = set()
+    waiting = [node]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Symbol):
+            found.add(part.name)
+        waiting.extend(children(part))
+    return found
+
+
+def children(node: Node) -> tuple[Node, ...]:
+    """The parts of a node, from left to right."""
+    if isinstance(node, Sum):
+        return tuple(term for _, term in node.terms)
+    if isinstance(node, Product):
+        return tuple(factor for _, factor in node.factors)
+    if isinstance(node, Power):
+        return (node.base, node.exponent)
+    if isinstance(node, Negative):
+        return (node.operand,)
+    if isinstance(node, Call):
+        return node.arguments
+    return ()
+
+
+# --- text -------------------------------------------------------------------------------------------------------------
+
+_LOOSE, _TERM, _FACTOR, _BASE = range(4)  # what needs no brackets in a context, from the loosest to the tightest
+
+
+def to_text(node: Node) -> str:
+    """Canonical text of a tree: reading it gives the tree again. A text near the limit of characters has no spaces."""
+    text = _text(node, _LOOSE)
+    return text if len(text) <= LENGTH_LIMIT else text.replace(" ", "")
+
+
+def number_text(value: float) -> str:
+    """Shortest text of a number that reads as the same number; whole numbers without a point."""
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+
+
+def _text(node: Node, level: int) -> str:
+    if isinstance(node, Number):
+        return number_text(node.value)
+    if isinstance(node, Symbol):
+        return node.name
+    if isinstance(node, Call):
+        parts = []
+        for argument in node.arguments:
+            parts.append(_text(argument, _LOOSE))
+        return f"{node.function}({', '.join(parts)})"
+    if isinstance(node, Sum):
+        text = _text(node.terms[0][1], _TERM)
+        for minus, term in node.terms[1:]:
+            text += (" - " if minus else " + ") + _text(term, _TERM)
+        return f"({text})" if level > _LOOSE else text
+    if isinstance(node, Product):
+        text = _text(node.factors[0][1], _FACTOR)
+        for divides, factor in node.factors[1:]:
+            text += ("/" if divides else "*") + _text(factor, _FACTOR)
+        return f"({text})" if level > _TERM else text
+    if isinstance(node, Negative):
+        text = "-" + _text(node.operand, _FACTOR)
+        return f"({text})" if level > _FACTOR else text
+    text = f"{_text(node.base, _BASE)}^{_text(node.exponent, _FACTOR)}"
+    return f"({text})" if level > _FACTOR else text

@@ -1,0 +1,71 @@
+"""Writer of plan text: the canonical form of the papers' format.
+
+Source: draft 002, Appendix II.
+"""
+
+from __future__ import annotations
+
+from eadp.core.expressions.tree import Expression, number_text
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, PointExpression, Stage
+from eadp.models.plan.segments import Segment
+
+
+def plan_text(plan: Plan) -> str:
+    """Canonical text of a plan; reading it again gives the same plan."""
+    lines = []
+    if plan.computations:
+        names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
+        lines.append(f"%: computations {', '.join(names)}")
+    if plan.trigger_radius_m != TRIGGER_RADIUS_M:
+        lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
+    if plan.min_radius_m is not None:
+        lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
+    if plan.origin_deg is not None:
+        lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
+    if plan.header_shift is not None:
+        lines.append(point_text(plan.header_shift))
+    if plan.parts:
+        for part in plan.parts:
+            lines += _part_lines(plan, part)
+        return "\n".join([*lines, ""])
+    short = plan.short_form
+    if short is None:
+        parts = tuple((stage.path, stage.trigger) for stage in plan.stages)
+    else:
+        parts = short.stages
+        lines += ["init:", f"n = {len(plan.stages)}"]
+        lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
+        lines.append("path:")
+    for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
+        lines += _stage_lines(stage, path, trigger)
+    if short is not None and plan.final is not None:
+        lines += ["trig:", point_text(plan.final)]
+    return "\n".join([*lines, ""])
+
+
+def _part_lines(plan: Plan, part: Segment) -> list[str]:
+    """The sections of a segment."""
+    lines = []
+    if part.repeats or part.quantities:
+        lines += ["init:", f"n = {part.count}"]
+        for q in part.quantities:
+            lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
+    lines.append("path:")
+    for stage in plan.stages[part.first : part.first + part.count]:
+        lines += _stage_lines(stage, stage.path, stage.trigger)
+    if part.until is not None:
+        lines += ["trig:", f"{part.until[0].text} >= {part.until[1].text}"]
+    return lines
+
+
+def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
+    return [
+        f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
+        point_text(trigger),
+        *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
+    ]
+
+
+def point_text(point: PointExpression) -> str:
+    """The two coordinates of a point, with a comma between them."""
+    return f"{point[0].text}, {point[1].text}"
