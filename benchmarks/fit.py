@@ -30,7 +30,8 @@ from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
 from eadp.core.signals.spectrum import Spectrum, analyse
-from eadp.io.log.power_log import Columns, read_power_log
+from eadp.io.log.formats import read_power_log
+from eadp.io.log.power_log import Columns
 
 FloatArray = NDArray[np.float64]
 AMPLITUDES_W = np.array([2.1, 1.4, 0.6])

@@ -25,7 +25,7 @@ def fit_battery_from(
 ) -> int:
     """Fit a battery to a log and print it; the exit code is 1 where the log does not tell a resistance."""
     from eadp.core.flight.battery_fit import fit_battery
-    from eadp.io.log.power_log import read_power_log
+    from eadp.io.log.formats import read_power_log
     from eadp.io.text.streams import write_text
 
     if capacity_ah is None:

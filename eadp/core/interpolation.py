@@ -26,7 +26,7 @@ Kind = Literal["linear", "pchip"]
 EDGE = 1e-9
 """How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
 
-LEFT_OUT_LIMIT = 200_000
+LEAVE_ONE_OUT_LIMIT = 200_000
 """Largest work of leaving out each of n scattered points: n times the simplices of them all."""
 
 
@@ -176,7 +176,7 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
 
 
-def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
+def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
     """What the other measurements predict at each configuration, itself left out.
 
     One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
@@ -206,18 +206,18 @@ def left_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear"
         return np.full(n, np.nan)
     order = np.lexsort(moving.T[::-1])
     predicted = np.empty(n)
-    predicted[order] = _left_out_sorted(moving[order], measured[order], kind)
+    predicted[order] = _leave_one_out_sorted(moving[order], measured[order], kind)
     return predicted
 
 
-def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
+def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
     n, d = points.shape
     if d == 1 and kind == "pchip":
-        return _left_out_of_cubic(points[:, 0], values)
+        return _leave_one_out_cubic(points[:, 0], values)
     levels = [np.unique(column) for column in points.T]
     shape = tuple(map(len, levels))
     if n != math.prod(shape):
-        return _left_out_of_scatter(points, values)
+        return _leave_one_out_scattered(points, values)
     table, total, count = values.reshape(shape), np.zeros(shape), np.zeros(shape)
     for axis, knots in enumerate(levels):
         across, sums, counts = (np.moveaxis(array, axis, -1) for array in (table, total, count))
@@ -228,7 +228,7 @@ def _left_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> Floa
     return mean
 
 
-def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     predicted = np.full(len(knots), np.nan)
     for i in range(1, len(knots) - 1):
         # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
@@ -238,10 +238,10 @@ def _left_out_of_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     return predicted
 
 
-def _left_out_of_scatter(points: FloatArray, values: FloatArray) -> FloatArray:
+def _leave_one_out_scattered(points: FloatArray, values: FloatArray) -> FloatArray:
     n = len(points)
     predicted = np.full(n, np.nan)
-    if n * len(_scattered(points, values).vertices) > LEFT_OUT_LIMIT:
+    if n * len(_scattered(points, values).vertices) > LEAVE_ONE_OUT_LIMIT:
         return predicted
     for i in range(n):
         with suppress(Infeasible):

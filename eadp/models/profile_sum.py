@@ -74,7 +74,7 @@ class ProfileSum:
         return tuple(value for part, own in self._split(configuration) for value in part.nearest(own))
 
     def outside(self, configuration: Sequence[float]) -> str:
-        """Say in what way a configuration is outside the measured range."""
+        """Why a configuration is outside the measured range, as text."""
         return "; ".join(part.outside(own) for part, own in self._split(configuration) if not part.contains(own))
 
     def range_of(self, name: str) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import LinearNDInterpolator, PchipInterpolator, RegularGridInterpolator
 
-from eadp.core.interpolation import EDGE, interpolant, left_out
+from eadp.core.interpolation import EDGE, interpolant, leave_one_out
 from eadp.errors import Infeasible
 
 unhurried = settings(deadline=None)  # no test depends on the clock
@@ -317,7 +317,7 @@ def test_lines_and_grids_need_numpy_only() -> None:
 @given(curves(), st.sampled_from(["linear", "pchip"]))
 def test_left_out_is_the_interpolation_of_the_others(curve: tuple[np.ndarray, np.ndarray], kind: str) -> None:
     knots, values = curve
-    found = left_out(knots[:, None], values, kind)  # type: ignore[arg-type]
+    found = leave_one_out(knots[:, None], values, kind)  # type: ignore[arg-type]
     assert np.isnan(found[[0, -1]]).all()
     for i in range(1, len(knots) - 1):
         rest, others = np.delete(knots, i), np.delete(values, i)
@@ -327,7 +327,7 @@ def test_left_out_is_the_interpolation_of_the_others(curve: tuple[np.ndarray, np
 
 def test_left_out_worked_by_hand_in_any_order() -> None:
     order = [3, 0, 4, 2, 1]
-    found = left_out(FPS[order], POWER_W[order])
+    found = leave_one_out(FPS[order], POWER_W[order])
     # at 8 between 6 and 10: (8.68095 + 10.2112)/2
     assert found[0] == pytest.approx(9.446075, abs=ROUNDING)
     assert np.isnan(found[[1, 2]]).all()
@@ -338,7 +338,7 @@ def test_left_out_worked_by_hand_in_any_order() -> None:
 def test_left_out_of_a_grid_is_the_mean_of_its_lines(axes: list[list[float]], data: st.DataObject) -> None:
     points = grid_points(axes)
     values = np.array(data.draw(st.lists(value, min_size=len(points), max_size=len(points))))
-    found = left_out(points, values)
+    found = leave_one_out(points, values)
     for point, got in zip(points, found, strict=True):
         predicted = []
         for axis in (0, 1):
@@ -350,15 +350,15 @@ def test_left_out_of_a_grid_is_the_mean_of_its_lines(axes: list[list[float]], da
         assert got == pytest.approx(np.mean(predicted), abs=1e-7) if predicted else np.isnan(got)
 
 
-def test_left_out_of_scattered_points_within_the_others() -> None:
+def test_leave_one_out_scattereded_points_within_the_others() -> None:
     plane_w = 3 + 0.5 * SCATTER[:, 0] + 0.01 * SCATTER[:, 1]
-    found = left_out(SCATTER, plane_w)
+    found = leave_one_out(SCATTER, plane_w)
     assert np.isnan(found[:4]).all(), "corners of the hull"
     assert found[4:] == pytest.approx(plane_w[4:])
 
 
 def test_left_out_of_few_and_of_very_many() -> None:
-    assert np.isnan(left_out([[0.0], [1.0]], [1, 2])).all()
-    assert np.isnan(left_out([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [1, 2, 3])).all()
+    assert np.isnan(leave_one_out([[0.0], [1.0]], [1, 2])).all()
+    assert np.isnan(leave_one_out([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [1, 2, 3])).all()
     rng = np.random.default_rng(3)
-    assert np.isnan(left_out(rng.random((400, 2)), rng.random(400))).all(), "it would take long"
+    assert np.isnan(leave_one_out(rng.random((400, 2)), rng.random(400))).all(), "it would take long"

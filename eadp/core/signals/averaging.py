@@ -1,4 +1,4 @@
-"""Averages of samples that follow one another in time: how far the mean may be off when neighbours are alike."""
+"""Means of consecutive samples, with their standard error from the autocorrelation."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FloatArray = NDArray[np.float64]
 class SampleMean(NamedTuple):
     """The mean of samples [their unit] and what is known of it.
 
-    `spread` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is how many
-    independent samples would tell as much, never more than there are. Of one sample both deviations are 0.
+    `std` is the standard deviation of the samples, `standard_error` that of their mean; `effective` is the number of
+    independent samples with the same standard error, at most `samples`. Of one sample both deviations are 0.
     """
 
     mean: float
-    spread: float
+    std: float
     standard_error: float
     samples: int
     effective: float
@@ -37,7 +37,7 @@ def average(runs: Sequence[ArrayLike]) -> SampleMean:
 
     Returns
     -------
-    Average
+    SampleMean
         The standard error is never less than that of as many independent samples: samples that alternate round their
         mean would allow less, and a few of them cannot prove it.
 

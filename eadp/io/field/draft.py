@@ -6,7 +6,6 @@ numbers as they stand in the file, each with its line and column. Whether they m
 
 from __future__ import annotations
 
-import math
 import re
 from array import array
 from bisect import bisect_right
@@ -17,7 +16,6 @@ from itertools import accumulate
 from typing import Any, NamedTuple, TypeVar
 
 from eadp.errors import Fault, InputError, capped, printable
-from eadp.io.text.csv import NOT_FINITE, NUMBER
 from eadp.io.text.streams import Text
 
 VERTICES_LIMIT = 20_000
@@ -179,16 +177,6 @@ def only_polygon(chosen: FeatureCandidate, source: FieldSource) -> tuple[Any, St
         message = f"{len(chosen.polygons)} polygons in one feature"
         raise source.error(chosen.polygons[1][1], message, "one polygon: each part of a field in a file of its own")
     return chosen.polygons[0]
-
-
-def number_fault(raw: str) -> tuple[str, str] | None:
-    """What is wrong with a text as a finite number, and what would be right; None if nothing is."""
-    shown = printable(raw, 40) or "an empty field"
-    if NUMBER.match(raw):
-        return None if math.isfinite(float(raw)) else (f"{shown} is too large", "a finite number")
-    if NOT_FINITE.match(raw):
-        return f"{shown} is not finite", "a finite number"
-    return f"{shown} is not a number", "a number"
 
 
 def counted(count: int, one: str, several: str) -> str:

@@ -22,9 +22,9 @@ from eadp.io.field.draft import (
     StageVisit,
     VertexReader,
     choose_feature,
-    number_fault,
     only_polygon,
 )
+from eadp.io.text.csv import number_fault
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]

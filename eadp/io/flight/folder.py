@@ -11,7 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from eadp.io.figures.pictures import draw_flight
+from eadp.io.figures.flight import write_flight_figure
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
 from eadp.planning.joint.preflight import Preflight
@@ -144,7 +144,7 @@ def write_flight(
                 for record in records
             ]
             (folder / "decisions.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-        draw_flight(folder / "flight", world, steps, summary, records)
+        write_flight_figure(folder / "flight", world, steps, summary, records)
         _copy_inputs(folder / "inputs", texts, overrides)
 
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from eadp.core.signals.lap_time import lap_time_s
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
-from eadp.io.log.power_log import Columns, PowerLog, read_power_log
+from eadp.io.log.formats import read_power_log
+from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.plan.text import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text

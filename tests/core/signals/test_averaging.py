@@ -46,7 +46,7 @@ def test_errors_cover_the_true_mean_as_often_as_they_say() -> None:
         values = autoregression(0.9, 800, rng)
         found = average([values])
         inside += abs(found.mean) <= 1.96 * found.standard_error
-        naive += abs(found.mean) <= 1.96 * found.spread / math.sqrt(800)
+        naive += abs(found.mean) <= 1.96 * found.std / math.sqrt(800)
     assert 0.88 <= inside / 300 <= 0.99
     assert naive / 300 < 0.5, "what samples taken as independent would claim"
 
@@ -63,7 +63,7 @@ def test_runs_are_not_joined() -> None:
 def test_samples_that_alternate_claim_no_more_than_independent_ones() -> None:
     found = average([np.tile([4.0, 6.0], 100)])
     assert found.effective == 200
-    assert found.standard_error == pytest.approx(found.spread / math.sqrt(200))
+    assert found.standard_error == pytest.approx(found.std / math.sqrt(200))
 
 
 @unhurried
@@ -71,10 +71,10 @@ def test_samples_that_alternate_claim_no_more_than_independent_ones() -> None:
 def test_mean_and_spread_are_those_of_statistics(values: list[float]) -> None:
     found = average([values])
     assert found.mean == pytest.approx(statistics.fmean(values), abs=1e-9)
-    assert found.spread == pytest.approx(statistics.stdev(values) if len(values) > 1 else 0, abs=1e-9)
+    assert found.std == pytest.approx(statistics.stdev(values) if len(values) > 1 else 0, abs=1e-9)
     assert found.samples == len(values)
     assert 0 < found.effective <= len(values) * (1 + 1e-12)
-    assert found.standard_error == pytest.approx(found.spread / math.sqrt(found.effective))
+    assert found.standard_error == pytest.approx(found.std / math.sqrt(found.effective))
 
 
 @unhurried
