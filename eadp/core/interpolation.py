@@ -24,10 +24,10 @@ Point = tuple[float, ...]
 Kind = Literal["linear", "pchip"]
 
 EDGE = 1e-9
-"""How far outside is still on the edge, as a part of the measured range: rounding, not extrapolation."""
+"""Tolerance of the measured range, relative to it: rounding, not extrapolation."""
 
 LEAVE_ONE_OUT_LIMIT = 200_000
-"""Largest work of leaving out each of n scattered points: n times the simplices of them all."""
+"""Largest cost of leave-one-out over n scattered points: n times the number of their simplices."""
 
 
 class _Piece(Protocol):
@@ -64,7 +64,7 @@ class Interpolant:
         Returns
         -------
         float
-            Interpolated value; a measured configuration gives what was measured there.
+            Interpolated value; at a measured configuration, the measured value.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Interpolant:
         return True
 
     def nearest(self, configuration: Sequence[float]) -> Point:
-        """The configuration to take in place of one that is outside.
+        """The nearest configuration inside.
 
         Each coordinate goes to its own measured range first; if that is still outside the hull of scattered
         points, to the nearest point of the hull, coordinates scaled by their ranges.
@@ -177,7 +177,7 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
 
 
 def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
-    """What the other measurements predict at each configuration, itself left out.
+    """Leave-one-out predictions: the value at each configuration, interpolated from the others.
 
     One changing coordinate: the interpolation of the others, for every point between two. A full grid: straight from
     the two neighbours on each line of the grid that has the point between two, the mean of the lines. Scattered points:
@@ -191,8 +191,8 @@ def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "li
     Returns
     -------
     array, shape (n,)
-        Predicted values; NaN where the others do not enclose the point, and everywhere if the points are scattered and
-        so many that it would take long.
+        Predicted values; NaN where the others do not enclose the point, and everywhere for more scattered points than
+        `LEAVE_ONE_OUT_LIMIT` allows.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) ->
 def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
     predicted = np.full(len(knots), np.nan)
     for i in range(1, len(knots) - 1):
-        # a slope of PCHIP hangs on its two neighbours, at an end on three points: three to each side say everything
+        # a slope of PCHIP depends on its two neighbours, at an end on three points: three on each side are enough
         others = [k for k in range(max(0, i - 3), min(len(knots), i + 4)) if k != i]
         with suppress(Infeasible):
             predicted[i] = _pchip(knots[others], values[others]).at((float(knots[i]),))
@@ -425,7 +425,7 @@ class _Scattered:
 def _scattered(points: FloatArray, values: FloatArray) -> _Scattered:
     from scipy.spatial import Delaunay, QhullError
 
-    flat = "the configurations are no full grid and lie on one line (or plane): nothing is known beside it"
+    flat = "the configurations are no full grid and lie on one line (or plane)"
     lower, span = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - lower) / span
     d = points.shape[1]

@@ -220,7 +220,7 @@ class Profile:
         return self.interpolant.contains(configuration)
 
     def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
-        """The configuration of d floats to take in place of one that is outside; see `Interpolant.nearest`."""
+        """The nearest configuration inside, d floats; see `Interpolant.nearest`."""
         return self.interpolant.nearest(configuration)
 
     def outside(self, configuration: Sequence[float]) -> str:

@@ -1,6 +1,6 @@
 """A table of vertices as a draft of a field: a row for each, in metres or degrees, and perhaps the number of its ring.
 
-Columns are told by their names in the first row; two columns without names are east and north in metres.
+Columns are recognised by their names in the first row; two columns without names are east and north in metres.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldD
 
     Parameters
     ----------
-    source : Source
+    source : FieldSource
         Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes), or two columns without names.
     metres : bool
         Two columns without names are in metres, and columns of degrees are refused; without it, two columns without
@@ -111,13 +111,13 @@ def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, sourc
     if not rings:
         raise source.error((max(1, len(source.lines)), 1), "no vertices", "a row for each vertex")
     if 0 not in rings:
-        place = next(iter(rings.values())).place
-        raise source.error(place, "no outline", "rows of ring 0")
+        location = next(iter(rings.values())).location
+        raise source.error(location, "no outline", "rows of ring 0")
     return [rings[number] for number in sorted(rings)]
 
 
 def _row_faults(row: Row, columns: tuple[int, int, int], width: int, ring: str) -> list[Fault]:
-    """What keeps a row from being a vertex of a ring."""
+    """The faults of a row as a vertex of a ring."""
     if len(row.fields) < width or any(row.fields[width:]):
         message = counted(len(row.fields), "field", "fields")
         return [row.fault(min(len(row.fields), width), message, f"{width}, as in the first row")]

@@ -29,11 +29,11 @@ class BatteryTable:
     Attributes
     ----------
     time_us, voltage_v, current_a : array, shape (n,)
-        As logged [µs, V, A], unknown readings included.
+        As logged [µs, V, A], with unknown readings.
     position_m : array, shape (n, 2), or None
         x and y [m], interpolated; NaN before the first and after the last.
     notes : list of str
-        What should be known of how it was read.
+        Comments on how it was read.
     """
 
     time_us: FloatArray
@@ -130,7 +130,7 @@ def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
 
 
 def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, names: tuple[str, ...]) -> FloatArray:
-    """The field asked for, or the first known one with a reading."""
+    """The field `asked` for, or the first known one with a reading."""
     if asked:
         if asked not in table:
             known = ", ".join(printable(label, 40) for label in list(table)[:20])

@@ -144,7 +144,7 @@ def _find(header: Row, role: str, asked: str) -> int:
 
 
 def _named(header: Row, role: str) -> list[int]:
-    """Columns whose names say that they are a role's: `power_w`; or the only one that ends so (`total_power_w`)."""
+    """Columns with a name of a role, `power_w`; or those that end in one (`total_power_w`)."""
     stems = [_stem_and_unit(name, role)[0] for name in header.fields]
     plain = [i for i, stem in enumerate(stems) if stem in _STEMS[role]]
     return plain or [i for i, stem in enumerate(stems) if stem.endswith(tuple(f"_{s}" for s in _STEMS[role][:1]))]

@@ -19,16 +19,9 @@ KINDS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
 
 # a letter of a DataFlash format: the type, and how many of its units make one of the value's
 _TYPES: dict[str, tuple[str, float]] = {
+    **{letter: (f"<{letter}", 1) for letter in "bBhHiIfdqQ"},  # as numpy's
     "a": ("V64", 0),
-    "b": ("<i1", 1),
-    "B": ("<u1", 1),
-    "h": ("<i2", 1),
-    "H": ("<u2", 1),
-    "i": ("<i4", 1),
-    "I": ("<u4", 1),
-    "f": ("<f4", 1),
     "g": ("<f2", 1),
-    "d": ("<f8", 1),
     "n": ("V4", 0),
     "N": ("V16", 0),
     "Z": ("V64", 0),
@@ -38,8 +31,6 @@ _TYPES: dict[str, tuple[str, float]] = {
     "E": ("<u4", 100),
     "L": ("<i4", 1e7),
     "M": ("<u1", 1),
-    "q": ("<i8", 1),
-    "Q": ("<u8", 1),
 }
 
 

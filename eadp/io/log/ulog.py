@@ -18,14 +18,7 @@ KINDS = ("battery_status", "vehicle_local_position")
 LIMIT_FIELDS = 10_000
 
 _TYPES = {
-    "int8_t": "<i1",
-    "uint8_t": "<u1",
-    "int16_t": "<i2",
-    "uint16_t": "<u2",
-    "int32_t": "<i4",
-    "uint32_t": "<u4",
-    "int64_t": "<i8",
-    "uint64_t": "<u8",
+    **{f"{sign}int{8 * size}_t": f"<{code}{size}" for sign, code in (("", "i"), ("u", "u")) for size in (1, 2, 4, 8)},
     "float": "<f4",
     "double": "<f8",
     "bool": "<u1",

@@ -438,8 +438,8 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "fps,keysize,power_w\n2,32,5\n6,240,6\n10,448,7\n",
             [
-                "2:1: error: the configurations are no full grid and lie on one line (or plane): nothing is "
-                "known beside it; expected a full grid, or points that span an area"
+                "2:1: error: the configurations are no full grid and lie on one line (or plane); "
+                "expected a full grid, or points that span an area"
             ],
         ),
     ],
