@@ -143,7 +143,7 @@ def command(
     if out not in (None, "-"):
         write_text(out, body)
     if plot is not None:
-        from eadp.io.figures.pictures import write_coverage_figure
+        from eadp.io.figures.coverage import write_coverage_figure
 
         write_coverage_figure(plot, field, _titled(solution, ends), swath)
     if wanted is not CoverFormat.json:
@@ -169,7 +169,7 @@ def _check_places(file: str, out: str | None, plot: str | None) -> None:
     """Refuse places that cannot be written to before anything is written, and one place for two files."""
     from pathlib import Path
 
-    from eadp.io.figures.pictures import check_picture_name
+    from eadp.io.figures.canvas import check_figure_name
 
     places = {"--out": out, "--plot": plot}
     taken = [Path(file).resolve()] if file != "-" else []
@@ -177,7 +177,7 @@ def _check_places(file: str, out: str | None, plot: str | None) -> None:
         if place is None or place == "-":
             continue
         if option == "--plot":
-            check_picture_name(place)
+            check_figure_name(place)
         if not Path(place).absolute().parent.is_dir():
             raise usage_fault(option, place, "no such folder", "a place that can be written to")
         if Path(place).resolve() in taken:

@@ -14,11 +14,9 @@ from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eadp.errors import Fault
     from eadp.io.log.fit_inputs import LogFit
     from eadp.models.energy import EnergyModel
-
-AIRSPEED_MPS = 15.0
-"""Of a plan's lap, unless another is given: the papers' aircraft's."""
 
 
 class TimeUnit(StrEnum):
@@ -42,18 +40,19 @@ def command(
     period_prior: Annotated[
         float | None,
         typer.Option(
-            "--period-prior", metavar="S", help="Look for a period near this one [s], within a factor of 1.3."
+            "--period-prior", metavar="S", help="Search the period near this one [s], within a factor of 1.3."
         ),
     ] = None,
     plan: Annotated[
-        str, typer.Option("--plan", metavar="FILE", help="Look for a period near the nominal time of this plan's lap.")
+        str, typer.Option("--plan", metavar="FILE", help="Search the period near the nominal time of this plan's lap.")
     ] = "",
     airspeed: Annotated[
         float | None,
         typer.Option("--airspeed", metavar="MPS", help="Speed the plan's lap is flown at; default 15 m/s."),
     ] = None,
     order: Annotated[
-        int | None, typer.Option("--order", metavar="R", min=1, help="Number of harmonics; default: as many as help.")
+        int | None,
+        typer.Option("--order", metavar="R", min=1, help="Number of harmonics; default: by cross-validation."),
     ] = None,
     time: Annotated[str, typer.Option("--time", metavar="NAME", help="The column of time.")] = "",
     power: Annotated[str, typer.Option("--power", metavar="NAME", help="The column of power.")] = "",
@@ -68,25 +67,28 @@ def command(
     instance: Annotated[
         int | None, typer.Option("--instance", metavar="N", help="Which battery of an autopilot's log.")
     ] = None,
-    begin: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Leave out what is before, in seconds of the log.")
+    start: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Leave out earlier readings, in seconds of the log.")
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="Leave out what is after, in seconds of the log.")
+        float | None, typer.Option("--to", metavar="S", help="Leave out later readings, in seconds of the log.")
     ] = None,
     keep_spikes: Annotated[
-        bool, typer.Option("--keep-spikes", help="Fit single samples far from their neighbours, too.")
+        bool, typer.Option("--keep-spikes", help="Fit single samples far from their neighbours too.")
     ] = False,
     profile: Annotated[
         str,
         typer.Option(
             "--profile",
             metavar="FILE",
-            help="Take the computations' power off first: configurations are in the log, under the profile's names.",
+            help="Subtract the computations' power first: configurations are in the log, under the profile's names.",
         ),
     ] = "",
     plot: Annotated[
-        str, typer.Option("--plot", metavar="FILE", help="Draw log, fit, residual, spectrum and lap (.svg or .png).")
+        str,
+        typer.Option(
+            "--plot", metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png)."
+        ),
     ] = "",
     battery: Annotated[
         bool, typer.Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
@@ -95,7 +97,7 @@ def command(
     k_b: Annotated[
         float, typer.Option("--k-b", metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")
     ] = 1 / 3600,
-    soc: Annotated[float, typer.Option(metavar="SHARE", help="State of charge where the log begins.")] = 1.0,
+    soc: Annotated[float, typer.Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
     format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
 ) -> int:
     """Example: eadp fit scenarios/example-power-log.csv
@@ -104,68 +106,54 @@ def command(
 
     The log is a CSV with a header that names its columns and their units: time_s (or time_ms, or timestamp, in µs), and
     power_w or voltage_v and current_a; or a PX4 ULog, or an ArduPilot DataFlash log. Where a log has positions (x_m and
-    y_m, or lat and lon), and no other prior is given, the period is looked for near the time of their laps.
+    y_m, or lat and lon), and no other prior is given, the period is searched near the time of their laps.
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
     # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from eadp.io.energy.model_file import energy_yaml
+    from eadp.io.log.battery_fit import BatteryOptions, read_battery_fit
     from eadp.io.log.fit_inputs import FitOptions, read_fit
     from eadp.io.log.power_log import Columns
-    from eadp.io.text.streams import write_text
 
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
-    if period_prior is not None and not 0 < period_prior < math.inf:
-        raise usage_fault("--period-prior", f"{period_prior:g}", "no period", "a number of seconds above 0")
-    for option, seconds in (("--from", begin), ("--to", end)):
-        if seconds is not None and not 0 <= seconds < math.inf:
-            raise usage_fault(option, f"{seconds:g}", "no time of a log", "a number of seconds, 0 or more")
-    if airspeed is not None and not (0 < airspeed < math.inf and plan):
-        raise usage_fault("--airspeed", f"{airspeed:g}", "no speed of a plan's lap", "a speed above 0, beside --plan")
     names = [name.strip() for name in columns.split(",")] if columns else []
+    chosen = Columns(time, power, voltage, current, names, time_unit or "", instance=instance)
     if battery:
-        if power:
-            raise usage_fault("--power", power, "a power tells nothing of a battery", "voltage and current")
-        from eadp.cli.fit_battery import fit_battery_from
-
-        wanted = Columns(time, "", voltage or "", current or "", names, time_unit or "", instance=instance)
-        return fit_battery_from(log, wanted, capacity, k_b, soc, output, format)
-    wanted = Columns(time, power, voltage, current, names, time_unit or "", instance=instance)
-    options = FitOptions(order, period_prior, plan, airspeed or AIRSPEED_MPS, begin, end, keep_spikes, profile)
-    fit = read_fit(log, wanted, options)
-    model = fit.fitted.model
+        found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc))
+        _print(found.document, found.text, found.block, found.warnings, output, format)
+        return 0 if found.fit.resistance_ohm is not None else 1
+    options = FitOptions(order, period_prior, plan, airspeed, start, end, keep_spikes, profile)
+    fit = read_fit(log, chosen, options)
     if plot:
         from eadp.io.figures.fit import write_fit_figure
 
         write_fit_figure(plot, fit.fitted)
+    _print(fit.document, _text(fit), fit.yaml, fit.warnings, output, format)
+    return 0 if fit.fitted.model.periodic else 1
+
+
+def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault], output: str, format: Format) -> None:
+    """Write the result to a file if there is one, and print it as JSON, or as text unless the file is stdout."""
+    from eadp.io.text.streams import write_text
+
     if output:
-        write_text(output, energy_yaml(model))
-    warn(fit.warnings)
+        write_text(output, file)
+    warn(warnings)
     if format is Format.json:
-        emit_json(_document(fit))
+        emit_json(document)
     elif output != "-":
-        emit(
-            "\n".join([*(_report(model) if model.periodic else _refusal(fit)), *_left_out(fit.counts), *_terms(model)])
-        )
-    return 0 if model.periodic else 1
+        emit(text)
 
 
-def _document(fit: LogFit) -> dict[str, Any]:
-    """The model's document; beside it, what was judged and what was left out."""
-    from eadp.io.energy.model_file import energy_document
-
-    spectrum = fit.fitted.spectrum
-    candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
-    return energy_document(fit.fitted.model) | {
-        "candidate": {"period_s": candidate, "chance": spectrum.chance},
-        "prior": None if fit.prior_s is None else {"period_s": fit.prior_s, "source": fit.prior_source},
-        "log": fit.counts,
-    }
+def _text(fit: LogFit) -> str:
+    model = fit.fitted.model
+    head = _report(model) if model.periodic else _refusal(fit)
+    return "\n".join([*head, *_left_out(fit.counts), *_terms(model)])
 
 
-_SPOKEN = {
+_REASONS = {
     "empty": "with an empty cell",
     "not_finite": "not finite",
     "unknown": "unknown",
@@ -178,7 +166,7 @@ _SPOKEN = {
 
 
 def _left_out(counts: Mapping[str, int | float]) -> list[str]:
-    parts = [f"{counts[key]} {words}" for key, words in _SPOKEN.items() if counts.get(key)]
+    parts = [f"{counts[key]} {words}" for key, words in _REASONS.items() if counts.get(key)]
     parts = ["1 spike" if part == "1 spikes" else part for part in parts]
     lines = [f"left out {', '.join(parts)}"] if parts else []
     if counts.get("gaps"):
@@ -192,15 +180,15 @@ def _report(model: EnergyModel) -> list[str]:
         f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s",
         f"order    {model.order}",
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"noise    {model.noise_std_w:.3g} W{_stays(model)}",
-        f"R²       {model.cv_r2:.4f} of blocks held out",
+        f"noise    {model.noise_std_w:.3g} W{_slow_part(model)}",
+        f"R²       {model.cv_r2:.4f} cross-validated",
         f"samples  {model.samples} over {model.span_s:.6g} s",
     ]
 
 
-def _stays(model: EnergyModel) -> str:
-    stays = model.disturbance
-    return "" if stays is None else f", of it {stays.std_w:.3g} W that stay for {stays.time_s:.2g} s"
+def _slow_part(model: EnergyModel) -> str:
+    slow = model.disturbance
+    return "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
 
 
 def _terms(model: EnergyModel) -> list[str]:
@@ -222,7 +210,7 @@ def _with_std(value: float, std: float) -> str:
 
 
 def _refusal(fit: LogFit) -> list[str]:
-    """What was found instead of a period."""
+    """The reason why there is no period, and the statistics of the power."""
     from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 
     spectrum, model = fit.fitted.spectrum, fit.fitted.model
@@ -230,19 +218,18 @@ def _refusal(fit: LogFit) -> list[str]:
     if math.isnan(spectrum.period_s):
         reason = "the power is constant"
     elif spectrum.cv_r2 < MIN_CV_R2:
-        explained = f"{100 * max(0.0, spectrum.cv_r2):.1f} % of the variance of blocks held out"
+        explained = f"{100 * max(0.0, spectrum.cv_r2):.1f} % of the variance in cross-validation"
         reason = f"the best, {spectrum.period_s:.4g} s, explains {explained}; {100 * MIN_CV_R2:g} % are needed"
     elif spectrum.chance <= MAX_CHANCE:
         twice = spectrum.span_s >= MIN_PERIODS * spectrum.period_s
-        short = "which does not fit twice into the log"
-        unlike = "which is known too badly, or lies beyond what was asked for"
-        reason = f"the best is {spectrum.period_s:.4g} s, {unlike if twice else short}"
+        why = "too uncertain, or outside the range of the prior" if twice else "more than half of the log"
+        reason = f"the best is {spectrum.period_s:.4g} s, {why}"
     else:
-        chance = f"noise looks so with a chance of {spectrum.chance:.2g}; at most {MAX_CHANCE:g} is allowed"
-        reason = f"the best is {spectrum.period_s:.4g} s, but slow {chance}"
+        chance = f"a false-alarm probability of {spectrum.chance:.2g} in slow noise; at most {MAX_CHANCE:g} is allowed"
+        reason = f"the best is {spectrum.period_s:.4g} s, with {chance}"
     return [
         f"no period: {reason}",
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"spread   {model.noise_std_w:.3g} W{_stays(model)}",
+        f"std dev  {model.noise_std_w:.3g} W{_slow_part(model)}",
         f"samples  {model.samples} over {model.span_s:.6g} s",
     ]

@@ -71,7 +71,7 @@ def command(
     lines = [Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings]
     try:
         if plot is not None:
-            from eadp.io.figures.pictures import write_plan_figure
+            from eadp.io.figures.plan import write_plan_figure
 
             write_plan_figure(plot, plan, _parameters(plan, set_))
         points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None

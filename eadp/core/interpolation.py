@@ -68,7 +68,7 @@ class Interpolant:
         Returns
         -------
         float
-            Interpolated value; a measured configuration gives what was measured there.
+            Interpolated value; at a measured configuration, the measured value.
 
         Raises
         ------
@@ -414,7 +414,7 @@ class _Scattered(_Piece):
 def _scattered(points: FloatArray, values: FloatArray) -> _Scattered:
     from scipy.spatial import Delaunay, QhullError
 
-    flat = "the configurations are no full grid and lie on one line (or plane): nothing is known beside it"
+    flat = "the configurations are no full grid and lie on one line (or plane)"
     lower, span = points.min(axis=0), np.ptp(points, axis=0)
     scaled = (points - lower) / span
     d = points.shape[1]

@@ -1,4 +1,4 @@
-"""What the plan's computations cost: its parameters brought together with a measured profile."""
+"""Power of the plan's computations: its parameters joined with a measured profile."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Computing:
     """Power of the computations at the parameters of a plan.
 
     `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
-    plan's computations it is. Where the profile adds parts, a part none of whose computations may run costs nothing;
-    within a part, one that may not run counts as 0, which must have been measured.
+    plan's computations it is. Of a sum, a part draws no power while none of its computations may run; within a part,
+    a computation that may not run is at 0, which must have been measured.
     """
 
     path_count: int
@@ -24,7 +24,7 @@ class Computing:
     order: tuple[int, ...] = ()
 
     def power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
-        """Power [W] at parameters c1, c2, … within a stage's sets; computations that do not run cost nothing.
+        """Power [W] at parameters c1, c2, … within a stage's sets; 0 if no computation may run.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Computing:
 
 
 def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:
-    """Bring a plan and a profile together by the names of the computations, in order where the plan names none.
+    """Join a plan and a profile by the names of the computations, or in order if the plan has no names.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:
     running = [box for stage in plan.stages for box in stage.sets[rho:] if not box.inhibited]
     if profile is None:
         if running:
-            raise EadpError("the plan has computations that may run, and no profile says what they cost")
+            raise EadpError("the plan has computations that may run, and there is no profile of their power")
         return Computing(rho, None)
     if not running:
         return Computing(rho, profile, ())

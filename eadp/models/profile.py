@@ -15,16 +15,31 @@ from eadp.core.interpolation import Interpolant, Kind, interpolant, leave_one_ou
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
-"""Most values a computation is offered: a larger set is a real number in disguise."""
+"""Most values of a computation: a larger set is a real number."""
 
 WHOLE = 1e-9
-"""How far from a whole number of steps still counts as whole."""
+"""Tolerance of a whole number of steps."""
 
-FEW = 10
-"""Fewest independent samples of a repeated configuration that tell its standard error."""
+MIN_EFFECTIVE_SAMPLES = 10
+"""Fewest independent samples of a repeated configuration for a reliable standard error."""
 
-SHOWN = 3
+POINTS_SHOWN = 3
 """Most configurations that one finding names."""
+
+
+def configuration_text(names: Sequence[str], values: Sequence[float], separator: str = ", ") -> str:
+    """A configuration as in `fps=2, keysize=32`."""
+    return separator.join(f"{name}={value:.10g}" for name, value in zip(names, values, strict=True))
+
+
+def titles(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Parameters with their units where they are known, as in `fps [1/s]`."""
+    return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+
+
+def shortest(value: float) -> float | int:
+    """A number as people write it: a whole one without its point."""
+    return int(value) if float(value).is_integer() and abs(value) < 1e15 else value
 
 
 def _empty() -> FloatArray:
@@ -37,7 +52,7 @@ def _none() -> IntArray:
 
 @dataclass(frozen=True)
 class ProfileFinding:
-    """Something odd about the measurements; `point` is the index of the configuration where it shows."""
+    """A warning about the measurements; `point` is the index of its configuration."""
 
     point: int
     message: str
@@ -45,7 +60,7 @@ class ProfileFinding:
 
 @dataclass(frozen=True)
 class LeaveOneOutError:
-    """How far the other configurations miss the power of one that is left out, over those that they enclose.
+    """Errors of predicting each configuration's power from the others, over the configurations that they enclose.
 
     `points` is their number, `rms_w` the root mean square of the errors [W], `largest_w` the largest of them, without
     its sign [W], and `worst` the index of its configuration.
@@ -71,8 +86,8 @@ class Profile:
         Measured configurations [units], each once.
     power_w : array, shape (n,)
         Average power at each [W].
-    spread_w : array, shape (n,)
-        Standard deviation of its samples [W]; 0 where one sample tells nothing of it. Default: all 0.
+    std_w : array, shape (n,)
+        Standard deviation of its samples [W]; 0 of one sample. Default: all 0.
     samples : array, shape (n,)
         How many measurements were averaged. Default: 1 each.
     interpolation : str
@@ -95,7 +110,7 @@ class Profile:
     units: tuple[str, ...]
     configurations: FloatArray
     power_w: FloatArray
-    spread_w: FloatArray = field(default_factory=_empty)
+    std_w: FloatArray = field(default_factory=_empty)
     samples: IntArray = field(default_factory=_none)
     interpolation: Kind = "linear"
     source: str = ""
@@ -110,7 +125,7 @@ class Profile:
         columns = {
             "configurations": points,
             "power_w": np.array(self.power_w, dtype=np.float64),
-            "spread_w": np.array(self.spread_w if np.size(self.spread_w) else np.zeros(n), dtype=np.float64),
+            "std_w": np.array(self.std_w if np.size(self.std_w) else np.zeros(n), dtype=np.float64),
             "samples": np.array(self.samples if np.size(self.samples) else np.ones(n), dtype=np.int64),
             "standard_error_w": np.array(
                 self.standard_error_w if np.size(self.standard_error_w) else np.full(n, np.nan), dtype=np.float64
@@ -130,7 +145,7 @@ class Profile:
         mine = (self.names, self.units, self.interpolation, self.source)
         return mine == (other.names, other.units, other.interpolation, other.source) and all(
             np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name == "standard_error_w")
-            for name in ("configurations", "power_w", "spread_w", "samples", "standard_error_w")
+            for name in ("configurations", "power_w", "std_w", "samples", "standard_error_w")
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -146,17 +161,17 @@ class Profile:
         return (self,)
 
     @cached_property
-    def left_out_w(self) -> FloatArray:
-        """What the others predict at each configuration, shape (n,) [W]; NaN where they do not enclose it.
+    def leave_one_out_w(self) -> FloatArray:
+        """Leave-one-out predictions, shape (n,) [W]; NaN where the other configurations do not enclose the point.
 
         See `eadp.core.interpolation.leave_one_out`.
         """
         return leave_one_out(self.configurations, self.power_w, self.interpolation)
 
     @property
-    def leave_one_out(self) -> LeaveOneOutError | None:
-        """The error of leaving one configuration out; None where no configuration is enclosed by the others."""
-        errors = np.abs(self.left_out_w - self.power_w)
+    def leave_one_out_error(self) -> LeaveOneOutError | None:
+        """The leave-one-out error; None where no configuration is enclosed by the others."""
+        errors = np.abs(self.leave_one_out_w - self.power_w)
         known = np.flatnonzero(np.isfinite(errors))
         if not len(known):
             return None
@@ -165,11 +180,11 @@ class Profile:
         return LeaveOneOutError(len(known), rms_w, float(errors[worst]), worst)
 
     def effective_samples(self, point: int) -> float:
-        """How many independent samples tell as much of a configuration's power as its samples do; never more."""
-        error_w, spread_w = float(self.standard_error_w[point]), float(self.spread_w[point])
+        """Number of independent samples with the same standard error as a configuration's samples; never more."""
+        error_w, std_w = float(self.standard_error_w[point]), float(self.std_w[point])
         samples = float(self.samples[point])
-        correlated = error_w * math.sqrt(samples) > spread_w > 0  # not where the error is not known: NaN
-        return (spread_w / error_w) ** 2 if correlated else samples
+        correlated = error_w * math.sqrt(samples) > std_w > 0  # false for an unknown error, NaN
+        return (std_w / error_w) ** 2 if correlated else samples
 
     def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
         """Average power of the computations at a configuration.
@@ -205,19 +220,21 @@ class Profile:
         return self.interpolant.contains(configuration)
 
     def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
-        """The configuration of d floats to take in place of one that is outside; see `Interpolant.nearest`."""
+        """The nearest configuration inside, d floats; see `Interpolant.nearest`."""
         return self.interpolant.nearest(configuration)
 
     def outside(self, configuration: Sequence[float]) -> str:
-        """Say in what way a configuration of d floats is outside the measured range."""
+        """Why a configuration of d floats is outside the measured range, as text."""
         values = list(zip(self.names, configuration, strict=True))
         parts = [
             f"{name}={value:.10g} is outside the measured {least:.10g} to {most:.10g}"
             for (name, value), (least, most) in zip(values, map(self.range_of, self.names), strict=True)
             if not least <= value <= most
         ]
-        together = ", ".join(f"{name}={value:.10g}" for name, value in values)
-        return "; ".join(parts) or f"{together} is outside the measured configurations, though not one by one"
+        return (
+            "; ".join(parts)
+            or f"{configuration_text(self.names, configuration)} is outside the hull of the measured ones"
+        )
 
     def range_of(self, name: str) -> tuple[float, float]:
         """The smallest and the largest measured value of a parameter [its unit].
@@ -266,13 +283,12 @@ class Profile:
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
 
     def findings(self) -> tuple[ProfileFinding, ...]:
-        """What is odd: power that rises and falls along a parameter, the others held; few samples. Nothing is repaired.
+        """Power that is not monotone in a parameter, the others held; few samples. Nothing is repaired.
 
         Returns
         -------
-        tuple of Finding
-            At most one for each parameter, at its first turning point; then at most one of few independent samples,
-            where some configuration was measured more than once.
+        tuple of ProfileFinding
+            At most one for each parameter, at its first turning point; then at most one of few independent samples.
         """
         turns = [found for axis in range(len(self.names)) for found in self._turns(axis)[:1]]
         return (*turns, *self._few())
@@ -280,18 +296,17 @@ class Profile:
     def _few(self) -> list[ProfileFinding]:
         if self.samples.max() <= 1:  # averages, of which nothing more is known
             return []
-        few = [i for i in range(len(self.samples)) if self.effective_samples(i) < FEW]
+        few = [i for i in range(len(self.samples)) if self.effective_samples(i) < MIN_EFFECTIVE_SAMPLES]
         if not few:
             return []
-        told = [f"{self.effective_samples(i):.2g} of {self.samples[i]} at {self.named(i)}" for i in few[:SHOWN]]
-        more = f", and so at {len(few) - SHOWN} more" if len(few) > SHOWN else ""
-        what = f"fewer than {FEW} independent samples: {', '.join(told)}{more}"
+        shown = [f"{self.effective_samples(i):.2g} of {self.samples[i]} at {self.named(i)}" for i in few[:POINTS_SHOWN]]
+        more = f", and so at {len(few) - POINTS_SHOWN} more" if len(few) > POINTS_SHOWN else ""
+        what = f"fewer than {MIN_EFFECTIVE_SAMPLES} independent samples: {', '.join(shown)}{more}"
         return [ProfileFinding(few[0], f"{what}; their standard errors are rough")]
 
     def named(self, point: int) -> str:
         """A measured configuration by its index, as in `fps=2, keysize=32`."""
-        values = zip(self.names, self.configurations[point].tolist(), strict=True)
-        return ", ".join(f"{name}={value:.10g}" for name, value in values)
+        return configuration_text(self.names, self.configurations[point].tolist())
 
     def _turns(self, axis: int) -> list[ProfileFinding]:
         """Every line of configurations along one parameter in which power turns."""

@@ -12,7 +12,7 @@ from eadp.models.profile import Profile
 
 @dataclass(frozen=True)
 class ProfileSum:
-    """Average power of computations that were measured apart: g(c) = g1(c1, …) + g2(c2, …) + ….
+    """Average power of computations that were measured apart, g(c) = g1(c1, …) + g2(c2, …) + ….
 
     Parameters are those of the parts, in the order of the parts.
 
@@ -70,11 +70,11 @@ class ProfileSum:
         return all(part.contains(own) for part, own in self._split(configuration))
 
     def nearest(self, configuration: Sequence[float]) -> tuple[float, ...]:
-        """The configuration to take in place of one that is outside; see `Interpolant.nearest`."""
+        """The nearest configuration inside; see `Interpolant.nearest`."""
         return tuple(value for part, own in self._split(configuration) for value in part.nearest(own))
 
     def outside(self, configuration: Sequence[float]) -> str:
-        """Say in what way a configuration is outside the measured range."""
+        """Why a configuration is outside the measured range, as text."""
         return "; ".join(part.outside(own) for part, own in self._split(configuration) if not part.contains(own))
 
     def range_of(self, name: str) -> tuple[float, float]:
@@ -110,11 +110,11 @@ class ProfileSum:
 
 
 AnyProfile = Profile | ProfileSum
-"""Power of computations, measured together or apart: both answer the same questions."""
+"""Power of computations, measured together or apart."""
 
 
 def added(profiles: Sequence[AnyProfile]) -> AnyProfile:
-    """The sum of profiles, parts of sums side by side; a single one stays itself.
+    """The sum of profiles, by their parts; a single one is returned.
 
     Raises
     ------

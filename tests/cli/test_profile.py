@@ -124,9 +124,9 @@ def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
     assert out.splitlines() == [
         "2 configurations of fps; linear between them",
         "source: the bench",
-        "fps [1/s]  power [W]  spread [W]  std. error [W]  samples",
-        "        2       5.25        0.35            0.25        2",
-        "       10          9                                    1",
+        "fps [1/s]  power [W]  std. dev. [W]  std. error [W]  samples",
+        "        2       5.25           0.35            0.25        2",
+        "       10          9                                       1",
     ]
 
 
@@ -134,13 +134,13 @@ def test_summary_tells_how_far_the_others_miss(run: Run) -> None:
     code, out, _ = run("profile", PEDNET)
     assert code == 0
     assert out.splitlines()[2:] == [
-        "fps  power [W]  samples  left out [W]",
+        "fps  power [W]  samples  leave-one-out error [W]",
         "  2    5.21438        1",
-        "  4    6.94212        1       +0.0055",
-        "  6    8.68095        1         -0.32",
-        "  8    9.78429        1         -0.34",
+        "  4    6.94212        1                  +0.0055",
+        "  6    8.68095        1                    -0.32",
+        "  8    9.78429        1                    -0.34",
         " 10    10.2112        1",
-        "leave one out: 3 configurations predicted from the others to 0.27 W (rms), at most 0.34 W, at fps=8",
+        "leave-one-out error of 3 configurations: 0.27 W RMS, at most 0.34 W at fps=8",
     ]
 
 
@@ -223,9 +223,9 @@ def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
     document = json.loads(out)
     assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
     first, second = document["points"][:2]
-    told = {"at": [2], "power_w": 5.21438, "spread_w": 0, "samples": 1, "standard_error_w": None}
-    assert first == {**told, "left_out_error_w": None}, "an end is not enclosed by the others"
-    assert second["left_out_error_w"] == pytest.approx((5.21438 + 8.68095) / 2 - 6.94212)
+    told = {"at": [2], "power_w": 5.21438, "std_w": 0, "samples": 1, "standard_error_w": None}
+    assert first == {**told, "leave_one_out_error_w": None}, "an end is not enclosed by the others"
+    assert second["leave_one_out_error_w"] == pytest.approx((5.21438 + 8.68095) / 2 - 6.94212)
     assert document["leave_one_out"]["points"] == 3
     (tmp_path / "m.json").write_text(out, encoding="utf-8")
     assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
@@ -285,9 +285,9 @@ def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
         (["--names", "a,b"], "--names:1:1: error: 2 names for the parameters fps; expected 1 of them"),
         (["--names", ","], "--names:1:1: error: an empty text is no name"),
         (["--add", PEDNET], "--add:1:1: error: two of the profiles that are added have a parameter fps"),
-        (["--config", "fps=2"], "--config:1:1: error: stated for 1 files, and 0 do not say"),
+        (["--config", "fps=2"], "--config:1:1: error: 1 configurations for 0 files without"),
         (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one for a trace"),
-        (["--idle", "3"], "--idle:1:1: error: says nothing here; expected it with --measure"),
+        (["--idle", "3"], "--idle:1:1: error: has no effect here; expected it with --measure"),
     ],
 )
 def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None:

@@ -24,12 +24,12 @@ class Computer:
         (root / ZONE).mkdir(parents=True)
         (root / ZONE / "name").write_text("package-0\n", encoding="ascii")
         (root / ZONE / "max_energy_range_uj").write_text("10000000\n", encoding="ascii")
-        self.sleep_s(0.0)
+        self.sleep(0.0)
 
-    def now_s(self) -> float:
+    def monotonic(self) -> float:
         return self.time_s
 
-    def sleep_s(self, duration_s: float) -> None:
+    def sleep(self, duration_s: float) -> None:
         self.time_s += duration_s
         self.slept += 1
         ripple_w = 0.001 * (-1) ** self.slept
@@ -45,17 +45,17 @@ class Computer:
         yield self
         self.power_w = 1.0
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         return 1 if self.ends else None
 
-    def said(self) -> str:
+    def output_tail(self) -> str:
         return ""
 
 
 @pytest.fixture
 def computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Computer:
     made = Computer(tmp_path / "sys")
-    monkeypatch.setattr("eadp.io.profile.measuring.RealClock", lambda: made)
+    monkeypatch.setattr("eadp.io.profile.measure_command.time", made)
     monkeypatch.setattr("eadp.io.profile.measuring.launched", made.launched)
     return made
 
@@ -114,7 +114,7 @@ def test_a_command_that_fails_leaves_nothing(computer: Computer, measured, tmp_p
     ("options", "start"),
     [
         (["--", "a", "{fps}"], "--config:1:1: error: nothing to measure"),
-        (["--config", "fps=2,4", "--", "a"], "--measure:1:1: error: a command that is not told fps"),
+        (["--config", "fps=2,4", "--", "a"], "--measure:1:1: error: the command does not use fps"),
         (["--config", "fps=2", "--accuracy", "0", "--", "{fps}"], "--accuracy:1:1: error: no accuracy; expected watts"),
         (["--config", "fps=2", "--accuracy", "x%", "--", "{fps}"], "--accuracy:1:1: error: no accuracy"),
         (["--config", "fps=2", "--interval", "0", "--", "{fps}"], "--interval:1:1: error: 0 s; expected a number"),
@@ -123,9 +123,9 @@ def test_a_command_that_fails_leaves_nothing(computer: Computer, measured, tmp_p
         (["--config", "fps=2", "--sensor", "hwmon:x", "--", "{fps}"], "--sensor:1:1: error: no such sensor; expected"),
         (
             ["--config", "fps=2", "--at", "fps=2", "--", "{fps}"],
-            "--at:1:1: error: says nothing here; expected it without",
+            "--at:1:1: error: has no effect here; expected it without",
         ),
-        (["--config", "fps=2", "--format", "json", "--", "{fps}"], "--format:1:1: error: says nothing here"),
+        (["--config", "fps=2", "--format", "json", "--", "{fps}"], "--format:1:1: error: has no effect here"),
     ],
 )
 def test_usage_that_is_refused(computer: Computer, measured, options: list[str], start: str) -> None:

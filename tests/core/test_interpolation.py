@@ -350,7 +350,7 @@ def test_left_out_of_a_grid_is_the_mean_of_its_lines(axes: list[list[float]], da
         assert got == pytest.approx(np.mean(predicted), abs=1e-7) if predicted else np.isnan(got)
 
 
-def test_left_out_of_scattered_points_within_the_others() -> None:
+def test_leave_one_out_scattereded_points_within_the_others() -> None:
     plane_w = 3 + 0.5 * SCATTER[:, 0] + 0.01 * SCATTER[:, 1]
     found = leave_one_out(SCATTER, plane_w)
     assert np.isnan(found[:4]).all(), "corners of the hull"

@@ -47,7 +47,7 @@ def test_nan_is_never_a_power(clamp: bool) -> None:
 def test_outside_the_hull_though_inside_each_range() -> None:
     points = np.array([[2, 32], [10, 32], [2, 448]])
     corner = Profile(("fps", "keysize"), ("", ""), points, np.array([5, 9, 6]))
-    with pytest.raises(Infeasible, match="fps=9, keysize=400 is outside the measured configurations"):
+    with pytest.raises(Infeasible, match="fps=9, keysize=400 is outside the hull of the measured ones"):
         corner.power_w_at((9.0, 400.0))
 
 
@@ -57,14 +57,14 @@ def test_arrays_are_sorted_read_only_copies() -> None:
     points[0], power_w[0] = 99, 99
     assert made.configurations.tolist() == [[2], [4]]
     assert made.power_w.tolist() == [5, 7]
-    assert made.spread_w.tolist() == [0.1, 0.2]
+    assert made.std_w.tolist() == [0.1, 0.2]
     assert made.samples.tolist() == [1, 3]
     with pytest.raises(ValueError, match="read-only"):
         made.power_w[0] = 1
 
 
 def test_spread_and_samples_have_defaults() -> None:
-    assert PEDNET.spread_w.tolist() == [0] * 5
+    assert PEDNET.std_w.tolist() == [0] * 5
     assert PEDNET.samples.tolist() == [1] * 5
 
 
@@ -91,23 +91,23 @@ def test_range_of() -> None:
 
 
 def test_leave_one_out_worked_by_hand() -> None:
-    found = PEDNET.leave_one_out
+    found = PEDNET.leave_one_out_error
     assert found is not None
     # 4: (5.21438 + 8.68095)/2 − 6.94212; 6: (6.94212 + 9.78429)/2 − 8.68095; 8: (8.68095 + 10.2112)/2 − 9.78429
     errors_w = [0.005545, -0.317745, -0.338215]
-    assert (PEDNET.left_out_w - PEDNET.power_w)[1:4] == pytest.approx(errors_w, abs=ROUNDING_W)
+    assert (PEDNET.leave_one_out_w - PEDNET.power_w)[1:4] == pytest.approx(errors_w, abs=ROUNDING_W)
     assert (found.points, found.worst) == (3, 3)
     assert found.largest_w == pytest.approx(0.338215, abs=ROUNDING_W)
     assert found.rms_w == pytest.approx(math.sqrt(sum(e * e for e in errors_w) / 3), abs=ROUNDING_W)
-    assert profile({2: 5, 4: 7}).leave_one_out is None
+    assert profile({2: 5, 4: 7}).leave_one_out_error is None
 
 
 def test_few_independent_samples_are_found() -> None:
     points, power_w = np.array([[2.0], [4.0], [6.0]]), np.array([5.0, 7.0, 8.0])
 
-    def findings(samples: list[int], spread_w: list[float], error_w: list[float]) -> list[str]:
+    def findings(samples: list[int], std_w: list[float], error_w: list[float]) -> list[str]:
         made = Profile(
-            ("fps",), ("",), points, power_w, np.array(spread_w), np.array(samples), "linear", "", np.array(error_w)
+            ("fps",), ("",), points, power_w, np.array(std_w), np.array(samples), "linear", "", np.array(error_w)
         )
         return [found.message for found in made.findings()]
 

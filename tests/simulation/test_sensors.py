@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from eadp.io.plan.text import read_plan
+from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.sensors import Sensors

@@ -1,4 +1,4 @@
-"""GeoJSON as a draft of a field: the polygon of one feature, in degrees or, where the file says so, in metres."""
+"""GeoJSON as a draft of a field: the polygon of one feature, in degrees or metres."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from eadp.io.field.draft import (
     FeatureCandidate,
     FieldDraft,
     FieldSource,
+    Location,
     Ring,
-    StageVisit,
     VertexReader,
     choose_feature,
     counted,
@@ -31,7 +31,7 @@ _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 @dataclass
 class _Feature(FeatureCandidate):
-    """A feature of GeoJSON; `chain` are the objects from the document to its polygons, which may say the units."""
+    """A feature of GeoJSON; `chain` are the objects from the document to its polygons, which may have the units."""
 
     chain: list[JsonObject] = field(default_factory=list)
 
@@ -41,10 +41,10 @@ def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> Fiel
 
     Parameters
     ----------
-    source : Source
+    source : FieldSource
         A Polygon, a MultiPolygon of one, or a Feature, FeatureCollection or GeometryCollection with one.
     metres : bool
-        It is in metres, whether or not it says so.
+        It is in metres, whatever its `units` and `crs` are.
     feature : str or None
         Of several features, the one to read.
 
@@ -54,7 +54,7 @@ def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> Fiel
         If it is no JSON, no GeoJSON, or has not the one polygon; of `--feature`, if there is no such feature.
     """
     root = JsonReader(source).document()
-    start = source.place(len(source.body) - len(source.body.lstrip()))
+    start = source.location(len(source.body) - len(source.body.lstrip()))
     candidates: list[_Feature] = []
     seen: Counter[str] = Counter()
     _collect(source, root, start, [], candidates, seen)
@@ -62,87 +62,87 @@ def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> Fiel
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
         raise source.error(start, f"no polygon, only {only}" if only else "no polygon", _A_POLYGON)
     chosen = choose_feature(candidates, feature, source)
-    polygon, place = only_polygon(chosen, source)
-    # before the vertices: a fault of theirs may come of the units
-    in_metres = _says_metres(chosen.chain, metres, source)
-    rings = _rings(polygon, place, source)
-    remedy = "no --metres" if metres else "a file that does not say that it is in metres"
+    polygon, location = only_polygon(chosen, source)
+    # before the vertices: their faults may come from the units
+    in_metres = _in_metres(chosen.chain, metres, source)
+    rings = _rings(polygon, location, source)
+    remedy = "no --metres" if metres else "a file without units or crs in metres"
     return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", "".join(chosen.names[:1]))
 
 
 def _collect(
     source: FieldSource,
     node: Any,
-    place: StageVisit,
+    location: Location,
     chain: Sequence[JsonObject],
     found: list[_Feature],
     seen: Counter[str],
 ) -> None:
-    """Gather the features with polygons at and below a GeoJSON object, and count the types of what has none."""
+    """Collect the features with polygons at and below a GeoJSON object, and count the types of the others."""
     if not isinstance(node, JsonObject):
-        raise source.error(place, f"{_kind(node)} where an object of GeoJSON belongs", _A_POLYGON)
+        raise source.error(location, f"{_kind(node)} where an object of GeoJSON belongs", _A_POLYGON)
     chain = [*chain, node]
     kind = node.get("type")
     if not isinstance(kind, str):
-        raise source.error(place, "an object of GeoJSON without a type", _A_POLYGON)
+        raise source.error(location, "an object of GeoJSON without a type", _A_POLYGON)
     if kind == "FeatureCollection":
-        features = _members(source, node, "features", place)
+        features = _members(source, node, "features", location)
         for item, offset in zip(features, features.offsets, strict=True):
-            _collect(source, item, source.place(offset), chain, found, seen)
+            _collect(source, item, source.location(offset), chain, found, seen)
     elif kind == "Feature":
         geometry = node.get("geometry")
         if geometry is None:
             seen["a Feature without a geometry"] += 1
             return
-        polygons, objects = _polygons(source, geometry, source.place(node.offsets["geometry"]), seen)
+        polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen)
         if polygons:
-            found.append(_Feature(place, _names(node), polygons, [*chain, *objects]))
+            found.append(_Feature(location, _names(node), polygons, [*chain, *objects]))
     else:
-        polygons, objects = _polygons(source, node, place, seen)
+        polygons, objects = _polygons(source, node, location, seen)
         if polygons:
-            found.append(_Feature(place, [], polygons, [*chain[:-1], *objects]))
+            found.append(_Feature(location, [], polygons, [*chain[:-1], *objects]))
 
 
 def _polygons(
-    source: FieldSource, node: Any, place: StageVisit, seen: Counter[str]
-) -> tuple[list[tuple[Any, StageVisit]], list[JsonObject]]:
+    source: FieldSource, node: Any, location: Location, seen: Counter[str]
+) -> tuple[list[tuple[Any, Location]], list[JsonObject]]:
     """The polygons of a geometry, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
-        raise source.error(place, "no geometry", "an object with a type and coordinates")
+        raise source.error(location, "no geometry", "an object with a type and coordinates")
     if kind == "GeometryCollection":
-        geometries = _members(source, node, "geometries", place)
-        polygons: list[tuple[Any, StageVisit]] = []
+        geometries = _members(source, node, "geometries", location)
+        polygons: list[tuple[Any, Location]] = []
         objects = [node]
         for item, offset in zip(geometries, geometries.offsets, strict=True):
-            more, way = _polygons(source, item, source.place(offset), seen)
+            more, way = _polygons(source, item, source.location(offset), seen)
             polygons += more
             objects += way if more else []
         return polygons, objects
     if kind not in ("Polygon", "MultiPolygon"):
         seen[f"a {kind}"] += 1
         return [], []
-    coordinates = _members(source, node, "coordinates", place)
+    coordinates = _members(source, node, "coordinates", location)
     if kind == "Polygon":
-        return [(coordinates, source.place(node.offsets["coordinates"]))], [node]
+        return [(coordinates, source.location(node.offsets["coordinates"]))], [node]
     if not coordinates:
-        raise source.error(source.place(node.offsets["coordinates"]), "a MultiPolygon of no polygons", "one")
-    places = [source.place(offset) for offset in coordinates.offsets]
-    return list(zip(coordinates, places, strict=True)), [node]
+        raise source.error(source.location(node.offsets["coordinates"]), "a MultiPolygon of no polygons", "one")
+    locations = [source.location(offset) for offset in coordinates.offsets]
+    return list(zip(coordinates, locations, strict=True)), [node]
 
 
-def _members(source: FieldSource, node: JsonObject, key: str, place: StageVisit) -> JsonList:
+def _members(source: FieldSource, node: JsonObject, key: str, location: Location) -> JsonList:
     value = node.get(key)
     if not isinstance(value, JsonList):
-        place = source.place(node.offsets[key]) if key in node else place
-        raise source.error(place, f"no list of {key}", f"{key} with a list")
+        location = source.location(node.offsets[key]) if key in node else location
+        raise source.error(location, f"no list of {key}", f"{key} with a list")
     return value
 
 
 def _names(feature: JsonObject) -> list[str]:
-    """What a feature may be called: its name first, then its ids."""
+    """The names of a feature: its name first, then its ids."""
     properties = feature.get("properties")
-    said = [properties.get(key) for key in ("name", "Name", "id")] if isinstance(properties, JsonObject) else []
-    names = [str(value).strip() for value in (*said, feature.get("id")) if type(value) in (str, int, float)]
+    given = [properties.get(key) for key in ("name", "Name", "id")] if isinstance(properties, JsonObject) else []
+    names = [str(value).strip() for value in (*given, feature.get("id")) if type(value) in (str, int, float)]
     return list(dict.fromkeys(name for name in names if name))
 
 
@@ -160,60 +160,60 @@ _OTHER_LENGTH = re.compile(
 )
 
 
-def _says_metres(chain: Sequence[JsonObject], metres: bool, source: FieldSource) -> bool:
-    """Whether coordinates are in metres: by the option, by `units` that begin with metres, or by a grid's `crs`."""
+def _in_metres(chain: Sequence[JsonObject], metres: bool, source: FieldSource) -> bool:
+    """Whether coordinates are in metres: by the option, by `units` that start with metres, or by a grid's `crs`."""
     properties = [node.get("properties") for node in chain]
     holders = [holder for holder in (*chain, *properties) if isinstance(holder, JsonObject)]
-    units = [(holder, said) for holder in holders if isinstance(said := holder.get("units"), str)]
-    metres = metres or any(_IN_METRES.match(said) for _, said in units)
-    for holder, said in units:
-        if _OTHER_LENGTH.match(said) and not metres:
-            message = f"units of {printable(said, 40)}"
+    units = [(holder, unit) for holder in holders if isinstance(unit := holder.get("units"), str)]
+    metres = metres or any(_IN_METRES.match(unit) for _, unit in units)
+    for holder, unit in units:
+        if _OTHER_LENGTH.match(unit) and not metres:
+            message = f"units of {printable(unit, 40)}"
             expected = "metres, or longitude and latitude in degrees"
-            raise source.error(source.place(holder.offsets["units"]), message, expected)
-    for node in reversed(chain):  # the innermost that says it
+            raise source.error(source.location(holder.offsets["units"]), message, expected)
+    for node in reversed(chain):  # the innermost first
         if node.get("crs") is not None:
-            return _system(node["crs"], source.place(node.offsets["crs"]), metres, source) or metres
+            return _system(node["crs"], source.location(node.offsets["crs"]), metres, source) or metres
     return metres
 
 
-def _system(crs: Any, place: StageVisit, metres: bool, source: FieldSource) -> bool:
-    """Whether a coordinate reference system is one in metres; one that is not known is what is said elsewhere."""
+def _system(crs: Any, location: Location, metres: bool, source: FieldSource) -> bool:
+    """Whether a coordinate reference system is in metres; `metres` where it is unknown."""
     properties = crs.get("properties") if isinstance(crs, JsonObject) else None
-    said: Any = None
+    given: Any = None
     if isinstance(properties, JsonObject):
-        said = properties.get("name", f"EPSG:{properties['code']}" if "code" in properties else None)
-    name = said[:200] if isinstance(said, str) else ""
+        given = properties.get("name", f"EPSG:{properties['code']}" if "code" in properties else None)
+    name = given[:200] if isinstance(given, str) else ""
     if re.search(r"CRS84h?\Z", name, re.IGNORECASE):
         return False
     codes = _CODE.fullmatch(name.rstrip().replace("EPSG/0/", "EPSG/"))
     code = codes[1] if codes else ""
     if code in _WEB_MERCATOR:
         message = f"{printable(name, 80)} is Web Mercator, whose metres are longer than metres away from the equator"
-        raise source.error(place, message, "longitude and latitude in degrees, or a UTM zone")
+        raise source.error(location, message, "longitude and latitude in degrees, or a UTM zone")
     if code in _GEOGRAPHIC or _GRID.fullmatch(code):
         return code not in _GEOGRAPHIC
     if metres:
         return True
     message = f"the reference system {printable(name, 80) or 'without a name'} is not known"
-    raise source.error(place, message, "longitude and latitude in degrees (WGS-84), a UTM zone, or --metres")
+    raise source.error(location, message, "longitude and latitude in degrees (WGS-84), a UTM zone, or --metres")
 
 
-def _rings(polygon: Any, place: StageVisit, source: FieldSource) -> list[Ring]:
+def _rings(polygon: Any, location: Location, source: FieldSource) -> list[Ring]:
     if not isinstance(polygon, JsonList):
-        raise source.error(place, f"{_kind(polygon)} where a polygon belongs", "a list of rings")
+        raise source.error(location, f"{_kind(polygon)} where a polygon belongs", "a list of rings")
     if not polygon:
-        raise source.error(place, "a polygon without rings", "a ring of positions")
+        raise source.error(location, "a polygon without rings", "a ring of positions")
     reader = VertexReader(source)
     rings = []
     for ring, offset in zip(polygon, polygon.offsets, strict=True):
-        at = source.place(offset)
+        at = source.location(offset)
         if not isinstance(ring, JsonList):
             raise source.error(at, f"{_kind(ring)} where a ring belongs", "a list of positions")
         rings.append(Ring([], at))
         for position, start in zip(ring, ring.offsets, strict=True):
             if isinstance(position, tuple):
-                reader.add(rings[-1], position[0], position[1], source.place(start))
+                reader.add(rings[-1], position[0], position[1], source.location(start))
             else:
                 reader.refuse(_position_faults(position, start, source))
     reader.finish()
@@ -221,18 +221,18 @@ def _rings(polygon: Any, place: StageVisit, source: FieldSource) -> list[Ring]:
 
 
 def _position_faults(position: Any, offset: int, source: FieldSource) -> list[Fault]:
-    """What keeps a value from being a position."""
-    place = source.place(offset)
+    """The faults of a value as a position."""
+    location = source.location(offset)
     if not isinstance(position, JsonList):
-        return [source.fault(place, f"{_kind(position)} where a position belongs", f"a list: {_POSITION}")]
+        return [source.fault(location, f"{_kind(position)} where a position belongs", f"a list: {_POSITION}")]
     if not 2 <= len(position) <= 3:
-        return [source.fault(place, f"a position of {counted(len(position), 'number', 'numbers')}", _POSITION)]
+        return [source.fault(location, f"a position of {counted(len(position), 'number', 'numbers')}", _POSITION)]
     faults = []
     for value, at in zip(position, position.offsets, strict=True):
         if type(value) not in (int, float):
-            faults.append(source.fault(source.place(at), f"{_kind(value)} is no number", "a number"))
+            faults.append(source.fault(source.location(at), f"{_kind(value)} is no number", "a number"))
         elif not math.isfinite(value):
-            faults.append(source.fault(source.place(at), "a number too large", "a finite number"))
+            faults.append(source.fault(source.location(at), "a number too large", "a finite number"))
     return faults
 
 

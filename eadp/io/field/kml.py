@@ -1,7 +1,7 @@
 """KML as a draft of a field: the polygon of one Placemark, in degrees.
 
-Elements are told by their names without a prefix, so that KML of any namespace is read. A document type is refused: it
-may draw on other files, or unfold into more than the text is.
+Elements are recognised by their names without a prefix, so that KML of any namespace is read. A document type is
+refused: it may refer to other files, or expand into more than the text.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from eadp.io.field.draft import (
     FeatureCandidate,
     FieldDraft,
     FieldSource,
+    Location,
     Ring,
-    StageVisit,
     VertexReader,
     choose_feature,
-    number_fault,
     only_polygon,
 )
+from eadp.io.text.csv import number_fault
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
@@ -32,26 +32,26 @@ _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTE
 
 @dataclass
 class _RingText:
-    """The text of a ring's coordinates in pieces, each with its place; blanks between them are pieces of their own."""
+    """The text of a ring's coordinates in pieces with their locations; blanks between them are pieces too."""
 
     role: str
-    place: StageVisit
-    pieces: list[tuple[str, StageVisit]] = field(default_factory=list)
+    location: Location
+    pieces: list[tuple[str, Location]] = field(default_factory=list)
     blanks: int = 0
 
-    def add(self, text: str, place: StageVisit) -> None:
-        """Add a piece; not behind so many that the ring will be refused for its length."""
+    def add(self, text: str, location: Location) -> None:
+        """Add a piece, unless the ring is already too long."""
         if self.blanks > VERTICES_LIMIT:
             return
         if not text.isspace():
-            self.pieces.append((text, place))
+            self.pieces.append((text, location))
         elif self.pieces and self.pieces[-1][0] != " ":
-            self.pieces.append((" ", place))
+            self.pieces.append((" ", location))
             self.blanks += 1
 
 
 class _KmlReader:
-    """Gathers the Placemarks with polygons. What could refer to other texts, a DTD, is refused."""
+    """Collects the Placemarks with polygons; refuses a document type."""
 
     def __init__(self, source: FieldSource) -> None:
         self.source = source
@@ -70,34 +70,34 @@ class _KmlReader:
         try:
             self.parser.Parse(self.source.body, True)
         except xml.parsers.expat.ExpatError as error:
-            place = (error.lineno, error.offset + 1)
+            location = (error.lineno, error.offset + 1)
             reason = xml.parsers.expat.ErrorString(error.code)
-            raise self.source.error(place, f"is not XML: {reason}", "a KML file") from None
+            raise self.source.error(location, f"is not XML: {reason}", "a KML file") from None
         return self.found
 
-    def _place(self) -> StageVisit:
+    def _location(self) -> Location:
         return self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
 
     def _doctype(self, *_: object) -> None:
-        message = "a document type, through which a file may draw on others"
-        raise self.source.error(self._place(), message, "a KML file without <!DOCTYPE>")
+        message = "a document type, which may refer to other files"
+        raise self.source.error(self._location(), message, "a KML file without <!DOCTYPE>")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         local = tag.rpartition(":")[2]
         self.path.append(local)
         if local == "Placemark":
             identity = [attributes["id"]] if attributes.get("id") else []
-            self.placemark, self.name = FeatureCandidate(self._place(), identity, []), []
+            self.placemark, self.name = FeatureCandidate(self._location(), identity, []), []
         elif local == "Polygon":
             holder = self.placemark
             if holder is None:
-                holder = FeatureCandidate(self._place(), [], [])
+                holder = FeatureCandidate(self._location(), [], [])
                 self.found.append(holder)
             elif not holder.polygons:
                 self.found.append(holder)
-            holder.polygons.append(([], self._place()))
+            holder.polygons.append(([], self._location()))
         elif self.path[-4:] in _RING_PATHS:
-            self._polygon().append(_RingText(self.path[-3], self._place()))
+            self._polygon().append(_RingText(self.path[-3], self._location()))
 
     def _polygon(self) -> list[_RingText]:
         rings: list[_RingText] = self.found[-1].polygons[-1][0]
@@ -105,7 +105,7 @@ class _KmlReader:
 
     def _text(self, data: str) -> None:
         if self.path[-4:] in _RING_PATHS:
-            self._polygon()[-1].add(data, self._place())
+            self._polygon()[-1].add(data, self._location())
         elif self.path[-2:] == ["Placemark", "name"]:
             self.name.append(data)
 
@@ -122,7 +122,7 @@ def read_kml(source: FieldSource, metres: bool, feature: str | None) -> FieldDra
 
     Parameters
     ----------
-    source : Source
+    source : FieldSource
         KML with a Polygon in a Placemark.
     metres : bool
         Refused if true: KML is in degrees.
@@ -140,12 +140,12 @@ def read_kml(source: FieldSource, metres: bool, feature: str | None) -> FieldDra
     if not candidates:
         raise source.error((1, 1), "no polygon", "KML with a Polygon in a Placemark")
     chosen = choose_feature(candidates, feature, source)
-    polygon, place = only_polygon(chosen, source)
+    polygon, location = only_polygon(chosen, source)
     outer = [ring for ring in polygon if ring.role == _OUTER]
     if len(outer) != 1:
-        place = outer[1].place if outer else place
+        location = outer[1].location if outer else location
         message = "a second outline" if outer else "a Polygon without an outline"
-        raise source.error(place, message, f"one {_OUTER} with a LinearRing of coordinates")
+        raise source.error(location, message, f"one {_OUTER} with a LinearRing of coordinates")
     reader = VertexReader(source)
     rings = [_ring(ring, reader) for ring in (*outer, *(ring for ring in polygon if ring.role == _INNER))]
     reader.finish()
@@ -153,16 +153,16 @@ def read_kml(source: FieldSource, metres: bool, feature: str | None) -> FieldDra
 
 
 def _ring(ring: _RingText, reader: VertexReader) -> Ring:
-    """The vertices of a ring: tuples apart by blanks, each `longitude,latitude[,altitude]`."""
+    """The vertices of a ring: tuples separated by blanks, each `longitude,latitude[,altitude]`."""
     text = "".join(piece for piece, _ in ring.pieces)
     starts = list(accumulate((len(piece) for piece, _ in ring.pieces), initial=0))
-    result = Ring([], ring.place)
+    result = Ring([], ring.location)
     for token in re.finditer(r"\S+", text):
         piece = bisect_right(starts, token.start(), hi=len(ring.pieces)) - 1
         line, column = ring.pieces[piece][1]
-        place = (line, column + token.start() - starts[piece])
+        location = (line, column + token.start() - starts[piece])
         parts = token[0].split(",")
-        columns = accumulate((len(part) + 1 for part in parts), initial=place[1])
+        columns = accumulate((len(part) + 1 for part in parts), initial=location[1])
         faults = [
             reader.source.fault((line, at), *wrong)
             for part, at in zip(parts, columns, strict=False)
@@ -170,9 +170,9 @@ def _ring(ring: _RingText, reader: VertexReader) -> Ring:
         ]
         if not 2 <= len(parts) <= 3:
             expected = "longitude,latitude or longitude,latitude,altitude without blanks"
-            faults = [reader.source.fault(place, f"{printable(token[0], 40)} is no position", expected)]
+            faults = [reader.source.fault(location, f"{printable(token[0], 40)} is no position", expected)]
         if faults:
             reader.refuse(faults)
         else:
-            reader.add(result, float(parts[0]), float(parts[1]), place)
+            reader.add(result, float(parts[0]), float(parts[1]), location)
     return result

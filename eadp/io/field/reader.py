@@ -1,16 +1,16 @@
 """Fields to cover: GeoJSON, KML or a CSV of vertices as an outline and holes in local metres.
 
-A file is told by its first character: `{` begins GeoJSON, `<` KML, and anything else is a table of vertices. The reader
-of each format hands on a draft, which is settled here. Degrees are those of WGS-84; they become metres east and north
-in the tangent plane at the middle of the outline. What can be mended without a question is, and is said; what cannot is
-refused at the vertex where it shows.
+`FORMATS` lists the formats: a recogniser and a reader each. A reader returns a draft, which is checked here. Degrees
+are those of WGS-84; they become metres east and north in the tangent plane at the middle of the outline. Unambiguous
+defects are repaired and noted; others are refused at their vertex.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
@@ -37,7 +37,7 @@ __all__ = [
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
 EXTENT_LIMIT_M = 50_000.0
-"""Largest width and height [m]: beyond it the tangent plane is no map of a field."""
+"""Largest width and height [m]: beyond it the tangent plane is distorted."""
 _SMALLER = f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way"
 _WIDEST_DEG, _HIGHEST_DEG = 10.0, 1.0
 """Longitudes and latitudes [°] that are always more than `EXTENT_LIMIT_M` apart, up to `LATITUDE_LIMIT_DEG`."""
@@ -51,6 +51,23 @@ SMALLEST_M2 = 1.0
 _DEGREES = "longitude within ±180 and latitude within ±90 degrees"
 
 
+@dataclass(frozen=True)
+class FieldFormat:
+    """A format of fields: its name, whether a text that starts so has it, and its reader."""
+
+    name: str
+    recognise: Callable[[str], bool]
+    read: Callable[[FieldSource, bool, str | None], FieldDraft]
+
+
+FORMATS = (
+    FieldFormat("GeoJSON", lambda head: head in "{[", read_geojson),
+    FieldFormat("KML", lambda head: head == "<", read_kml),
+    FieldFormat("CSV of vertices", lambda head: True, read_table),
+)
+"""Formats of fields; the first that recognises a text reads it."""
+
+
 def read_field(text: Text, *, metres: bool = False, feature: str | None = None) -> tuple[Field, list[str]]:
     """Read the outline and the holes of a field.
 
@@ -61,17 +78,16 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         (a Placemark with a Polygon), or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the
         outline, 1.. the holes), or two columns without names.
     metres : bool, optional
-        The file is in metres, x east and y north; without, it is where it says so, and in WGS-84 degrees elsewhere.
+        The file is in metres, x east and y north, whatever it states; default: as it states, or WGS-84 degrees.
     feature : str, optional
         Of several features, the one to read: its id, its name, or its number from 1 among those with polygons.
 
     Returns
     -------
     field : Field
-        Metres; the vertices as they stand in the file, the first of them first, but for those that were dropped and
-        rings that were turned.
-    mended : list of str
-        What was put right on the way, a sentence each.
+        Metres; the vertices in the order of the file, without those that were dropped, some rings reversed.
+    repaired : list of str
+        The repairs, a sentence each.
 
     Raises
     ------
@@ -79,15 +95,15 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         With the faults of the file, each at its line and column, or of the options.
     """
     source = FieldSource(text)
-    first = text.body.lstrip()[:1]
-    if not first:
+    head = text.body.lstrip()[:1]
+    if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
-    read = read_geojson if first in "{[" else read_kml if first == "<" else read_table
-    return _settled(read(source, metres, feature), source)
+    chosen = next(each for each in FORMATS if each.recognise(head))
+    return _field(chosen.read(source, metres, feature), source)
 
 
-def _settled(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
-    """The field of a draft, mended and found sound, and what was mended."""
+def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
+    """The field of a draft, repaired and checked, and the repairs."""
     from eadp.core.geometry.polygons import signed_area_m2
 
     notes = list(draft.notes)
@@ -99,38 +115,40 @@ def _settled(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
     else:
         _check_metres(rings, draft, source)
     _check_extent(rings, draft, source)
-    rings = _mended(rings, draft, source, notes)
+    rings = _repaired(rings, draft, source, notes)
     _check_shape(rings, origin_deg, source)
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
-    turned = [signed_area_m2(ring) > 0 for ring in corners]
+    counter_clockwise = [signed_area_m2(ring) > 0 for ring in corners]
     result = Field(
-        corners[0] if turned[0] else (corners[0][0], *corners[0][:0:-1]),
-        tuple((ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], turned[1:], strict=True)),
+        corners[0] if counter_clockwise[0] else (corners[0][0], *corners[0][:0:-1]),
+        tuple(
+            (ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], counter_clockwise[1:], strict=True)
+        ),
         printable(draft.name),
         origin_deg,
     )
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
-        raise source.error(rings[0][0].place, message, f"{SMALLEST_M2:g} m² or more")
-    if not turned[0]:
-        notes.append("winding of the outline turned")
-    if holes := sum(turned[1:]):
-        notes.append(f"winding of {counted(holes, 'hole', 'holes')} turned")
+        raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")
+    if not counter_clockwise[0]:
+        notes.append("winding of the outline reversed")
+    if holes := sum(counter_clockwise[1:]):
+        notes.append(f"winding of {counted(holes, 'hole', 'holes')} reversed")
     return result, notes
 
 
 def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
     """Refuse rings without three vertices, and more holes than there may be."""
     if len(draft.rings) - 1 > HOLES_LIMIT:
-        place = draft.rings[HOLES_LIMIT + 1].place
-        raise source.error(place, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
+        location = draft.rings[HOLES_LIMIT + 1].location
+        raise source.error(location, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
     faults = []
     for i, ring in enumerate(draft.rings):
         count = len({vertex[:2] for vertex in ring.vertices})
         if count < 3:
-            place = ring.vertices[0].place if ring.vertices else ring.place
+            location = ring.vertices[0].location if ring.vertices else ring.location
             message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
-            faults.append(source.fault(place, message, "three or more that differ"))
+            faults.append(source.fault(location, message, "three or more that differ"))
     if faults:
         raise capped(faults)
 
@@ -142,7 +160,7 @@ def _title(ring: int) -> str:
 def _localised(
     rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
 ) -> tuple[list[list[Vertex]], tuple[float, float]]:
-    """Degrees as metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
+    """Metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
     _check_degrees(rings, draft, source)
     rings = [list(ring) for ring in rings]
     west, east = _span([vertex.x for vertex in rings[0]])
@@ -157,11 +175,11 @@ def _localised(
     origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
     start = rings[0][0]
     for vertex in chain.from_iterable(rings):
-        # refused before they are projected: the plane folds the far side of the earth onto this one
+        # refused before the projection, which maps both sides of the earth to the same plane
         dx, dy = abs(vertex.x - start.x), abs(vertex.y - start.y)
         if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
             message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
-            raise source.error(vertex.place, message, _or(_SMALLER, draft.remedy))
+            raise source.error(vertex.location, message, _or(_SMALLER, draft.remedy))
     return [[_at(vertex, to_local_m(vertex.y, vertex.x, origin)) for vertex in ring] for ring in rings], origin
 
 
@@ -178,7 +196,7 @@ def _span(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
-    """Refuse what cannot be degrees: metres, or longitude and latitude in each other's place."""
+    """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
     vertices = [vertex for ring in rings for vertex in ring]
     beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
     if beyond:
@@ -186,42 +204,42 @@ def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source:
         which, value, limit = ("longitude", first.x, 180) if abs(first.x) > 180 else ("latitude", first.y, 90)
         message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
         if all(abs(vertex.x) <= 90 and abs(vertex.y) <= 180 for vertex in vertices):
-            message = f"a latitude of {value:.10g} is beyond ±90: longitude and latitude seem to have changed places"
-        raise source.error(first.place, message, _or(_DEGREES, draft.remedy))
+            message = f"a latitude of {value:.10g} is beyond ±90: longitude and latitude seem to be swapped"
+        raise source.error(first.location, message, _or(_DEGREES, draft.remedy))
     for vertex in vertices:
         if abs(vertex.y) > LATITUDE_LIMIT_DEG:
             message = f"a latitude of {vertex.y:.10g}, near a pole"
-            raise source.error(vertex.place, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
+            raise source.error(vertex.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
 
 
 def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
-    """Refuse what cannot be metres: numbers without end, and degrees."""
+    """Refuse what cannot be metres: very large numbers, and degrees."""
     far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
     if far:
         message = f"a vertex at ({far[0].x:.3g}, {far[0].y:.3g}) m"
-        raise source.error(far[0].place, message, f"coordinates of at most {LARGEST_M:g} m")
+        raise source.error(far[0].location, message, f"coordinates of at most {LARGEST_M:g} m")
     (west, east), (south, north) = (_span([vertex[i] for vertex in rings[0]]) for i in (0, 1))
     degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
     if degrees and max(east - west, north - south) < 1:
         message = f"a field of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
-        raise source.error(rings[0][0].place, message, _or("a larger field", draft.remedy))
+        raise source.error(rings[0][0].location, message, _or("a larger field", draft.remedy))
 
 
 def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
-    """Refuse what is too large, at the vertex furthest from the first."""
+    """Refuse a field that is too large, at the vertex furthest from the first."""
     vertices = [vertex for ring in rings for vertex in ring]
     (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
     if max(east - west, north - south) > EXTENT_LIMIT_M:
         start = vertices[0]
         furthest = max(vertices, key=lambda vertex: math.dist(vertex[:2], start[:2]))
         message = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
-        raise source.error(furthest.place, message, _or(_SMALLER, draft.remedy))
+        raise source.error(furthest.location, message, _or(_SMALLER, draft.remedy))
 
 
-def _mended(
+def _repaired(
     rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
 ) -> list[list[Vertex]]:
-    """The rings open and without vertices that say nothing; the faults of those that nothing is left of."""
+    """The rings open and without superfluous vertices; raises the faults of those without an area."""
     from eadp.core.geometry.polygons import TOLERANCE_M, tidy
 
     counts: Counter[str] = Counter()
@@ -234,7 +252,7 @@ def _mended(
         tidied = tidy([(vertex.x, vertex.y) for vertex in vertices])
         if len(tidied.kept) < 3:
             message = f"{_title(i)} has no area"
-            faults.append(source.fault(ring[0].place, message, "vertices that do not lie on one line"))
+            faults.append(source.fault(ring[0].location, message, "vertices that do not lie on one line"))
         counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
         result.append([vertices[j] for j in tidied.kept])
     if faults:
@@ -256,7 +274,7 @@ def _mended(
 def _check_shape(
     rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: FieldSource
 ) -> None:
-    """Refuse rings that cross themselves or one another, at the vertex of the ring that is nearest to where."""
+    """Refuse rings that cross themselves or one another, at the nearest vertex of the ring."""
     from eadp.core.geometry.polygons import flaws
 
     outline, *holes = [[(vertex.x, vertex.y) for vertex in ring] for ring in rings]
@@ -271,6 +289,6 @@ def _check_shape(
         expected = "holes within the outline and apart from one another"
         if flaw.message.endswith("itself"):
             expected = "a ring that neither crosses nor touches itself"
-        faults.append(source.fault(nearest.place, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
+        faults.append(source.fault(nearest.location, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
     if faults:
         raise capped(faults)

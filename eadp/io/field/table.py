@@ -1,18 +1,17 @@
 """A table of vertices as a draft of a field: a row for each, in metres or degrees, and perhaps the number of its ring.
 
-Columns are told by their names in the first row; two columns without names are east and north in metres.
+Columns are recognised by their names in the first row; two columns without names are east and north in metres.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
-from itertools import accumulate, chain
+from collections.abc import Iterable
+from itertools import chain
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import FieldDraft, FieldSource, Ring, VertexReader, counted, number_fault
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, split_fields
+from eadp.io.field.draft import FieldDraft, FieldSource, Ring, VertexReader, counted
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
 
 _ROLES = {
     **dict.fromkeys(("x", "x_m", "east", "east_m", "easting", "easting_m"), "x"),
@@ -29,7 +28,7 @@ def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldD
 
     Parameters
     ----------
-    source : Source
+    source : FieldSource
         Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes), or two columns without names.
     metres : bool
         Two columns without names are in metres, and columns of degrees are refused; without it, two columns without
@@ -44,7 +43,7 @@ def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldD
     """
     if feature is not None:
         raise InputError.at("--feature", 1, 1, "a table of vertices has no features", "a table without --feature")
-    rows = _rows(source)
+    rows = read_rows(source.name, source.body, None)
     head = next(rows, None)
     if head is None:
         raise source.error((1, 1), "no vertices", f"{_A_HEADER}, and a row for each vertex")
@@ -63,29 +62,6 @@ def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldD
         raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
     note = "taken as metres, since there are values beyond the ±180 and ±90 of degrees"
     return FieldDraft(rings, False, False, "a header lon,lat", notes=[note])
-
-
-def _rows(source: FieldSource) -> Iterator[Row]:
-    """The rows of a table, their fields apart by what is in the first: semicolons, tabs, commas or blanks."""
-    split: Callable[[str], tuple[list[str], list[int]]] | None = None
-    for number, line in enumerate(source.lines, 1):
-        if not line.strip() or line.lstrip()[0] == "#":
-            continue
-        if split is None:
-            mark = next((mark for mark in ";\t," if mark in line), "")
-            split = split_fields if mark == "," else partial(_split, mark)
-        yield Row(source.name, number, line, *split(line))
-
-
-def _split(mark: str, line: str) -> tuple[list[str], list[int]]:
-    """As `split_fields`, at another mark than a comma, which cannot be within a field; without one, at blanks."""
-    pieces = [(match.start(), match[0]) for match in re.finditer(r"\S+", line)]
-    if mark:
-        raw = line.split(mark)
-        pieces = list(zip(accumulate((len(text) + 1 for text in raw), initial=0), raw, strict=False))
-    fields = [text.strip() for _, text in pieces]
-    columns = [at + 1 + (len(text) - len(text.lstrip()) if text.strip() else 0) for at, text in pieces]
-    return [text[1:-1].strip() if re.fullmatch('".*"', text) else text for text in fields], columns
 
 
 def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
@@ -135,13 +111,13 @@ def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, sourc
     if not rings:
         raise source.error((max(1, len(source.lines)), 1), "no vertices", "a row for each vertex")
     if 0 not in rings:
-        place = next(iter(rings.values())).place
-        raise source.error(place, "no outline", "rows of ring 0")
+        location = next(iter(rings.values())).location
+        raise source.error(location, "no outline", "rows of ring 0")
     return [rings[number] for number in sorted(rings)]
 
 
 def _row_faults(row: Row, columns: tuple[int, int, int], width: int, ring: str) -> list[Fault]:
-    """What keeps a row from being a vertex of a ring."""
+    """The faults of a row as a vertex of a ring."""
     if len(row.fields) < width or any(row.fields[width:]):
         message = counted(len(row.fields), "field", "fields")
         return [row.fault(min(len(row.fields), width), message, f"{width}, as in the first row")]

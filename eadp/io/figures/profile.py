@@ -1,26 +1,25 @@
-"""Pictures of computation profiles: what was measured, and the model between."""
+"""The figure of a computation profile: measured power and the model between configurations."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eadp.io.figures.pictures import COLOURS, GREY, picture
+from eadp.io.figures.canvas import COLOURS, GREY, figure_file
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import AnyProfile
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from eadp.io.figures.canvas import Axes, Figure
 
 CURVES = 7
 """Most curves of one family: of more levels, some are left out, never the first and the last."""
 
-MARKS = ("measured", "predicted by the others", "spread of the samples", "± 2 standard errors")
-"""What the marks of all curves are called in the legend, behind the curves."""
+MARKS = ("measured", "leave-one-out prediction", "± 1 standard deviation", "± 2 standard errors")
+"""Labels of the marks of all curves; they follow the curves in the legend."""
 
 FINE = 200
 """Points along a curve."""
@@ -30,18 +29,18 @@ ACROSS = 61
 
 
 def write_profile_figure(path: str, profile: AnyProfile) -> None:
-    """Draw a profile, a panel for each part: measured power, its spread and standard error, and the model.
+    """Draw a profile, a panel for each part: measured power, its standard deviation and standard error, the model.
 
     One changing parameter is a curve; a full grid a family of curves; scattered points of two parameters filled
-    contours; of more, what each point's neighbours predict against what was measured.
+    contours; of more, leave-one-out predictions over measurements.
 
     Raises
     ------
     InputError
-        If the name ends in neither .svg nor .png, or the place cannot be written to.
+        If the name ends in neither .svg nor .png, or the file cannot be written.
     """
     parts = profile.parts
-    with picture(path, 1.0 + 6.0 * len(parts), 4.6) as figure:
+    with figure_file(path, 1.0 + 6.0 * len(parts), 4.6) as figure:
         panels = figure.subplots(1, len(parts), squeeze=False)[0]
         for axes, part in zip(panels, parts, strict=True):
             _draw_part(figure, axes, part)
@@ -61,10 +60,10 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
     else:
         _draw_predictions(axes, part)
     kind = part.interpolation if len(varying) == 1 else "linear between neighbours"
-    axes.set_title(f"Power of the computations, {kind}", loc="left", fontsize=10)
+    axes.set_title(f"Power of the computations, {kind}")
     found = zip(*axes.get_legend_handles_labels(), strict=True)
     handles, labels = zip(*sorted(found, key=lambda item: item[1] in MARKS), strict=True)
-    axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=8)
+    axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
 
 
 def _title(part: Profile, axis: int) -> str:
@@ -93,26 +92,23 @@ def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], level
 
 
 def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour: str, *, named: bool) -> None:
-    """Measured points with their spread and standard error, and what their neighbours predict."""
+    """Measured points with standard deviation and standard error, and their leave-one-out predictions."""
+    measured, predicted, deviation, errors = MARKS if named else (None,) * 4
     x, power_w = part.configurations[rows, along], part.power_w[rows]
-    spread_w, error_w = part.spread_w[rows], np.nan_to_num(part.standard_error_w[rows])
-    left_out_w = part.left_out_w[rows]
-    if spread_w.any():
-        label = "spread of the samples" if named else None
-        axes.errorbar(x, power_w, spread_w, fmt="none", ecolor=GREY, elinewidth=0.9, capsize=2, label=label)
+    std_w, error_w = part.std_w[rows], np.nan_to_num(part.standard_error_w[rows])
+    leave_one_out_w = part.leave_one_out_w[rows]
+    if std_w.any():
+        axes.errorbar(x, power_w, std_w, fmt="none", ecolor=GREY, elinewidth=0.9, capsize=2, label=deviation)
     if error_w.any():
-        label = "± 2 standard errors" if named else None
-        axes.errorbar(x, power_w, 2 * error_w, fmt="none", ecolor=colour, elinewidth=3.5, alpha=0.5, label=label)
-    axes.plot(x, power_w, "o", color=colour, markersize=5, label="measured" if named else None)
-    if np.isfinite(left_out_w).any():
-        label = "predicted by the others" if named else None
-        axes.plot(x, left_out_w, "x", color=colour, markersize=6, linewidth=0, label=label)
+        axes.errorbar(x, power_w, 2 * error_w, fmt="none", ecolor=colour, elinewidth=3.5, alpha=0.5, label=errors)
+    axes.plot(x, power_w, "o", color=colour, markersize=5, label=measured)
+    if np.isfinite(leave_one_out_w).any():
+        axes.plot(x, leave_one_out_w, "x", color=colour, markersize=6, linewidth=0, label=predicted)
 
 
 def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]) -> None:
-    """Filled contours of the model over two parameters, blank where nothing was measured round about."""
-    lower, upper = (part.configurations[:, varying].min(axis=0), part.configurations[:, varying].max(axis=0))
-    x, y = (np.linspace(least, most, ACROSS) for least, most in zip(lower, upper, strict=True))
+    """Filled contours of the model over two parameters, blank outside the measured hull."""
+    x, y = (np.linspace(column.min(), column.max(), ACROSS) for column in part.configurations[:, varying].T)
     power_w = np.full((len(y), len(x)), np.nan)
     at = part.configurations[0].tolist()
     for i, j in itertools.product(range(len(y)), range(len(x))):
@@ -121,29 +117,18 @@ def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]
             power_w[i, j] = part.power_w_at(at)
     filled = axes.contourf(x, y, power_w, levels=12, cmap="viridis")
     figure.colorbar(filled, ax=axes, label="power [W]")
-    points = part.configurations[:, varying]
-    least_w, most_w = filled.get_clim()
-    axes.scatter(
-        points[:, 0],
-        points[:, 1],
-        c=part.power_w,
-        cmap="viridis",
-        vmin=least_w,
-        vmax=most_w,
-        edgecolors="black",
-        linewidths=0.8,
-        clip_on=False,
-        zorder=3,
-        label="measured",
-    )
+    x, y = part.configurations[:, varying].T
+    low_w, high_w = filled.get_clim()
+    style: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.8, "clip_on": False, "zorder": 3}
+    axes.scatter(x, y, c=part.power_w, cmap="viridis", vmin=low_w, vmax=high_w, label=MARKS[0], **style)
     axes.set_xlabel(_title(part, varying[0]))
     axes.set_ylabel(_title(part, varying[1]))
 
 
 def _draw_predictions(axes: Axes, part: Profile) -> None:
-    """What the others predict against what was measured, for points in more than two scattered parameters."""
+    """Leave-one-out predictions over measurements, of points in more than two scattered parameters."""
     ends = [float(part.power_w.min()), float(part.power_w.max())]
-    axes.plot(ends, ends, color=GREY, linewidth=1.0, label="as measured")
-    axes.plot(part.power_w, part.left_out_w, "x", color=COLOURS[0], label="predicted by the others")
+    axes.plot(ends, ends, color=GREY, linewidth=1.0, label="no error")
+    axes.plot(part.power_w, part.leave_one_out_w, "x", color=COLOURS[0], label=MARKS[1])
     axes.set_xlabel("measured power [W]")
     axes.set_ylabel("predicted power [W]")

@@ -1,4 +1,4 @@
-"""The picture of a sweep: a figure's mean over two keys."""
+"""The figure of a sweep: the mean of a result over two keys."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eadp.errors import printable
-from eadp.io.figures.pictures import picture
+from eadp.io.figures.canvas import figure_file
 from eadp.simulation.sweep.statistics import Table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from eadp.io.figures.canvas import Axes
 
 TITLES = {
     "completed": "share of flights that complete",
@@ -21,7 +21,7 @@ TITLES = {
     "quality": "quality U, mean",
 }
 SHARES = ("completed", "quality")
-"""Figures whose colours always go from 0 to 1, so that two pictures can be compared."""
+"""Results whose colours always go from 0 to 1, so that two figures can be compared."""
 
 TICKS = 25
 WRITTEN = 12
@@ -34,21 +34,15 @@ def write_table_figure(path: str, table: Table) -> None:
     Raises
     ------
     InputError
-        If the name ends in neither .svg nor .png, or the place cannot be written to.
+        If the name ends in neither .svg nor .png, or the file cannot be written.
     """
     rows, columns = len(table.rows), len(table.columns)
-    with picture(path, min(12.0, 3.2 + 0.42 * columns), min(9.0, 1.8 + 0.36 * rows)) as figure:
+    with figure_file(path, min(12.0, 3.2 + 0.42 * columns), min(9.0, 1.8 + 0.36 * rows)) as figure:
         axes = figure.add_subplot()
         means = np.array([[math.nan if mean is None else mean for mean in line] for line in table.means])
         low, high = _ends(table)
-        image = axes.pcolormesh(
-            np.arange(columns + 1) - 0.5,
-            np.arange(rows + 1) - 0.5,
-            np.ma.masked_invalid(means),
-            cmap="viridis",
-            vmin=low,
-            vmax=high,
-        )
+        x, y = np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
+        image = axes.pcolormesh(x, y, np.ma.masked_invalid(means), cmap="viridis", vmin=low, vmax=high)
         figure.colorbar(image, ax=axes, label=TITLES[table.value])
         axes.grid(False)
         _label_axes(axes, table)
@@ -57,7 +51,7 @@ def write_table_figure(path: str, table: Table) -> None:
 
 
 def _ends(table: Table) -> tuple[float, float]:
-    """Where the scale of colours begins and ends."""
+    """The ends of the colour scale."""
     known = [mean for line in table.means for mean in line if mean is not None]
     if table.value in SHARES or not known:
         return 0.0, 1.0
@@ -69,17 +63,16 @@ def _label_axes(axes: Axes, table: Table) -> None:
     upward, rightward = table.keys
     axes.set_ylabel(printable(upward, 60))
     axes.set_xlabel(printable(rightward, 60))
-    places, labels = _ticks(table.rows)
-    axes.set_yticks(places, labels)
-    places, labels = _ticks(table.columns)
+    axes.set_yticks(*_ticks(table.rows))
+    positions, labels = _ticks(table.columns)
     turned = max(map(len, labels)) > 4
-    axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+    axes.set_xticks(positions, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
 
 
 def _ticks(labels: tuple[str, ...]) -> tuple[list[int], list[str]]:
     """Every label, or every n-th where there are many."""
-    places = list(range(0, len(labels), math.ceil(len(labels) / TICKS)))
-    return places, [printable(labels[place], 24) for place in places]
+    positions = list(range(0, len(labels), math.ceil(len(labels) / TICKS)))
+    return positions, [printable(labels[i], 24) for i in positions]
 
 
 def _write_cells(axes: Axes, table: Table) -> None:
@@ -88,13 +81,5 @@ def _write_cells(axes: Axes, table: Table) -> None:
     for i, line in enumerate(table.means):
         for j, mean in enumerate(line):
             if mean is not None:
-                bright = mean > low + 0.6 * (high - low)
-                axes.text(
-                    j,
-                    i,
-                    f"{mean:.{digits}f}",
-                    ha="center",
-                    va="center",
-                    fontsize=7,
-                    color="black" if bright else "white",
-                )
+                colour = "black" if mean > low + 0.6 * (high - low) else "white"
+                axes.text(j, i, f"{mean:.{digits}f}", ha="center", va="center", fontsize=7, color=colour)

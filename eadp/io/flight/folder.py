@@ -11,7 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from eadp.io.figures.pictures import draw_flight
+from eadp.io.figures.flight import write_flight_figure
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
 from eadp.planning.joint.preflight import Preflight
@@ -33,7 +33,7 @@ def summarise(
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `expected` is what was to be expected of it before it took off.
+    `expected` is the forecast before take-off.
     """
     log, totals, report = outcome.parameters, outcome.totals, planner.report
     assert log is not None
@@ -86,33 +86,33 @@ def summarise(
 
 
 def _expected(expected: Preflight) -> dict[str, Any]:
-    told = expected.forecast
+    forecast = expected.forecast
     return {
-        "completes": told.completes_probability >= 0.5,
-        "completes_probability": told.completes_probability,
-        "reserve_probability": told.reserve_probability,
-        "time_s": told.remaining_s,
-        "time_std_s": told.remaining_std_s,
-        "energy_wh": told.energy_wh,
-        "energy_std_wh": told.energy_std_wh,
-        "soc_end": told.soc_end,
-        "soc_end_std": told.soc_end_std,
+        "completes": forecast.completes_probability >= 0.5,
+        "completes_probability": forecast.completes_probability,
+        "reserve_probability": forecast.reserve_probability,
+        "time_s": forecast.remaining_s,
+        "time_std_s": forecast.remaining_std_s,
+        "energy_wh": forecast.energy_wh,
+        "energy_std_wh": forecast.energy_std_wh,
+        "soc_end": forecast.soc_end,
+        "soc_end_std": forecast.soc_end_std,
         "parameters": expected.parameters,
         "quality": expected.quality,
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
-            for stage, (seconds, energy_wh) in sorted(told.stages.items())
+            for stage, (seconds, energy_wh) in sorted(forecast.stages.items())
         ],
     }
 
 
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
-    """Time of each lap after the first [s], from the begin of its first stage to the next lap's; of one plan's part."""
+    """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
     n = world.plan.primitive_stages
     if not n or world.plan.parts:
         return []
-    begins = outcome.stage_times_s[n - 1 :: n]
-    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(begins)]
+    starts = outcome.stage_times_s[n - 1 :: n]
+    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
 
 
 def write_flight(
@@ -131,7 +131,7 @@ def write_flight(
     Raises
     ------
     InputError
-        If the name is taken and `force` is not set, or the place cannot be written to.
+        If the name is taken and `force` is not set, or the folder cannot be written.
     """
     with new_folder(path, force=force) as folder:
         _write_csv(folder / "flight.csv", world, steps)
@@ -144,7 +144,7 @@ def write_flight(
                 for record in records
             ]
             (folder / "decisions.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-        draw_flight(folder / "flight", world, steps, summary, records)
+        write_flight_figure(folder / "flight", world, steps, summary, records)
         _copy_inputs(folder / "inputs", texts, overrides)
 
 

@@ -1,4 +1,4 @@
-"""What an autopilot's log says of its battery: voltage, current, and where the aircraft was meanwhile."""
+"""The battery in an autopilot's log: voltage, current, and the position of the aircraft."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.errors import InputError, printable
-from eadp.io.log.autopilot import Tables
-
-ULOG_KINDS = ("battery_status", "vehicle_local_position")
-DATAFLASH_KINDS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+from eadp.errors import Fault, InputError, printable
+from eadp.io.log.messages import Tables
+from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_text
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
@@ -31,11 +29,11 @@ class BatteryTable:
     Attributes
     ----------
     time_us, voltage_v, current_a : array, shape (n,)
-        As logged [µs, V, A], unknown readings included.
+        As logged [µs, V, A], with unknown readings.
     position_m : array, shape (n, 2), or None
         x and y [m], interpolated; NaN before the first and after the last.
     notes : list of str
-        What should be known of how it was read.
+        Comments on how it was read.
     """
 
     time_us: FloatArray
@@ -43,6 +41,29 @@ class BatteryTable:
     current_a: FloatArray
     position_m: FloatArray | None
     notes: list[str] = field(default_factory=list)
+
+
+def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
+    """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
+    for option, asked in (("--power", columns.power), ("--columns", ",".join(columns.names))):
+        if asked:
+            raise InputError.at(option, 1, 1, "an autopilot's log has no such columns", "none of it", asked)
+    if columns.also:
+        raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
+    battery = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
+    warnings = [Fault(name, 1, 1, note, severity="warning") for note in battery.notes]
+    time, volts, amps = battery.time_us, battery.voltage_v, battery.current_a
+    counts: dict[str, int | float] = {"rows": len(time)}
+    known = np.isfinite(volts) & np.isfinite(amps) & (volts > 0) & (amps != 0) & (amps != -1)
+    known &= (volts <= LARGEST_W) & (np.abs(amps) <= LARGEST_W)
+    if unknown := int(len(time) - np.count_nonzero(known)):
+        counts["unknown"] = unknown
+        message = f"{rows_text(unknown)} with an unknown voltage or current (0 or -1) left out"
+        warnings.append(Fault(name, 1, 1, message, severity="warning"))
+    others = np.empty((len(time), 0)) if battery.position_m is None else battery.position_m
+    factors = np.stack([volts, amps], axis=1)
+    readings = Readings(time, factors, others, np.ones(len(time), dtype=np.int64)).at(known)
+    return in_order(name, readings, 1e6, warnings, counts, position=battery.position_m is not None)
 
 
 def battery_table(
@@ -68,7 +89,7 @@ def battery_table(
     """
     batteries = dict(_batteries(tables))
     if not batteries:
-        raise InputError.at(name, 1, 1, "no message tells of a battery", "battery_status, BAT or CURR")
+        raise InputError.at(name, 1, 1, "no messages of a battery", "battery_status, BAT or CURR")
     if instance is not None and instance not in batteries:
         known = ", ".join(map(str, sorted(batteries)))
         raise InputError.at("--instance", 1, 1, f"no battery {instance} in {printable(name)}", known, str(instance))
@@ -109,7 +130,7 @@ def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
 
 
 def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, names: tuple[str, ...]) -> FloatArray:
-    """The field asked for, or the first known one with a reading."""
+    """The field `asked` for, or the first known one with a reading."""
     if asked:
         if asked not in table:
             known = ", ".join(printable(label, 40) for label in list(table)[:20])

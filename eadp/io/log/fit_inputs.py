@@ -1,16 +1,19 @@
-"""What `eadp fit` reads, put together: a log, a part of it, the computations' power, a prior; and the fit of it."""
+"""The use case of `eadp fit`: a log, a part of it, less the computations' power, a prior; and the fit of it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.lap_time import lap_time_s
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
-from eadp.io.log.power_log import Columns, PowerLog, read_power_log
+from eadp.io.energy.model_file import energy_document, energy_yaml
+from eadp.io.log.formats import read_power_log
+from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
@@ -19,30 +22,64 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
 
+AIRSPEED_MPS = 15.0
+"""Default airspeed of a plan's lap: that of the papers' aircraft."""
+
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How to fit. Paths are '' where there is none; `begin_s` and `end_s` are seconds from the first reading."""
+    """Options of a fit. Paths are '' where there is none; `start_s` and `end_s` are seconds from the first reading."""
 
     order: int | None = None
     period_prior_s: float | None = None
     plan: str = ""
-    airspeed_mps: float = 15.0
-    begin_s: float | None = None
+    airspeed_mps: float | None = None
+    start_s: float | None = None
     end_s: float | None = None
     keep_spikes: bool = False
     profile: str = ""
 
+    def check(self) -> None:
+        """Refuse times and speeds that cannot be; raises InputError."""
+        prior, speed = self.period_prior_s, self.airspeed_mps
+        if prior is not None and not 0 < prior < math.inf:
+            raise _refused("--period-prior", prior, "no period", "a number of seconds above 0")
+        for option, seconds in (("--from", self.start_s), ("--to", self.end_s)):
+            if seconds is not None and not 0 <= seconds < math.inf:
+                raise _refused(option, seconds, "no time of a log", "a number of seconds, 0 or more")
+        if speed is not None and not (0 < speed < math.inf and self.plan):
+            raise _refused("--airspeed", speed, "no speed of a plan's lap", "a speed above 0, beside --plan")
+
+
+def _refused(option: str, value: float, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected, f"{value:g}")
+
 
 @dataclass(frozen=True)
 class LogFit:
-    """A fit with where its prior is from, what was left out of the log, and warnings."""
+    """A fit with its prior and the source of it, the readings left out of the log by reason, and warnings."""
 
     fitted: EnergyFit
     prior_s: float | None
     prior_source: str
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
+
+    @property
+    def yaml(self) -> str:
+        """The model's file."""
+        return energy_yaml(self.fitted.model)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The model's JSON-ready document, with the best candidate, the prior, and the readings left out."""
+        spectrum = self.fitted.spectrum
+        candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
+        return energy_document(self.fitted.model) | {
+            "candidate": {"period_s": candidate, "chance": spectrum.chance},
+            "prior": None if self.prior_s is None else {"period_s": self.prior_s, "source": self.prior_source},
+            "log": self.counts,
+        }
 
 
 def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
@@ -58,13 +95,14 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     Raises
     ------
     InputError
-        With the faults of a file, or where the log is too short for what is asked for.
+        Of the options, with the faults of a file, or if the log is too short.
     """
+    options.check()
     profile, warnings = read_profile(options.profile) if options.profile else (None, [])
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     warnings = [*log.warnings, *warnings]
     counts = dict(log.counts)
-    log = _part(log, options.begin_s, options.end_s, counts)
+    log = _part(log, options.start_s, options.end_s, counts)
     power_w = log.power_w
     if profile is not None:
         configurations = np.stack([log.also[name] for name in profile.names], axis=1)
@@ -72,7 +110,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         if not known.all():
             counts["no_configuration"] = int(np.count_nonzero(~known))
         log = _kept(log, np.flatnonzero(known))
-        power_w = log.power_w - _known_power_w(options.profile, profile, configurations[known])
+        power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
     prior_s, source = _prior(log, options)
     try:
         fitted = _fit(log, power_w, options, prior_s, source)
@@ -93,19 +131,19 @@ def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float
             log.times_s, power_w, order=options.order, period_prior_s=prior_s, keep_spikes=options.keep_spikes
         )
     except Infeasible:
-        if source != "position":  # a prior that nobody asked for forbids nothing
+        if source != "position":  # a prior that was not asked for must not prevent a fit
             raise
         return fit_energy(log.times_s, power_w, order=options.order, keep_spikes=options.keep_spikes)
 
 
-def _part(log: PowerLog, begin_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
+def _part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
     """The log from one time to another."""
-    inside = (log.times_s >= (begin_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
+    inside = (log.times_s >= (start_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
     if inside.all():
         return log
     counts["outside"] = int(np.count_nonzero(~inside))
     if not inside.any():
-        option = "--from" if begin_s is not None and begin_s > log.times_s[-1] else "--to"
+        option = "--from" if start_s is not None and start_s > log.times_s[-1] else "--to"
         raise InputError.at(option, 1, 1, "leaves nothing of the log", f"a time within its {log.times_s[-1]:g} s")
     return _kept(log, np.flatnonzero(inside))
 
@@ -120,29 +158,31 @@ def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
     )
 
 
-def _known_power_w(path: str, profile: AnyProfile, configurations: FloatArray) -> FloatArray:
-    """What the computations drew at each reading [W]."""
+def _computing_power_w(path: str, profile: AnyProfile, configurations: FloatArray) -> FloatArray:
+    """The computations' power at each reading [W]."""
     different, which = np.unique(configurations, axis=0, return_inverse=True)
     try:
         power = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
     except Infeasible as error:
-        raise InputError.at(path, 1, 1, f"the log has a configuration that it does not: {error}") from None
+        raise InputError.at(path, 1, 1, f"the log has a configuration outside the profile: {error}") from None
     result: FloatArray = power[which.ravel()] if len(power) else np.zeros(len(configurations))
     return result
 
 
 def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
-    """Where to look for the period [s], and what says so."""
+    """The period to search near [s], and the source of it."""
     if options.period_prior_s is not None:
         return options.period_prior_s, "option"
     if options.plan:
-        return plan_lap_s(read_plan(read_text(options.plan))[0], options.plan, options.airspeed_mps), "plan"
+        return plan_lap_s(
+            read_plan(read_text(options.plan))[0], options.plan, options.airspeed_mps or AIRSPEED_MPS
+        ), "plan"
     lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
     return lap_s, "" if lap_s is None else "position"
 
 
 def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
-    """The time of a lap of a plan, flown exactly, parameters at their highest [s].
+    """The nominal time of a lap of a plan, parameters at their maximum [s].
 
     Raises
     ------
@@ -154,7 +194,7 @@ def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
         legs = nominal_legs(plan, parameters)
     except PathUndefined as error:
         raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first begins anywhere
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first may start anywhere
     length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
     if legs[-1].lap == 0 or not 0 < length_m < math.inf:
         raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")

@@ -1,4 +1,4 @@
-"""Configurations of computations as options state them: of a recorded trace, in a file's name, or to be measured."""
+"""Configurations of computations in options: of a recorded trace, in a file's name, to measure, or to evaluate."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from eadp.errors import InputError, printable
-from eadp.io.profile.measurements import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, Configuration, heading
+from eadp.io.profile.measurements import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, Configuration, read_heading
 from eadp.io.text.csv import NUMBER
 
 CONFIGURATIONS_LIMIT = 1000
-"""Most configurations to measure in one go."""
+"""Most configurations of one measurement."""
 
 STARS_LIMIT = 2
-"""Most stars in a pattern of names: more fit in too many ways, and take long to try."""
+"""Most stars in a pattern of names: more match in too many ways, and take long to try."""
 
-_PLACE = re.compile(r"\{([^{}]*)\}")
+_PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 _A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
 _A_SWEEP = "NAME=FROM:TO:STEP, as in fps=2:10:2"
 
@@ -33,13 +33,13 @@ class _Axis:
     values: tuple[float, ...]
 
 
-def stated_configuration(raw: str) -> Configuration:
-    """Read `fps=0.5,keysize=32`: what a recorded trace was measured at, one value for each parameter.
+def parse_configuration(raw: str) -> Configuration:
+    """Read `fps=0.5,keysize=32`, the configuration of a recorded trace: one value for each parameter.
 
     Raises
     ------
     InputError
-        In the text of the option, called `--config`.
+        With the faults of the option `--config`.
     """
     axes = _axes(raw)
     for axis in axes:
@@ -49,42 +49,44 @@ def stated_configuration(raw: str) -> Configuration:
 
 
 def configuration_in_name(path: str, pattern: str) -> Configuration:
-    """The configuration that a file's name carries, as `*_{fps}fps` finds 0.5 in `landing_trace_0.5fps.csv`.
+    """The configuration in a file's name, as `*_{fps}fps` finds 0.5 in `landing_trace_0.5fps.csv`.
 
     Parameters
     ----------
     path : str
-        The file; its folders do not count, and its ending only if the pattern has it.
+        The file; its folders are ignored, and its ending unless the pattern has it.
     pattern : str
-        Text with a parameter's name in braces where its value stands; `*` is any text.
+        Text with each parameter's name in braces in place of its value; `*` is any text.
 
     Raises
     ------
     InputError
-        If the pattern, called `--from-name`, has no parameter or a wrong one, or the name is not like it.
+        If the pattern, `--from-name`, has no parameter or a wrong one, or the name does not match it.
     """
-    names = _PLACE.findall(pattern)
+    names = _PLACEHOLDER.findall(pattern)
     for name in names:
         if not NAME.match(name):
             raise InputError.at("--from-name", 1, 1, f"{printable(name, 80) or 'an empty text'} is no name", A_NAME)
     if not names or len(set(names)) < len(names) or len(names) > PARAMETERS_LIMIT:
         expected = "each parameter once in braces, as in '*_{fps}fps'"
         raise InputError.at("--from-name", 1, 1, "a pattern without parameters, or with one twice", expected, pattern)
-    between = _PLACE.split(pattern)[::2]
+    between = _PLACEHOLDER.split(pattern)[::2]
     if pattern.count("*") > STARS_LIMIT or not all(text.strip("*") for text in between[1:-1]):
         expected = f"at most {STARS_LIMIT} stars, and text between two parameters"
-        raise InputError.at("--from-name", 1, 1, "a pattern that fits in too many ways", expected, pattern)
+        raise InputError.at("--from-name", 1, 1, "a pattern that matches in too many ways", expected, pattern)
     literals = [".*?".join(map(re.escape, text.split("*"))) for text in between]
     expression = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)".join(literals))
     base = os.path.basename(path)
     found = expression.fullmatch(base) or expression.fullmatch(os.path.splitext(base)[0])
     if not found or not all(NUMBER.match(text) and abs(float(text)) <= LARGEST for text in found.groups()):
-        raise InputError.at(path, 1, 1, f"the name is not like {printable(pattern)}", "what --from-name says of it")
+        raise InputError.at(
+            path, 1, 1, f"the name does not match {printable(pattern)}", "a name that --from-name matches"
+        )
     return Configuration(tuple(names), ("",) * len(names), tuple(map(float, found.groups())))
 
 
 def configurations_to_measure(stated: Sequence[str], sweeps: Sequence[str]) -> list[Configuration]:
-    """The configurations that options ask to measure, in order, each once.
+    """The configurations to measure, in order, each once.
 
     `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them, and one of
     other parameters is combined with them.
@@ -113,9 +115,9 @@ def configurations_to_measure(stated: Sequence[str], sweeps: Sequence[str]) -> l
         groups.setdefault(names, []).append(axes)
     if not groups:
         raise InputError.at("--config", 1, 1, "nothing to measure", "configurations, as in --config fps=2,4,6")
-    most = math.prod(sum(math.prod(len(axis.values) for axis in axes) for axes in group) for group in groups.values())
-    if most > CONFIGURATIONS_LIMIT:
-        raise InputError.at("--config", 1, 1, f"{most} configurations", f"at most {CONFIGURATIONS_LIMIT}")
+    count = math.prod(sum(math.prod(len(axis.values) for axis in axes) for axes in group) for group in groups.values())
+    if count > CONFIGURATIONS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{count} configurations", f"at most {CONFIGURATIONS_LIMIT}")
     unions = [list(dict.fromkeys(_product(group))) for group in groups.values()]
     joined = [_joined(parts) for parts in itertools.product(*unions)]
     if len(joined[0].names) > PARAMETERS_LIMIT:
@@ -181,10 +183,10 @@ def _sweep(raw: str) -> _Axis:
 
 def _named(option: str, title: str, raw: str, column: int) -> tuple[str, str]:
     """A parameter's name and unit, as in `fps` or `fps [1/s]`."""
-    name, unit, problem = heading(title.strip())
-    if problem:
+    heading = read_heading(title.strip())
+    if problem := heading.problem or ("a power is no parameter" if heading.per_watt else ""):
         raise InputError.at(option, 1, column, problem, A_NAME, raw)
-    return name, unit
+    return heading.name, heading.unit
 
 
 def _number(option: str, text: str, name: str, expected: str, raw: str, column: int) -> float:

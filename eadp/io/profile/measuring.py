@@ -1,4 +1,4 @@
-"""Measuring power while a command runs, once for each configuration: the loop, the clock and the command's process."""
+"""Measurements of power while a command runs: the loop over configurations, the command's process, and the CSV."""
 
 from __future__ import annotations
 
@@ -6,108 +6,96 @@ import os
 import signal
 import subprocess
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import IO, Protocol
 
 from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import CommandError, InputError, printable
 from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.power_sensor import Meter, Sensor
+from eadp.models.profile import shortest, titles
 
-FEWEST = 30
-"""Fewest samples of a configuration: fewer cannot show how alike neighbours are."""
+MIN_SAMPLES = 30
+"""Fewest samples of a configuration: fewer do not show the correlation of consecutive samples."""
 
-LOOK_AGAIN = 1.1
-"""How many times as many samples there are when it is next asked whether they are enough."""
+CHECK_FACTOR = 1.1
+"""Growth of the number of samples from one check of the accuracy to the next."""
 
 GRACE_S = 5.0
-"""How long a process group has after SIGTERM before SIGKILL [s]."""
+"""Time from SIGTERM to SIGKILL [s]."""
 
 DIGITS = 6
-"""Digits of a power in watts that are kept: sensors tell microwatts."""
+"""Decimals of a power [W] that are kept: sensors resolve microwatts."""
 
 TAIL_BYTES = 400
-"""How much of a failed command's output its error shows."""
+"""Length of the output that the error of a failed command shows."""
 
 
 class Clock(Protocol):
-    """Time that passes: the real one, or a made-up one."""
+    """Time [s]: the module `time`, or a simulated clock."""
 
-    def now_s(self) -> float:
-        """The time [s] from some fixed moment; never goes back."""
+    def monotonic(self) -> float:
+        """The time [s] from a fixed moment; never decreases."""
         ...
 
-    def sleep_s(self, duration_s: float) -> None:
+    def sleep(self, duration_s: float, /) -> None:
         """Return after a duration [s]."""
         ...
 
 
-class RealClock:
-    """The computer's own clock."""
-
-    def now_s(self) -> float:
-        """See `Clock`."""
-        return time.monotonic()
-
-    def sleep_s(self, duration_s: float) -> None:
-        """See `Clock`."""
-        time.sleep(duration_s)
-
-
-class Running(Protocol):
+class RunningCommand(Protocol):
     """A command that was started."""
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         """The exit code once it has ended, negative for a signal; None while it runs."""
         ...
 
-    def said(self) -> str:
-        """The last that it printed."""
+    def output_tail(self) -> str:
+        """The end of what it printed."""
         ...
 
 
-Launch = Callable[[Sequence[str], Clock], AbstractContextManager[Running]]
+Launch = Callable[[Sequence[str], Clock], AbstractContextManager[RunningCommand]]
 """Starts a command; the end of the block ends it and all that it started."""
 
 
 @dataclass(frozen=True)
 class MeasurementSettings:
-    """How long to measure.
+    """Accuracy and duration of a measurement.
 
     Attributes
     ----------
     warm_up_s : float
-        What is dropped at the beginning [s].
+        Time before the first sample [s].
     interval_s : float
         Time from one sample to the next [s].
     accuracy : float
-        The standard error at which a configuration is done: [W], or as a part of its mean if `relative`.
+        Standard error at which a configuration is done: [W], or relative to its mean.
     relative : bool
-    longest_s : float
-        The time after the warm-up at which it is done anyway [s].
+        Whether `accuracy` is relative.
+    max_time_s : float
+        Longest time after the warm-up [s].
     idle_s : float
-        How long to measure without the command before [s]; 0: not.
+        Time to measure without the command before the first configuration [s]; 0 for none.
     """
 
     warm_up_s: float = 5.0
     interval_s: float = 0.2
     accuracy: float = 0.05
     relative: bool = False
-    longest_s: float = 120.0
+    max_time_s: float = 120.0
     idle_s: float = 0.0
 
     def reached(self, found: SampleMean) -> bool:
-        """Whether a mean is known well enough; not of a sensor that has shown one value only, and may be a slow one."""
+        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
         return found.std > 0 and found.standard_error <= self.accuracy * (found.mean if self.relative else 1.0)
 
 
 @dataclass(frozen=True)
 class PowerMeasurement:
-    """Samples [W] at one configuration, in order; what they add up to, and whether that is as accurate as asked."""
+    """Samples [W] at one configuration in order, their mean, and whether its accuracy was reached."""
 
     configuration: Configuration
     powers_w: Sequence[float]
@@ -124,7 +112,7 @@ def measure(
     launch: Launch,
     report: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[PowerMeasurement], SampleMean | None]:
-    """Run a command at one configuration after the other, and sample a power sensor meanwhile.
+    """Run a command at each configuration in turn and sample a power sensor.
 
     Parameters
     ----------
@@ -132,57 +120,48 @@ def measure(
         Program and arguments, with a parameter's name in braces where its value goes. No shell sees them.
     configurations : sequence of Configuration
     sensor : Sensor
-    settings : Settings
+    settings : MeasurementSettings
     clock : Clock
     launch : function
         See `launched`.
     report : function
-        Is told now and then, in a few words, how far it is.
+        Called with the progress, as a short text.
 
     Returns
     -------
-    list of Measured
+    list of PowerMeasurement
         One for each configuration.
-    Average or None
-        The power without the command [W], where `settings.idle_s` asks for it. It is not subtracted from anything.
+    SampleMean or None
+        The power without the command [W], if `settings.idle_s` is above 0. It is not subtracted.
 
     Raises
     ------
     InputError
-        If the command does not start or ends by itself, with the configuration; if the sensor fails.
+        If the command does not start or ends by itself, with its configuration; if the sensor fails.
     """
-    meter = Meter(sensor, clock.now_s)
+    meter = Meter(sensor, clock.monotonic)
     idle = None
     if settings.idle_s:
         report("idle")
         idle = average([list(_samples(meter, settings.interval_s, settings.idle_s, clock))])
     results = []
     for i, configuration in enumerate(configurations, start=1):
-        told_of = partial(_told_of, report, f"{configuration} ({i} of {len(configurations)})")
-        with _errors_of(configuration), launch(filled(command, configuration), clock) as running:
-            results.append(_measured(running, configuration, meter, settings, clock, told_of))
+        label = f"{configuration} ({i} of {len(configurations)})"
+        with _errors_of(configuration), launch(fill_placeholders(command, configuration), clock) as running:
+            results.append(_measure_one(running, configuration, meter, settings, clock, report, label))
     return results, idle
 
 
-def _told_of(report: Callable[[str], None], head: str, status: str) -> None:
-    report(f"{head}: {status}")
-
-
-def filled(command: Sequence[str], configuration: Configuration) -> list[str]:
-    """A command with the values of a configuration in the places of its parameters' names: `{fps}`."""
+def fill_placeholders(command: Sequence[str], configuration: Configuration) -> list[str]:
+    """A command with the values of a configuration in place of its parameters' names, `{fps}`."""
     result = list(command)
     for name, value in zip(configuration.names, configuration.values, strict=True):
-        result = [argument.replace("{" + name + "}", _shown(value)) for argument in result]
+        result = [argument.replace("{" + name + "}", str(shortest(value))) for argument in result]
     return result
 
 
-def _shown(value: float) -> str:
-    """A number as a program reads it, whole ones without a point."""
-    return str(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(value)
-
-
 def check_command(command: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse a command without a place for every parameter.
+    """Refuse a command without a placeholder for every parameter.
 
     Raises
     ------
@@ -191,15 +170,15 @@ def check_command(command: Sequence[str], names: Sequence[str]) -> None:
     if not command:
         raise InputError.at("--measure", 1, 1, "no command", "a command after --, as in: --measure -- COMMAND {fps}")
     for name in names:
-        place = "{" + name + "}"
-        if not any(place in argument for argument in command):
-            expected = f"{place} in one of its arguments"
-            raise InputError.at("--measure", 1, 1, f"a command that is not told {name}", expected, " ".join(command))
+        placeholder = "{" + name + "}"
+        if not any(placeholder in argument for argument in command):
+            expected = f"{placeholder} in one of its arguments"
+            raise InputError.at("--measure", 1, 1, f"the command does not use {name}", expected, " ".join(command))
 
 
 @contextmanager
 def _errors_of(configuration: Configuration) -> Iterator[None]:
-    """Name the configuration in what goes wrong with the command."""
+    """Add the configuration to the errors of its command."""
     try:
         yield
     except CommandError as error:
@@ -207,55 +186,56 @@ def _errors_of(configuration: Configuration) -> Iterator[None]:
         raise InputError.at("--measure", 1, 1, f"{configuration}: {error}", expected) from None
 
 
-def _measured(
-    running: Running,
+def _measure_one(
+    running: RunningCommand,
     configuration: Configuration,
     meter: Meter,
     settings: MeasurementSettings,
     clock: Clock,
     report: Callable[[str], None],
+    label: str,
 ) -> PowerMeasurement:
-    """Sample until the mean is known well enough, or for the longest time."""
-    report("warming up")
-    until_s = clock.now_s() + settings.warm_up_s
-    while (left_s := until_s - clock.now_s()) > 0:
+    """Sample until the accuracy or the longest time is reached."""
+    report(f"{label}: warming up")
+    until_s = clock.monotonic() + settings.warm_up_s
+    while (left_s := until_s - clock.monotonic()) > 0:
         _check_running(running)
-        clock.sleep_s(min(settings.interval_s, left_s))
+        clock.sleep(min(settings.interval_s, left_s))
     powers_w: list[float] = []
-    found, enough = None, FEWEST
-    for power_w in _samples(meter, settings.interval_s, settings.longest_s, clock):
+    check_at = MIN_SAMPLES
+    for power_w in _samples(meter, settings.interval_s, settings.max_time_s, clock):
         _check_running(running)
         powers_w.append(power_w)
-        if len(powers_w) >= enough:
+        if len(powers_w) >= check_at:
             found = average([powers_w])
-            report(f"{found.mean:.4g} W ± {found.standard_error:.2g} W")
+            report(f"{label}: {found.mean:.4g} W ± {found.standard_error:.2g} W")
             if settings.reached(found):
                 return PowerMeasurement(configuration, powers_w, found, accurate=True)
-            enough = int(LOOK_AGAIN * len(powers_w)) + 1
+            check_at = int(CHECK_FACTOR * len(powers_w)) + 1
     found = average([powers_w])
-    return PowerMeasurement(configuration, powers_w, found, len(powers_w) >= FEWEST and settings.reached(found))
+    return PowerMeasurement(configuration, powers_w, found, len(powers_w) >= MIN_SAMPLES and settings.reached(found))
 
 
-def _samples(meter: Meter, interval_s: float, longest_s: float, clock: Clock) -> Iterator[float]:
-    """Power [W] at even intervals, the first after one; at least one. A late sample delays those after it."""
+def _samples(meter: Meter, interval_s: float, max_time_s: float, clock: Clock) -> Iterator[float]:
+    """Power [W] at even intervals, the first after one interval; at least one. A late sample delays the following."""
     meter.start()
-    end_s = clock.now_s() + longest_s
-    due_s = clock.now_s()
+    end_s = clock.monotonic() + max_time_s
+    due_s = clock.monotonic()
     while True:
-        due_s = max(due_s + interval_s, clock.now_s())
-        clock.sleep_s(max(due_s - clock.now_s(), 0.0))
+        due_s = max(due_s + interval_s, clock.monotonic())
+        clock.sleep(max(due_s - clock.monotonic(), 0.0))
         yield round(meter.power_w(), DIGITS)
-        if clock.now_s() + interval_s / 2 >= end_s:  # half an interval: rounding does not take a sample away
+        if clock.monotonic() + interval_s / 2 >= end_s:  # half an interval, against rounding
             return
 
 
-def _check_running(running: Running) -> None:
-    code = running.ended()
+def _check_running(running: RunningCommand) -> None:
+    code = running.exit_code()
     if code is None:
         return
     how = f"was ended by {_signal_name(-code)}" if code < 0 else f"ended by itself with exit code {code}"
-    said = printable(running.said().strip().rpartition("\n")[2])
-    raise CommandError(f"the command {how}" + (f", and said last: {said}" if said else ""))
+    last_line = printable(running.output_tail().strip().rpartition("\n")[2])
+    raise CommandError(f"the command {how}" + (f"; its last output: {last_line}" if last_line else ""))
 
 
 def _signal_name(number: int) -> str:
@@ -265,7 +245,7 @@ def _signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-# ── the real process ──
+# ── the process ──
 
 
 @dataclass
@@ -275,20 +255,20 @@ class _Process:
     popen: subprocess.Popen[bytes]
     output: IO[bytes]
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         return self.popen.poll()
 
-    def said(self) -> str:
+    def output_tail(self) -> str:
         size = os.fstat(self.output.fileno()).st_size
         kept = min(size, TAIL_BYTES)
         return os.pread(self.output.fileno(), kept, size - kept).decode("utf-8", errors="replace")
 
 
 @contextmanager
-def launched(arguments: Sequence[str], clock: Clock, grace_s: float = GRACE_S) -> Iterator[Running]:
-    """Run a command in a session of its own; when the block ends, however it does, end all of its process group.
+def launched(arguments: Sequence[str], clock: Clock, grace_s: float = GRACE_S) -> Iterator[RunningCommand]:
+    """Run a command in a session of its own; the end of the block, or an exception, ends its process group.
 
-    Its input is empty, and its output is kept for messages about it.
+    Its input is empty; its output is kept for error messages.
 
     Raises
     ------
@@ -310,16 +290,16 @@ def launched(arguments: Sequence[str], clock: Clock, grace_s: float = GRACE_S) -
 
 
 def _end_group(popen: subprocess.Popen[bytes], clock: Clock, grace_s: float) -> None:
-    """SIGTERM to the group, and SIGKILL to what of it is there after a grace, or when interrupted in waiting."""
+    """SIGTERM to the group, then SIGKILL to what is left of it after the grace time or on an interruption."""
     gone = False
     try:
         _signal_group(popen.pid, signal.SIGTERM)
-        until_s = clock.now_s() + grace_s
-        while not gone and clock.now_s() < until_s:
-            popen.poll()  # a leader that nobody has asked about still counts as a member
+        until_s = clock.monotonic() + grace_s
+        while not gone and clock.monotonic() < until_s:
+            popen.poll()  # a leader that was not waited for still counts as a member
             gone = not _signal_group(popen.pid, 0)
             if not gone:
-                clock.sleep_s(0.05)
+                clock.sleep(0.05)
     finally:
         if not gone:
             _signal_group(popen.pid, signal.SIGKILL)
@@ -335,12 +315,12 @@ def _signal_group(group: int, number: int) -> bool:
         os.killpg(group, number)
     except ProcessLookupError:
         return False
-    except PermissionError:  # of another user, or on some systems a group of zombies: waited for, not for ever
-        return True
+    except PermissionError:  # of another user, or on some systems a group of zombies
+        pass
     return True
 
 
-# ── what comes out ──
+# ── the table ──
 
 
 def measurements_csv(
@@ -354,12 +334,12 @@ def measurements_csv(
 
     Parameters
     ----------
-    measured : sequence of Measured
+    measured : sequence of PowerMeasurement
         Of the same parameters, at least one.
-    idle : Average or None
-        Power without the command [W]: stated, and not subtracted.
+    idle : SampleMean or None
+        Power without the command [W]; written as a comment, not subtracted.
     command, sensor, settings
-        As they were measured with.
+        Of the measurement, for the comments.
 
     Returns
     -------
@@ -370,16 +350,15 @@ def measurements_csv(
     source = f"measured with {sensor.label}, a sample every {settings.interval_s:g} s after {settings.warm_up_s:g} s"
     lines = [f"# source: {printable(source)}", f"# command: {printable(' '.join(command), 1000)}"]
     if idle:
-        lines.append(f"# idle: {told(idle)}, not subtracted")
-    titles = [f"{name} [{unit}]" if unit else name for name, unit in zip(first.names, first.units, strict=True)]
-    lines.append(",".join([*titles, "power_w"]))
+        lines.append(f"# idle: {mean_text(idle)}, not subtracted")
+    lines.append(",".join([*titles(first.names, first.units), "power_w"]))
     for each in measured:
-        at = "".join(f"{_shown(value)}," for value in each.configuration.values)
+        at = "".join(f"{shortest(value)}," for value in each.configuration.values)
         lines += [f"{at}{power_w!r}" for power_w in each.powers_w]
     return "\n".join(lines) + "\n"
 
 
-def told(found: SampleMean) -> str:
-    """A mean power in words."""
-    effective = f"{found.effective:.3g} independent" if found.samples > 1 else "no spread known"
+def mean_text(found: SampleMean) -> str:
+    """A mean power with its standard error and number of samples, as text."""
+    effective = f"{found.effective:.3g} independent" if found.samples > 1 else "standard deviation unknown"
     return f"{found.mean:.4f} W ± {found.standard_error:.4f} W ({found.samples} samples, {effective})"

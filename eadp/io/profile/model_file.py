@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, capped, printable
 from eadp.io.profile.configurations import configuration_in_name
 from eadp.io.profile.measurements import (
@@ -21,7 +22,7 @@ from eadp.io.profile.measurements import (
     NAME,
     PARAMETERS_LIMIT,
     Configuration,
-    Places,
+    PointFaults,
     Trace,
     is_trace,
     read_measurements,
@@ -29,7 +30,7 @@ from eadp.io.profile.measurements import (
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, Path, read_yaml
-from eadp.models.profile import Profile
+from eadp.models.profile import Profile, shortest
 from eadp.models.profile_sum import AnyProfile, ProfileSum, added
 
 SCHEMA = "eadp.profile/1"
@@ -42,7 +43,7 @@ _MODEL = re.compile(r"""\{|["']?schema["']?\s*:""")
 
 @dataclass(frozen=True)
 class Sources:
-    """Which files a profile comes from.
+    """The files of a profile and the options about them.
 
     Attributes
     ----------
@@ -51,11 +52,13 @@ class Sources:
     added : sequence of str
         Measurements or models of computations that were measured apart: their power is added.
     names : sequence of str
-        Better names for the parameters, in the order of their columns, file by file; none keeps the files'.
+        New names of the parameters, in the order of their columns, file by file; none keeps the files'.
     configurations : sequence of Configuration
-        What the traces among `files` were measured at, in their order.
+        Configurations of the traces among `files`, in their order.
     pattern : str
-        How the names of the traces carry what they were measured at; see `configurations.configuration_in_name`.
+        Pattern of the configurations in the names of the traces; see `configurations.configuration_in_name`.
+    interpolation : str
+        `linear` or `pchip`; None keeps the model's.
     """
 
     files: Sequence[str]
@@ -63,6 +66,7 @@ class Sources:
     names: Sequence[str] = ()
     configurations: Sequence[Configuration] = ()
     pattern: str = ""
+    interpolation: Kind | None = None
 
 
 def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
@@ -73,7 +77,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list
     path : str
         The file, `-` for standard input.
     names : sequence of str
-        Better names for its parameters, in the order of their columns; none keeps the file's.
+        New names of its parameters, in the order of their columns; none keeps the file's.
 
     Returns
     -------
@@ -96,25 +100,19 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     Raises
     ------
     InputError
-        With the faults of the files, or of what options say about them.
+        With the faults of the files, or of the options about them.
     """
-    if len(sources.files) == 1 and not (sources.added or sources.configurations or sources.pattern):
-        return read_profile(sources.files[0], sources.names)
     _check_names(sources.names)
-    texts = [read_text(path) for path in sources.files]
-    models = [
-        text
-        for path, text in zip(sources.files, texts, strict=True)
-        if ends_as_model(path) or _begins_as_model(text.body)
-    ]
-    if models and len(texts) > 1:
-        message = "a model among several files"
-        raise InputError.at(models[0].name, 1, 1, message, "measurements, or --add for what is added")
-    apart = bool(sources.added and sources.names)
+    apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
+    texts = [read_text(path) for path in sources.files]
+    models = [text for path, text in zip(sources.files, texts, strict=True) if _is_model(path, text)]
+    if models and len(texts) > 1:
+        expected = "measurements, or --add for computations that were measured apart"
+        raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
+    if models and (sources.configurations or sources.pattern):
+        raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
     if models:
-        if sources.configurations or sources.pattern:
-            raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
         profile, warnings = parse_profile(texts[0], names, is_model=True)
     else:
         profile, warnings = _measured(_traces(sources, texts), names, nameless=apart)
@@ -123,97 +121,97 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         profile, more = parse_profile(read_text(path), is_model=ends_as_model(path), nameless=apart)
         profiles.append(profile)
         warnings += more
-    return _added(profiles, sources.names if apart else ()), warnings
+    profile = _added(profiles, sources.names if apart else ())
+    return _interpolated(profile, sources.interpolation), warnings
+
+
+def _interpolated(profile: AnyProfile, kind: Kind | None) -> AnyProfile:
+    try:
+        return added([replace(part, interpolation=kind) for part in profile.parts]) if kind else profile
+    except Infeasible as error:
+        raise InputError.at("--interpolation", 1, 1, str(error), "linear", str(kind)) from None
 
 
 def _traces(sources: Sources, texts: Sequence[Text]) -> list[Trace]:
-    """Each file with what it was measured at, where it needs to be told."""
+    """Each file with its configuration, where it has no columns for it."""
     if sources.configurations and sources.pattern:
         raise InputError.at("--from-name", 1, 1, "stands beside --config", "one of the two")
-    told = list(sources.configurations)
-    traces, count = [], 0
-    for path, text in zip(sources.files, texts, strict=True):
-        configuration = None
-        if is_trace(text):
-            if sources.pattern:
-                configuration = configuration_in_name(path, sources.pattern)
-            elif count < len(told):
-                configuration = told[count]
-            count += 1
-        traces.append(Trace(text, configuration))
-    if told and len(told) != count:
-        message = f"stated for {len(told)} files, and {count} do not say what they were measured at"
-        raise InputError.at("--config", 1, 1, message, "one for each of them, in their order")
-    return traces
-
-
-def _added(profiles: Sequence[AnyProfile], names: Sequence[str]) -> AnyProfile:
-    """The sum of profiles, renamed all together."""
-    if names:
-        count = sum(len(profile.names) for profile in profiles)
-        if len(names) != count:
-            message = f"{len(names)} names for the parameters {', '.join(n for p in profiles for n in p.names)}"
-            raise InputError.at("--names", 1, 1, message, f"{count} of them")
-        rest, renamed = list(names), []
-        for profile in profiles:
-            renamed.append(_renamed(profile, rest[: len(profile.names)]))
-            rest = rest[len(profile.names) :]
-        profiles = renamed
-    try:
-        return added(profiles)
-    except Infeasible as error:
-        raise InputError.at("--add", 1, 1, str(error), "names of their own, as --names gives them") from None
+    without = [i for i, text in enumerate(texts) if is_trace(text)]
+    stated = dict(zip(without, sources.configurations, strict=False))
+    if sources.configurations and len(sources.configurations) != len(without):
+        message = f"{len(sources.configurations)} configurations for {len(without)} files without columns for them"
+        raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
+    if sources.pattern:
+        stated = {i: configuration_in_name(sources.files[i], sources.pattern) for i in without}
+    return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
 
 
 def parse_profile(
     text: Text, names: Sequence[str] = (), *, is_model: bool = False, nameless: bool = False
 ) -> tuple[AnyProfile, list[Fault]]:
-    """`read_profile` of a text: a model if said so, or if it begins with a `schema` key or a brace.
+    """`read_profile` of a text: a model if `is_model`, or if its first key is `schema`.
 
-    `nameless` takes several columns of numbers alone without names, as c1, c2, …: they are named later.
+    `nameless` names the columns of a file without names c1, c2, …: they are renamed later.
     """
     _check_names(names)
-    if not (is_model or _begins_as_model(text.body)):
+    if not (is_model or _starts_as_model(text.body)):
         return _measured([Trace(text)], names, nameless=nameless)
     parts = _read_model(text)
-    warnings = [found for profile, places in parts for found in _warnings(profile, places)]
+    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
     try:
         profile = added([profile for profile, _ in parts])
     except Infeasible as error:
         raise InputError.at(text.name, 1, 1, str(error), "each parameter in one part") from None
-    return _renamed(profile, names) if names else profile, warnings
+    return _added([profile], names), warnings
 
 
 def _measured(files: Sequence[Trace], names: Sequence[str], *, nameless: bool) -> tuple[AnyProfile, list[Fault]]:
-    profile, places = read_measurements(files, names, nameless=nameless)
-    if names:
-        renamed = _renamed(profile, names)
-        assert isinstance(renamed, Profile)
-        profile = renamed
-    return profile, _warnings(profile, places)
+    profile, locations, warnings = read_measurements(files, names, nameless=nameless)
+    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
+    return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _warnings(profile: Profile, places: Places) -> list[Fault]:
-    """What is odd about a profile, each at its place, first by line."""
-    warnings = [replace(fault, severity="warning") for fault in places.warnings]
-    for found in profile.findings():
-        place = places.of_point[tuple(profile.configurations[found.point].tolist())]
-        warnings.append(replace(place, severity="warning", message=found.message))
+def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
+    """The findings of a profile at their locations, first by line."""
+    warnings = [
+        replace(
+            locations[tuple(profile.configurations[found.point].tolist())], severity="warning", message=found.message
+        )
+        for found in profile.findings()
+    ]
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
+def _added(profiles: Sequence[AnyProfile], names: Sequence[str]) -> AnyProfile:
+    """The sum of profiles, their parameters renamed if there are names."""
+    parts = [part for profile in profiles for part in profile.parts]
+    known = [name for part in parts for name in part.names]
+    if names and len(names) != len(known):
+        message = f"{len(names)} names for the parameters {', '.join(known)}"
+        raise InputError.at("--names", 1, 1, message, f"{len(known)} of them")
+    if names:
+        rest = iter(names)
+        parts = [replace(part, names=tuple(islice(rest, len(part.names)))) for part in parts]
+    try:
+        return added(parts)
+    except Infeasible as error:
+        raise InputError.at("--add", 1, 1, str(error), "names of their own, as --names gives them") from None
+
+
+def _is_model(path: str, text: Text) -> bool:
+    return ends_as_model(path) or _starts_as_model(text.body)
+
+
 def ends_as_model(path: str) -> bool:
-    """Whether a file's name says that it is a model."""
+    """Whether a file's name has the ending of a model."""
     return os.path.splitext(path)[1].lower() in (".yaml", ".yml", ".json")
 
 
-def _begins_as_model(body: str) -> bool:
-    """Whether the first line that is no comment, nor the mark of a document, begins a model."""
-    for line in io.StringIO(body):
-        stripped = line.strip()
-        if stripped and not stripped.startswith("#") and stripped != "---":
-            return _MODEL.match(stripped) is not None
-    return False
+def _starts_as_model(body: str) -> bool:
+    """Whether the first line that is neither a comment nor a document's mark starts a model."""
+    lines = (line.strip() for line in body.split("\n"))
+    first = next((line for line in lines if line and not line.startswith("#") and line != "---"), "")
+    return _MODEL.match(first) is not None
 
 
 def _check_names(names: Sequence[str]) -> None:
@@ -223,17 +221,6 @@ def _check_names(names: Sequence[str]) -> None:
             raise InputError.at("--names", 1, 1, f"{shown} is no name", A_NAME)
     if len(set(names)) < len(names):
         raise InputError.at("--names", 1, 1, f"a name stands twice in {','.join(names)}", "each once")
-
-
-def _renamed(profile: AnyProfile, names: Sequence[str]) -> AnyProfile:
-    if len(names) != len(profile.names):
-        message = f"{len(names)} names for the parameters {', '.join(profile.names)}"
-        raise InputError.at("--names", 1, 1, message, f"{len(profile.names)} of them")
-    parts, column = [], 0
-    for part in profile.parts:
-        parts.append(replace(part, names=tuple(names[column : column + len(part.names)])))
-        column += len(part.names)
-    return added(parts)
 
 
 # ── the model's schema ──
@@ -252,23 +239,31 @@ class _Parameter(BaseModel):
 
 
 class _Point(BaseModel):
-    """A measured configuration, a value for each parameter; the mean and spread of its power, the samples."""
+    """A measured configuration, a value for each parameter; mean and standard deviation of its power, samples."""
 
     model_config = _STRICT
     at: Annotated[list[_Value], Field(min_length=1)]
     power_w: _Power
-    spread_w: Annotated[_Power, Field(description="standard deviation of the samples; 0 of one sample")] = 0.0
+    std_w: Annotated[_Power, Field(description="standard deviation of the samples; 0 of one sample")] = 0.0
     samples: Annotated[int, Field(ge=1, le=2**53)] = 1
     standard_error_w: Annotated[
-        _Power | None, Field(description="standard deviation of power_w as a mean, consecutive samples being alike")
+        _Power | None, Field(description="standard error of power_w, with the correlation of consecutive samples")
     ] = None
-    left_out_error_w: Annotated[
-        _Value | None, Field(description="what the other points predict, less power_w; reported, ignored when read")
+    leave_one_out_error_w: Annotated[
+        _Value | None, Field(description="prediction from the other points less power_w; written in JSON, not read")
     ] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_old_keys(cls, value: Any) -> Any:
+        for old, new in (("spread_w", "std_w"), ("left_out_error_w", "leave_one_out_error_w")):
+            if isinstance(value, dict) and old in value:
+                raise ValueError(f"the key {old} is now {new}")
+        return value
 
 
 class _LeaveOneOut(BaseModel):
-    """How far the other points miss one that is left out; reported, ignored when read."""
+    """Leave-one-out error over the points that the others enclose; written in JSON, not read."""
 
     model_config = _STRICT
     points: int
@@ -277,7 +272,7 @@ class _LeaveOneOut(BaseModel):
 
 
 class _PartFile(BaseModel):
-    """Average power at measured configurations of the parameters of computations that were measured together."""
+    """Average power of computations that were measured together, at configurations of their parameters."""
 
     model_config = _STRICT
     source: str = ""
@@ -295,7 +290,7 @@ class ProfileFile(_PartFile):
 
 
 class _SumFile(BaseModel):
-    """Computation profile of computations that were measured apart: their power is added."""
+    """Computation profile of computations that were measured apart; their power is added."""
 
     model_config = ConfigDict(title=SCHEMA, **_STRICT)
     schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema")]
@@ -317,27 +312,25 @@ def json_schema() -> dict[str, Any]:
     return schema
 
 
-# ── the model in ──
+# ── reading a model ──
 
 
-def _read_model(text: Text) -> list[tuple[Profile, Places]]:
-    """The parts of a model, one where it has no parts, each with the places of its points."""
+def _read_model(text: Text) -> list[tuple[Profile, PointFaults]]:
+    """The parts of a model, itself where it has none, each with the locations of its points."""
     document = read_yaml(text)
     content = _validated(document)
-    parts: dict[Path, _PartFile] = {}
+    parts: dict[Path, _PartFile] = {(): content} if isinstance(content, _PartFile) else {}
     if isinstance(content, _SumFile):
         parts = {("parts", i): part for i, part in enumerate(content.parts)}
-    else:
-        parts = {(): content}
-    faults = [fault for place, part in parts.items() for fault in _faults(document, part, place)]
+    faults = [fault for path, part in parts.items() for fault in _faults(document, part, path)]
     if faults:
         raise capped(faults)
-    return [(_part(document, part, place), _places(document, part, place)) for place, part in parts.items()]
+    return [(_part(document, part, path), _locations(document, part, path)) for path, part in parts.items()]
 
 
-def _places(document: Document, content: _PartFile, where: Path) -> Places:
+def _locations(document: Document, content: _PartFile, where: Path) -> PointFaults:
     points = enumerate(content.points)
-    return Places({tuple(point.at): document.fault((*where, "points", i), "") for i, point in points})
+    return {tuple(point.at): document.fault((*where, "points", i), "") for i, point in points}
 
 
 def _part(document: Document, content: _PartFile, where: Path) -> Profile:
@@ -349,7 +342,7 @@ def _part(document: Document, content: _PartFile, where: Path) -> Profile:
             units=tuple(parameter.unit for parameter in content.parameters),
             configurations=np.array([point.at for point in points], dtype=np.float64),
             power_w=np.array([point.power_w for point in points], dtype=np.float64),
-            spread_w=np.array([point.spread_w for point in points], dtype=np.float64),
+            std_w=np.array([point.std_w for point in points], dtype=np.float64),
             samples=np.array([point.samples for point in points], dtype=np.int64),
             interpolation=content.interpolation,
             source=content.source,
@@ -370,30 +363,30 @@ def _validated(document: Document) -> ProfileFile | _SumFile:
 
 
 def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
-    """What is wrong with a model beyond the types of its keys."""
+    """Faults of a model beyond the types of its keys."""
     faults = []
     names = [parameter.name for parameter in content.parameters]
     for i, name in enumerate(names):
-        place: Path = (*where, "parameters", i, "name")
+        path: Path = (*where, "parameters", i, "name")
         if not NAME.match(name):
             shown = printable(name, 80) or "an empty text"
-            faults.append(document.fault(place, f"{shown} is no name", A_NAME))
+            faults.append(document.fault(path, f"{shown} is no name", A_NAME))
         elif name in names[:i]:
-            faults.append(document.fault(place, f"the name {name} stands twice", "each once"))
+            faults.append(document.fault(path, f"the name {name} stands twice", "each once"))
     seen: set[tuple[float, ...]] = set()
     for i, point in enumerate(content.points):
-        place, at = (*where, "points", i, "at"), tuple(point.at)
+        path, at = (*where, "points", i, "at"), tuple(point.at)
         if len(at) != len(names):
             message = f"{len(at)} values for {len(names)} parameters"
-            faults.append(document.fault(place, message, "one for each"))
+            faults.append(document.fault(path, message, "one for each"))
         elif at in seen:
             shown = ", ".join(f"{value:g}" for value in at)
-            faults.append(document.fault(place, f"the configuration {shown} stands twice", "each once"))
+            faults.append(document.fault(path, f"the configuration {shown} stands twice", "each once"))
         seen.add(at)
     return faults
 
 
-# ── the model out ──
+# ── writing a model ──
 
 
 def profile_document(profile: AnyProfile) -> dict[str, Any]:
@@ -407,35 +400,30 @@ def _part_document(profile: Profile) -> dict[str, Any]:
     points = zip(
         profile.configurations.tolist(),
         profile.power_w.tolist(),
-        profile.spread_w.tolist(),
+        profile.std_w.tolist(),
         profile.samples.tolist(),
         profile.standard_error_w.tolist(),
-        (profile.left_out_w - profile.power_w).tolist(),
+        (profile.leave_one_out_w - profile.power_w).tolist(),
         strict=True,
     )
-    found = profile.leave_one_out
+    found = profile.leave_one_out_error
     return {
         "source": profile.source,
         "parameters": [{"name": n, "unit": u} for n, u in zip(profile.names, profile.units, strict=True)],
         "interpolation": profile.interpolation,
         "points": [
             {
-                "at": [plain(value) for value in at],
-                "power_w": plain(power_w),
-                "spread_w": plain(spread_w),
+                "at": [shortest(value) for value in at],
+                "power_w": shortest(power_w),
+                "std_w": shortest(std_w),
                 "samples": samples,
-                "standard_error_w": plain(error_w) if math.isfinite(error_w) else None,
-                "left_out_error_w": left_out_w if math.isfinite(left_out_w) else None,
+                "standard_error_w": shortest(error_w) if math.isfinite(error_w) else None,
+                "leave_one_out_error_w": leave_one_out_w if math.isfinite(leave_one_out_w) else None,
             }
-            for at, power_w, spread_w, samples, error_w, left_out_w in points
+            for at, power_w, std_w, samples, error_w, leave_one_out_w in points
         ],
         "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
-
-
-def plain(value: float) -> float | int:
-    """A number as people write it: a whole one without its point."""
-    return int(value) if value.is_integer() and abs(value) < 1e15 else value
 
 
 def profile_yaml(profile: AnyProfile) -> str:
@@ -448,8 +436,7 @@ def profile_yaml(profile: AnyProfile) -> str:
     Returns
     -------
     str
-        YAML, one line for each parameter and each configuration; keys that say nothing, or that follow from others,
-        are left out.
+        YAML, one line for each parameter and each configuration, without defaults and keys that follow from others.
     """
     lines = [f"schema: {SCHEMA}"]
     if isinstance(profile, ProfileSum):
@@ -467,20 +454,20 @@ def _part_lines(profile: Profile) -> list[str]:
     return [
         f"source: {_quoted(document['source'])}",
         "parameters:",
-        *(f"  - {_flow(_told(parameter))}" for parameter in document["parameters"]),
+        *(f"  - {_flow(_without_defaults(parameter))}" for parameter in document["parameters"]),
         f"interpolation: {document['interpolation']}",
         "points:",
-        *(f"  - {_flow(_told(point))}" for point in document["points"]),
+        *(f"  - {_flow(_without_defaults(point))}" for point in document["points"]),
     ]
 
 
-def _told(item: dict[str, Any]) -> dict[str, Any]:
-    """A mapping without the keys whose values are their defaults, or follow from others."""
-    defaults = {"unit": "", "spread_w": 0, "samples": 1, "standard_error_w": None}
+def _without_defaults(item: dict[str, Any]) -> dict[str, Any]:
+    """A mapping without defaults and keys that follow from others."""
+    defaults = {"unit": "", "std_w": 0, "samples": 1, "standard_error_w": None}
     return {
         key: value
         for key, value in item.items()
-        if key != "left_out_error_w" and (key not in defaults or value != defaults[key])
+        if key != "leave_one_out_error_w" and (key not in defaults or value != defaults[key])
     }
 
 
@@ -494,6 +481,6 @@ def _flow(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A YAML string in double quotes, everything that does not print escaped."""
+    """A YAML string in double quotes, characters that do not print escaped."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in escaped) + '"'

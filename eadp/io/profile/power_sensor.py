@@ -1,21 +1,23 @@
 """Power sensors of a Linux computer, as the kernel shows them in files under /sys.
 
-Kinds, in the order in which a sensor is looked for where none is named:
+Kinds, in the order of preference where no sensor is named:
 
 ina3221
     Rails of an INA3221 (hwmon): `in1_input` [mV] × `curr1_input` [mA]. The board's input, where a rail is labelled so.
 hwmon
     `power1_input` [µW], or `power1_average`, of any other chip.
 powercap
-    `energy_uj` [µJ], a counter that begins again after `max_energy_range_uj`: RAPL. `psys` is the whole platform.
+    `energy_uj` [µJ], a counter that wraps around after `max_energy_range_uj`: RAPL. `psys` is the whole platform.
 power_supply
-    `power_now` [µW], or `voltage_now` [µV] × `current_now` [µA]: a battery that is being discharged.
+    `power_now` [µW], or `voltage_now` [µV] × `current_now` [µA]: a battery while it is discharged.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,15 +25,15 @@ from eadp.errors import InputError, printable
 
 KINDS = ("ina3221", "hwmon", "powercap", "power_supply")
 
-WHOLE = frozenset({"vdd_in", "pom_5v_in", "5v_in", "vin", "psys"})
-"""Labels, in lower case, of what feeds everything else of its kind."""
+TOTALS = frozenset({"vdd_in", "pom_5v_in", "5v_in", "vin", "psys"})
+"""Labels, in lower case, of channels that feed all others of their kind."""
 
 _WHOLE_NUMBER = re.compile(r"[+-]?[0-9]{1,30}\Z")
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Where the kernel shows a power.
+    """Files in which the kernel shows a power.
 
     Attributes
     ----------
@@ -40,15 +42,15 @@ class Sensor:
     name : str
         The chip or zone, and the label of its channel.
     path : Path
-        The folder or file that tells it from others.
+        The folder or file that identifies it.
     files : tuple of Path
-        What is read: one file of power or energy, or one of voltage and one of current.
+        The files to read: one of power or energy, or one of voltage and one of current.
     watts : float
-        What a unit of the file's number, or of the product of two, is [W]; [J] for a counter of energy.
+        Watts per unit of the file's number, or of the product of two; joules for a counter of energy.
     range_file : Path, optional
-        Where a counter of energy says at what number it begins again; only such a counter has one.
+        Of a counter of energy, the file with the number at which it wraps around.
     part : bool
-        Whether it is known to be a part of another, such as one core of a processor.
+        Whether it measures a part of another sensor, such as one core of a processor.
     """
 
     kind: str
@@ -66,18 +68,15 @@ class Sensor:
 
     @property
     def label(self) -> str:
-        """What `--sensor` calls it."""
+        """Its name for `--sensor`."""
         return f"{self.kind}:{self.name}"
 
     @property
     def readable(self) -> bool:
-        """Whether this user may read it."""
-        try:
-            for file in self.files:
-                _number(file)
-        except InputError:
-            return False
-        return True
+        """Whether this user can read it."""
+        with suppress(InputError):
+            return bool([_number(file) for file in self.files])
+        return False
 
 
 def find_sensors(root: str) -> list[Sensor]:
@@ -101,14 +100,14 @@ def find_sensors(root: str) -> list[Sensor]:
 
 
 def choose_sensor(root: str, wanted: str = "") -> Sensor:
-    """The sensor of that name or path; without one, the whole of the first kind that has any.
+    """The sensor of that name or path; without one, the total of the first kind that has any.
 
     Parameters
     ----------
     root : str
         The root of sysfs.
     wanted : str
-        `KIND:NAME`, or the path of a sensor's folder or file; relative paths begin at the root.
+        `KIND:NAME`, or the path of a sensor's folder or file; relative paths start at the root.
 
     Returns
     -------
@@ -117,33 +116,29 @@ def choose_sensor(root: str, wanted: str = "") -> Sensor:
     Raises
     ------
     InputError
-        If there is none, or several answer: with the list of what was found.
+        If none or several match: with the list of sensors found.
     """
     found = find_sensors(root)
     if wanted:
         path = (Path(root) / wanted).resolve()
-        several = [sensor for sensor in found if wanted == sensor.label]
-        several = several or [sensor for sensor in found if path in _paths(sensor)]
-        problem, place = f"{len(several)} sensors are called so" if several else "no such sensor", "--sensor"
+        matching = [sensor for sensor in found if wanted == sensor.label]
+        matching = matching or [s for s in found if path in {file.resolve() for file in (s.path, *s.files)}]
+        problem = f"{len(matching)} sensors have this name" if matching else "no such sensor"
     else:
-        able = [sensor for sensor in found if sensor.readable]
-        kind = next((kind for kind in KINDS if any(sensor.kind == kind for sensor in able)), "")
-        several = _wholes([sensor for sensor in able if sensor.kind == kind])
-        problem, place = f"several sensors of the kind {kind}", "--sensor"
-        if not able:
-            problem, place = "no power sensor that this user can read", "--sysfs"
-    if len(several) == 1:
-        return several[0]
-    raise InputError.at(place, 1, 1, problem, _listing(found, root), wanted)
+        readable = [sensor for sensor in found if sensor.readable]
+        if not readable:
+            raise InputError.at("--sysfs", 1, 1, "no power sensor that this user can read", _listing(found, root))
+        kind = readable[0].kind  # the sensors are in the order of their kinds
+        matching = _totals([sensor for sensor in readable if sensor.kind == kind])
+        problem = f"several sensors of the kind {kind}"
+    if len(matching) == 1:
+        return matching[0]
+    raise InputError.at("--sensor", 1, 1, problem, _listing(found, root), wanted)
 
 
-def _paths(sensor: Sensor) -> set[Path]:
-    return {path.resolve() for path in (sensor.path, *sensor.files)}
-
-
-def _wholes(sensors: Sequence[Sensor]) -> list[Sensor]:
-    """Those labelled as the whole; else those that are not known to be parts."""
-    labelled = [sensor for sensor in sensors if sensor.name.rpartition("/")[2].lower() in WHOLE]
+def _totals(sensors: Sequence[Sensor]) -> list[Sensor]:
+    """The sensors labelled as totals; else those not known to be parts."""
+    labelled = [sensor for sensor in sensors if sensor.name.rpartition("/")[2].lower() in TOTALS]
     return labelled or [sensor for sensor in sensors if not sensor.part] or list(sensors)
 
 
@@ -158,7 +153,7 @@ def _listing(found: Sequence[Sensor], root: str) -> str:
     return "one of these by name or path:\n    " + "\n    ".join(lines)
 
 
-# ── what the kernel shows ──
+# ── sysfs ──
 
 
 def _of_chip(chip: Path) -> Iterable[Sensor]:
@@ -198,23 +193,21 @@ def _of_supply(supply: Path) -> Iterable[Sensor]:
 
 
 def _entries(folder: Path, pattern: str) -> list[Path]:
-    try:
+    with suppress(OSError):
         return sorted(folder.glob(pattern), key=_natural)
-    except OSError:
-        return []
+    return []
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """So that hwmon10 stands behind hwmon9."""
+    """Sort key that puts hwmon10 after hwmon9."""
     return [(int(piece), "") if piece.isdigit() else (0, piece) for piece in re.split(r"([0-9]+)", str(path))]
 
 
 def _line(file: Path) -> str:
     """The first line of a small file; '' if there is none."""
-    try:
+    with suppress(OSError):
         return file.read_text(encoding="utf-8", errors="replace").strip().partition("\n")[0][:64]
-    except OSError:
-        return ""
+    return ""
 
 
 def _number(file: Path) -> int:
@@ -224,7 +217,7 @@ def _number(file: Path) -> int:
         raise InputError.at(str(file), 1, 1, f"cannot be read: {error.strerror}", "a readable power sensor") from None
     if not _WHOLE_NUMBER.match(text):
         shown = printable(text, 40) or "nothing"
-        raise InputError.at(str(file), 1, 1, f"says {shown}", "a whole number, as sensors do")
+        raise InputError.at(str(file), 1, 1, f"contains {shown}", "a whole number")
     return int(text)
 
 
@@ -233,53 +226,50 @@ def _number(file: Path) -> int:
 
 @dataclass
 class Meter:
-    """Reads a sensor's power.
-
-    A power is read as it is at the moment; of a counter of energy, the mean since the reading before.
+    """Reads a sensor's power: the present one, or the mean since the last reading of a counter of energy.
 
     Attributes
     ----------
     sensor : Sensor
-    now_s : function
-        The time [s], which never goes back.
+    monotonic : function
+        The time [s]; never decreases.
     """
 
     sensor: Sensor
-    now_s: Callable[[], float]
+    monotonic: Callable[[], float]
     _before: tuple[float, int] | None = field(default=None, repr=False)
 
     def start(self) -> None:
-        """Begin anew: the next reading of a counter is the mean from here."""
-        self._before = (self.now_s(), _number(self.sensor.files[0])) if self.sensor.counts_energy else None
+        """Start a new mean: the next reading of a counter is the mean from here."""
+        self._before = (self.monotonic(), _number(self.sensor.files[0])) if self.sensor.counts_energy else None
 
     def power_w(self) -> float:
-        """The power now [W], or its mean since the last reading or start, never below 0.
+        """The present power [W], or its mean since the last reading or start; 0 or more.
 
         Raises
         ------
         InputError
-            If the sensor cannot be read, or does not say when its counter begins again.
+            If the sensor cannot be read, or a counter falls below where it can wrap around.
         """
         if self.sensor.counts_energy:
             return self._mean_w()
-        numbers = [_number(file) for file in self.sensor.files]
-        product = numbers[0] if len(numbers) == 1 else numbers[0] * numbers[1]
-        return abs(product) * self.sensor.watts  # a battery's current may count as negative while it is drained
+        product = math.prod(_number(file) for file in self.sensor.files)
+        return abs(product) * self.sensor.watts  # some batteries report a negative current while they are drained
 
     def _mean_w(self) -> float:
         if self._before is None:
             raise ValueError("a counter needs a start before its first reading")
-        now_s, count = self.now_s(), _number(self.sensor.files[0])
+        now_s, count = self.monotonic(), _number(self.sensor.files[0])
         before_s, before = self._before
         if not now_s > before_s:
             raise ValueError("two readings of a counter at one time")
         self._before = (now_s, count)
         passed = count - before
-        if passed < 0:  # it has begun again: E2 + max − E1
+        if passed < 0:  # it has wrapped around: E2 + max − E1
             assert self.sensor.range_file is not None
             largest = _number(self.sensor.range_file)
             if largest < before:
-                message = f"the counter fell from {before} to {count}, and begins again after {largest}"
+                message = f"the counter fell from {before} to {count}, and wraps around after {largest}"
                 raise InputError.at(str(self.sensor.files[0]), 1, 1, message, "a counter that rises")
             passed += largest
         return passed * self.sensor.watts / (now_s - before_s)

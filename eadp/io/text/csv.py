@@ -1,11 +1,14 @@
-"""Lines of comma-separated fields with the location of each."""
+"""Rows of tables with the position of each field, and what is wrong with a field that should be a number."""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 
-from eadp.errors import Fault
+from eadp.errors import Fault, printable
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
@@ -13,33 +16,80 @@ NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Row:
-    """A line of fields; `columns` are the columns, from 1, where they start."""
+    """A line of a table and its fields, without the quotes and blanks around them; `mark` separates them."""
 
     file: str
     line: int
     source: str
     fields: list[str]
-    columns: list[int]
+    mark: str = ","
+
+    @property
+    def columns(self) -> list[int]:
+        """The columns, from 1, where the fields start."""
+        if not self.mark:
+            return [match.start() + 1 for match in re.finditer(r"\S+", self.source)]
+        raw = _split(self.source, self.mark)
+        starts = accumulate((len(text) + 1 for text in raw), initial=1)
+        return [
+            start + (len(text) - len(text.lstrip()) if text.strip() else 0)
+            for start, text in zip(starts, raw, strict=False)
+        ]
 
     def fault(self, index: int, message: str, expected: str = "") -> Fault:
         """A fault at a field; at the end of the line where it has no such field."""
-        column = self.columns[index] if index < len(self.columns) else len(self.source) + 1
+        columns = self.columns
+        column = columns[index] if index < len(columns) else len(self.source) + 1
         return Fault(self.file, self.line, column, message, expected, self.source)
 
 
-def split_fields(line: str) -> tuple[list[str], list[int]]:
-    """Split at the commas outside quotes: the fields, bare, and the column where each starts."""
-    fields, columns = [], []
-    start, quoted = 0, False
-    for i, c in enumerate(line + ","):
-        if c == '"':
-            quoted = not quoted
-        elif c == "," and (not quoted or i == len(line)):
-            raw = line[start:i]
-            text = raw.strip()
-            columns.append(start + 1 + (len(raw) - len(raw.lstrip()) if text else 0))
-            if len(text) > 1 and text[0] == text[-1] == '"':
-                text = text[1:-1].replace('""', '"').strip()
-            fields.append(text)
-            start = i + 1
-    return fields, columns
+def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
+    """A line split at the marks outside quotes, or at blanks if there is no mark."""
+    return Row(file, line, source, [_unquoted(text.strip()) for text in _split(source, mark)], mark)
+
+
+def read_rows(file: str, body: str, mark: str | None = ",") -> Iterator[Row]:
+    """The rows of a table without blank lines and comments.
+
+    Without a mark the first row decides: semicolons, tabs, commas, or else blanks.
+    """
+    for number, line in enumerate(body.split("\n"), 1):
+        if line.strip() and line.lstrip()[0] != "#":
+            if mark is None:
+                mark = next((each for each in ";\t," if each in line), "")
+            yield read_row(file, number, line, mark)
+
+
+def _split(line: str, mark: str) -> list[str]:
+    if not mark:
+        return line.split()
+    return _split_quoted(line, mark) if '"' in line else line.split(mark)
+
+
+def _split_quoted(line: str, mark: str) -> list[str]:
+    """As `str.split`, but not at marks within quotes."""
+    pieces = [""]
+    for i, part in enumerate(re.split('(")', line)):
+        quoted = i % 4 == 2  # parts alternate with quotes
+        first, *rest = [part] if quoted else part.split(mark)
+        pieces[-1] += first
+        pieces += rest
+    return pieces
+
+
+def _unquoted(text: str) -> str:
+    return text[1:-1].replace('""', '"').strip() if len(text) > 1 and text[0] == text[-1] == '"' else text
+
+
+def number_fault(raw: str, largest: float = math.inf) -> tuple[str, str] | None:
+    """What is wrong with a text as a finite number up to `largest`, and what is expected; None if nothing is."""
+    is_number = NUMBER.match(raw)
+    if is_number and abs(value := float(raw)) <= largest and math.isfinite(value):
+        return None
+    shown = printable(raw, 40) or "an empty field"
+    if is_number:
+        expected = "a finite number" if math.isinf(largest) else f"a number of at most {largest:g}"
+        return f"{shown} is too large", expected
+    if NOT_FINITE.match(raw):
+        return f"{shown} is not finite", "a finite number"
+    return f"{shown} is not a number", "a number"

@@ -66,12 +66,12 @@ class JsonReader:
 
     def _fail(self, i: int, expected: str) -> InputError:
         found = printable(self.body[i : i + 1]) if i < len(self.body) else "the end of the file"
-        return self.source.error(self.source.place(i), f"is not JSON: {found} cannot stand here", expected)
+        return self.source.error(self.source.location(i), f"is not JSON: {found} cannot stand here", expected)
 
     def _value(self, i: int, depth: int) -> tuple[Any, int]:
         """The value at an offset, and the offset of what follows it and the blanks after it."""
         if depth > NESTING_LIMIT:
-            raise self.source.error(self.source.place(i), f"nested deeper than {NESTING_LIMIT} levels")
+            raise self.source.error(self.source.location(i), f"nested deeper than {NESTING_LIMIT} levels")
         c = self.body[i : i + 1]
         value: Any
         if c == "[":
@@ -90,7 +90,7 @@ class JsonReader:
         elif (word := _WORD.match(self.body, i)) and word[0] in _WORDS:
             value, end = _WORDS[word[0]], word.end()
         elif word and word[0].lstrip("-") in ("NaN", "Infinity"):
-            raise self.source.error(self.source.place(i), f"{word[0]} is no number of JSON", "a finite number")
+            raise self.source.error(self.source.location(i), f"{word[0]} is no number of JSON", "a finite number")
         else:
             raise self._fail(i, "a value")
         return value, self._skip(end)
@@ -100,7 +100,7 @@ class JsonReader:
             value, end = self.decoder.raw_decode(self.body, i)
         except json.JSONDecodeError as error:
             message = f"is not JSON: {printable(error.msg[:1].lower() + error.msg[1:])}"
-            raise self.source.error(self.source.place(error.pos), message, "a string in quotes") from None
+            raise self.source.error(self.source.location(error.pos), message, "a string in quotes") from None
         return str(value), end
 
     def _list(self, i: int, depth: int) -> tuple[JsonList, int]:
@@ -131,7 +131,7 @@ class JsonReader:
             key, i = self._string(i)
             if key in result:
                 message = f"the key {printable(key, 80)} stands twice"
-                raise self.source.error(self.source.place(at), message, "each key once")
+                raise self.source.error(self.source.location(at), message, "each key once")
             i = self._skip(i)
             if self.body[i : i + 1] != ":":
                 raise self._fail(i, "a colon")

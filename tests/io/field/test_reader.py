@@ -130,7 +130,7 @@ def test_a_field_is_read_from_each_format():
 def test_the_first_vertex_stays_the_first_where_it_is_a_corner():
     field, mended = read(table(BOX[::-1], POND[::-1]))
     assert (field.outline, field.holes) == ((BOX[3], *BOX[:3]), ((POND[3], *POND[:3]),))
-    assert mended == ["winding of the outline turned", "winding of 1 hole turned"]
+    assert mended == ["winding of the outline reversed", "winding of 1 hole reversed"]
 
 
 @given(stars(), st.data())
@@ -336,7 +336,7 @@ def test_degrees_taken_for_metres():
     degrees = [(10.43, 55.37), (10.4316, 55.37), (10.4316, 55.3707), (10.43, 55.3707)]
     message = "a field of 0.0016 m by 0.0007 m, if these are metres and not degrees; expected a larger field, or "
     assert fault_of(polygon(degrees), metres=True) == f"2:1: error: {message}no --metres"
-    said = f"2:1: error: {message}a file that does not say that it is in metres"
+    said = f"2:1: error: {message}a file without units or crs in metres"
     assert fault_of(polygon(degrees, units="m")) == said
     assert fault_of(table(degrees)) == f"2:1: error: {message}columns called lon and lat"
     bare = "".join(f"{x},{y}\n" for x, y in degrees)
@@ -363,7 +363,7 @@ def test_metres_taken_for_degrees():
 def test_longitude_and_latitude_in_each_others_place():
     swapped = [(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]
     latitude = f"{swapped[0][1]:.10g}"
-    message = f"a latitude of {latitude} is beyond ±90: longitude and latitude seem to have changed places"
+    message = f"a latitude of {latitude} is beyond ±90: longitude and latitude seem to be swapped"
     assert fault_of(polygon(swapped)) == f"2:1: error: {message}; {NOT_DEGREES}, or --metres"
 
 
@@ -457,7 +457,7 @@ def test_a_feature_that_is_not_there(feature, message):
 
 def test_a_name_of_two_features_is_not_enough():
     twins = features({"id": 1, "properties": {"name": "twin"}}, {"id": 2, "properties": {"name": "twin"}})
-    message = "2 features are called twin; expected a name or number of 1 twin; 2 twin"
+    message = "2 features have the name twin; expected a name or number of 1 twin; 2 twin"
     assert fault_of(twins, feature="twin") == f"--feature:1:1: error: {message}"
     assert field_of(twins, feature="2").outline[0] == (1000, 0)
 
@@ -512,8 +512,8 @@ def test_a_name_is_fit_for_a_line_of_text():
         ),
         (table([*BOX[:3], (150, 130), *BOX[2:]]), ["1 spike dropped"]),
         (table([*BOX[:2], (100, 95), *BOX[2:], (-7, 80), BOX[3]]), ["2 spikes dropped"]),
-        (in_metres((BOX[0], *BOX[:0:-1])), ["winding of the outline turned"]),
-        (in_metres(BOX, POND[::-1], ((70, 70), (72, 70), (72, 72))), ["winding of 2 holes turned"]),
+        (in_metres((BOX[0], *BOX[:0:-1])), ["winding of the outline reversed"]),
+        (in_metres(BOX, POND[::-1], ((70, 70), (72, 70), (72, 72))), ["winding of 2 holes reversed"]),
     ],
 )
 def test_what_is_mended_is_said(body, mended):
@@ -911,7 +911,7 @@ def test_a_document_type_is_refused_before_it_is_read(doctype):
     line, column, rest = found.split(":", 2)
     assert (line, rest) == (
         "2",
-        " error: a document type, through which a file may draw on others; expected a KML file without <!DOCTYPE>",
+        " error: a document type, which may refer to other files; expected a KML file without <!DOCTYPE>",
     )
     assert 1 <= int(column) <= len(doctype)
 

@@ -45,8 +45,8 @@ def test_a_curve_goes_through_what_was_measured() -> None:
     assert labels(LINE) == [
         "model",
         "measured",
-        "predicted by the others",
-        "spread of the samples",
+        "leave-one-out prediction",
+        "± 1 standard deviation",
         "± 2 standard errors",
     ]
     axes = drawn(LINE).axes[0]

@@ -11,9 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.log.autopilot import is_dataflash_text, read_dataflash, read_dataflash_text, read_ulog
-from eadp.io.log.autopilot_battery import DATAFLASH_KINDS, ULOG_KINDS, battery_table
-from eadp.io.log.power_log import Columns, PowerLog, read_power_log
+from eadp.io.log.autopilot_battery import battery_table
+from eadp.io.log.dataflash import KINDS as DATAFLASH_KINDS
+from eadp.io.log.dataflash import is_dataflash_text, read_dataflash, read_dataflash_text
+from eadp.io.log.formats import read_power_log
+from eadp.io.log.power_log import Columns, PowerLog
+from eadp.io.log.ulog import KINDS as ULOG_KINDS
+from eadp.io.log.ulog import read_ulog
 
 N = 40
 unhurried = settings(deadline=None, max_examples=60)  # no test depends on the clock
@@ -237,14 +241,14 @@ def test_dataflash_of_older_versions(tmp_path: Path) -> None:
 
 
 def test_dataflash_text_is_told_from_a_table() -> None:
-    assert is_dataflash_text(text_log())
-    assert not is_dataflash_text("time_s,power_w\n1,2\n")
-    assert not is_dataflash_text("FMT,power_w\n1,2\n")
+    assert is_dataflash_text(text_log().encode())
+    assert not is_dataflash_text(b"time_s,power_w\n1,2\n")
+    assert not is_dataflash_text(b"FMT,power_w\n1,2\n")
 
 
 def test_no_battery_and_no_time() -> None:
     tables = read_dataflash_text("f.log", text_log("XYZ"), DATAFLASH_KINDS)
-    with pytest.raises(InputError, match="no message tells of a battery; expected battery_status, BAT or CURR"):
+    with pytest.raises(InputError, match="no messages of a battery; expected battery_status, BAT or CURR"):
         battery_table("f.log", tables)
     tables = read_dataflash_text("f.log", text_log(labels="When,Instance,Volt,Curr,CurrTot"), DATAFLASH_KINDS)
     with pytest.raises(InputError, match="messages of the battery have no time"):

@@ -70,14 +70,14 @@ def test_positions_forbid_nothing_but_an_option_does(tmp_path: Path) -> None:
 
 def test_a_part_of_the_log_keeps_the_times_of_the_log(tmp_path: Path) -> None:
     path = log_file(tmp_path, columns="x_m,y_m")
-    fit = read_fit(path, Columns(), FitOptions(begin_s=20.0, end_s=200.0))
+    fit = read_fit(path, Columns(), FitOptions(start_s=20.0, end_s=200.0))
     assert fit.counts == {"rows": 460, "outside": 99}
     assert (fit.fitted.model.samples, fit.fitted.model.span_s) == (361, 180.0)
     with pytest.raises(InputError) as error:
-        read_fit(path, Columns(), FitOptions(begin_s=500.0))
+        read_fit(path, Columns(), FitOptions(start_s=500.0))
     assert faults(error) == ["--from:1:1: error: leaves nothing of the log; expected a time within its 229.5 s"]
     with pytest.raises(InputError) as error:
-        read_fit(path, Columns(), FitOptions(begin_s=20.1, end_s=20.2))
+        read_fit(path, Columns(), FitOptions(start_s=20.1, end_s=20.2))
     assert faults(error)[0].startswith("--to:1:1: error: leaves nothing of the log")
 
 
@@ -103,12 +103,12 @@ def test_a_spike_is_a_warning_at_its_time_in_the_log(tmp_path: Path) -> None:
     rows = path.read_text().splitlines()
     rows[101] = "50,900"
     path.write_text("\n".join([*rows, ""]))
-    fit = read_fit(str(path), Columns(), FitOptions(begin_s=10.0))
+    fit = read_fit(str(path), Columns(), FitOptions(start_s=10.0))
     assert fit.counts["spikes"] == 1
     assert [fault.message for fault in fit.warnings] == [
         "1 spike left out, the first at 50 s (--keep-spikes fits them, too)"
     ]
-    kept = read_fit(str(path), Columns(), FitOptions(begin_s=10.0, keep_spikes=True))
+    kept = read_fit(str(path), Columns(), FitOptions(start_s=10.0, keep_spikes=True))
     assert ("spikes" in kept.counts, kept.warnings) == (False, [])
 
 

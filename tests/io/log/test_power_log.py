@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from eadp.core.signals.spectrum import MIN_SAMPLES
 from eadp.errors import FAULTS_SHOWN, Fault, InputError
-from eadp.io.log.power_log import Columns, PowerLog, parse_power_log, read_power_log
+from eadp.io.log.formats import parse_power_log, read_power_log
+from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.text.streams import Text
 
 unhurried = settings(deadline=None)  # no test depends on the clock
@@ -194,8 +195,8 @@ def test_bad_cells_are_all_reported() -> None:
         "28:6: error: thirty is not a number; expected a number",
         "29:5: error: a b is not a number; expected a number",
         "30:1: error: 1_0 is not a number; expected a number",
-        "31:1: error: 1e13 is too large; expected at most 1e+12",
-        "32:3: error: 1e10 is too large; expected at most 1e+09",
+        "31:1: error: 1e13 is too large; expected a number of at most 1e+12",
+        "32:3: error: 1e10 is too large; expected a number of at most 1e+09",
         "33:5: error: 3 fields; expected 2, as in the header",
     ]
 
@@ -213,8 +214,8 @@ def test_many_bad_cells_are_counted() -> None:
         ("# only\n", "1:1: error: no readings"),
         ("time_s,power_w\n", f"1:1: error: 0 readings; expected {MIN_SAMPLES} or more"),
         (table("time_s,power_w", "{i},5", MIN_SAMPLES - 1), f"1:1: error: {MIN_SAMPLES - 1} readings; expected"),
-        (table("time_s,power_w", "7,5"), "1:1: error: 1 readings at times of their own, over 0 s; expected"),
-        (table("time_ns,power_w", "{i},5"), "1:1: error: 25 readings at times of their own, over 2.4e-08 s; expected"),
+        (table("time_s,power_w", "7,5"), "1:1: error: 1 readings at different times, over 0 s; expected"),
+        (table("time_ns,power_w", "{i},5"), "1:1: error: 25 readings at different times, over 2.4e-08 s; expected"),
     ],
 )
 def test_too_few_readings(body: str, fault: str) -> None:
@@ -229,7 +230,7 @@ def test_just_enough_readings() -> None:
 def test_autopilots_logs_without_a_battery(tmp_path: Path, head: bytes) -> None:
     file = tmp_path / "flight.bin"
     file.write_bytes(head + bytes(100))
-    with pytest.raises(InputError, match=r"flight.bin:1:1: error: no message tells of a battery; expected ba"):
+    with pytest.raises(InputError, match=r"flight.bin:1:1: error: no messages of a battery; expected ba"):
         read_power_log(str(file))
 
 

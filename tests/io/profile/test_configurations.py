@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.profile.configurations import configuration_in_name, configurations_to_measure, stated_configuration
+from eadp.io.profile.configurations import configuration_in_name, configurations_to_measure, parse_configuration
 from eadp.io.profile.measurements import Configuration
 
 unhurried = settings(deadline=None)  # no test depends on the clock
@@ -28,10 +28,8 @@ def fault_of(call: object, *arguments: object) -> str:
 
 
 def test_of_a_trace() -> None:
-    assert stated_configuration("fps [1/s]=0.5, keysize=32") == Configuration(
-        ("fps", "keysize"), ("1/s", ""), (0.5, 32)
-    )
-    assert str(stated_configuration("fps=0.5,keysize=32")) == "fps=0.5,keysize=32"
+    assert parse_configuration("fps [1/s]=0.5, keysize=32") == Configuration(("fps", "keysize"), ("1/s", ""), (0.5, 32))
+    assert str(parse_configuration("fps=0.5,keysize=32")) == "fps=0.5,keysize=32"
 
 
 @unhurried
@@ -91,7 +89,7 @@ def test_sweeps_have_both_ends_and_the_digits_that_were_typed() -> None:
     ],
 )
 def test_stated_wrongly(raw: str, start: str) -> None:
-    assert fault_of(stated_configuration, raw).startswith(start)
+    assert fault_of(parse_configuration, raw).startswith(start)
 
 
 @pytest.mark.parametrize(
@@ -116,14 +114,14 @@ def test_what_cannot_be_measured(stated: list[str], sweeps: list[str], start: st
 @pytest.mark.parametrize(
     ("path", "pattern", "start"),
     [
-        ("a/x_2fps.csv", "y_{fps}fps", "a/x_2fps.csv:1:1: error: the name is not like y_{fps}fps"),
-        ("x_fastfps.csv", "*_{fps}fps", "x_fastfps.csv:1:1: error: the name is not like"),
-        ("x_1e99fps.csv", "*_{fps}fps", "x_1e99fps.csv:1:1: error: the name is not like"),
+        ("a/x_2fps.csv", "y_{fps}fps", "a/x_2fps.csv:1:1: error: the name does not match y_{fps}fps"),
+        ("x_fastfps.csv", "*_{fps}fps", "x_fastfps.csv:1:1: error: the name does not match"),
+        ("x_1e99fps.csv", "*_{fps}fps", "x_1e99fps.csv:1:1: error: the name does not match"),
         ("x_2fps.csv", "x_2fps", "--from-name:1:1: error: a pattern without parameters"),
         ("x_2_2.csv", "x_{a}_{a}", "--from-name:1:1: error: a pattern without parameters, or with one twice"),
-        ("x_2_3.csv", "*_*_*{a}", "--from-name:1:1: error: a pattern that fits in too many ways"),
-        ("x_23.csv", "x_{a}{b}", "--from-name:1:1: error: a pattern that fits in too many ways"),
-        ("x_1.2.3.csv", "x_{a}", "x_1.2.3.csv:1:1: error: the name is not like x_{a}"),
+        ("x_2_3.csv", "*_*_*{a}", "--from-name:1:1: error: a pattern that matches in too many ways"),
+        ("x_23.csv", "x_{a}{b}", "--from-name:1:1: error: a pattern that matches in too many ways"),
+        ("x_1.2.3.csv", "x_{a}", "x_1.2.3.csv:1:1: error: the name does not match x_{a}"),
         ("x_2.csv", "x_{}", "--from-name:1:1: error: an empty text is no name"),
     ],
 )
@@ -135,7 +133,7 @@ def test_names_that_do_not_tell(path: str, pattern: str, start: str) -> None:
 @given(st.text(st.sampled_from("fps=2,:.-e[ ]k{}*_"), max_size=20))
 def test_any_text_is_read_or_refused(raw: str) -> None:
     for call in (
-        stated_configuration,
+        parse_configuration,
         lambda text: configurations_to_measure([text], []),
         lambda text: configurations_to_measure([], [text]),
         lambda text: configuration_in_name("x_2fps.csv", text),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -16,16 +17,15 @@ from eadp.core.signals.averaging import average
 from eadp.errors import CommandError, InputError
 from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.measuring import (
-    FEWEST,
+    MIN_SAMPLES,
     Launch,
     MeasurementSettings,
-    RealClock,
     check_command,
-    filled,
+    fill_placeholders,
     launched,
+    mean_text,
     measure,
     measurements_csv,
-    told,
 )
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.profile.power_sensor import Sensor
@@ -53,10 +53,10 @@ class Board:
     began: tuple[float, float] | None = None
     events: list[str] = field(default_factory=list)
 
-    def now_s(self) -> float:
+    def monotonic(self) -> float:
         return self.time_s
 
-    def sleep_s(self, duration_s: float) -> None:
+    def sleep(self, duration_s: float) -> None:
         assert duration_s >= 0
         self.time_s += duration_s
         if self.time_s >= self.interrupted_at_s:
@@ -81,10 +81,10 @@ class Board:
             self.began = None
             self.show()
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         return 3 if self.began and self.time_s - self.began[1] >= self.ends_at_s else None
 
-    def said(self) -> str:
+    def output_tail(self) -> str:
         return "loading\nno camera\x1b\n"
 
     @property
@@ -130,13 +130,13 @@ def test_each_configuration_is_run_and_its_warm_up_dropped(board: Callable[..., 
     assert made.events == ["start detect 2", "end", "start detect 4.5", "end"]
     assert [each.average.mean for each in measured] == pytest.approx([3, 4.25])
     # steady power is known after the fewest samples
-    assert [len(each.powers_w) for each in measured] == [FEWEST, FEWEST]
+    assert [len(each.powers_w) for each in measured] == [MIN_SAMPLES, MIN_SAMPLES]
     assert all(each.accurate for each in measured)
-    assert made.time_s == pytest.approx(100 + 2 * (5 + FEWEST * 0.2))
+    assert made.time_s == pytest.approx(100 + 2 * (5 + MIN_SAMPLES * 0.2))
 
 
 def test_it_measures_until_the_mean_is_known(board: Callable[..., Board]) -> None:
-    (measured,), _ = run(board(noisy(1.0)), at(4), warm_up_s=0, accuracy=0.1, longest_s=1000)
+    (measured,), _ = run(board(noisy(1.0)), at(4), warm_up_s=0, accuracy=0.1, max_time_s=1000)
     assert measured.accurate
     assert measured.average.standard_error <= 0.1
     # σ²/n = 0.1² at n = 100 if they are independent, as they are
@@ -147,20 +147,20 @@ def test_it_measures_until_the_mean_is_known(board: Callable[..., Board]) -> Non
 
 def test_it_ends_after_the_longest_time(board: Callable[..., Board]) -> None:
     made = board(noisy(1.0))
-    (measured,), _ = run(made, at(4), warm_up_s=0, accuracy=0.001, longest_s=10)
+    (measured,), _ = run(made, at(4), warm_up_s=0, accuracy=0.001, max_time_s=10)
     assert not measured.accurate
     assert len(measured.powers_w) == 50
     assert made.time_s <= 110 + 1e-6
 
 
 def test_accuracy_as_a_part_of_the_mean(board: Callable[..., Board]) -> None:
-    (measured,), _ = run(board(noisy(1.0)), at(4), warm_up_s=0, accuracy=0.01, relative=True, longest_s=1000)
+    (measured,), _ = run(board(noisy(1.0)), at(4), warm_up_s=0, accuracy=0.01, relative=True, max_time_s=1000)
     assert measured.average.standard_error <= 0.01 * measured.average.mean
     assert measured.average.standard_error > 0.03
 
 
 def test_few_samples_are_never_enough(board: Callable[..., Board]) -> None:
-    (measured,), _ = run(board(warm), at(4), longest_s=1)
+    (measured,), _ = run(board(warm), at(4), max_time_s=1)
     assert (len(measured.powers_w), measured.accurate) == (5, False)
 
 
@@ -173,7 +173,7 @@ def test_idle_power_comes_first_and_is_not_subtracted(board: Callable[..., Board
 
 
 def test_a_sensor_that_never_changes_is_not_trusted(board: Callable[..., Board]) -> None:
-    (measured,), _ = run(board(lambda _fps, _since_s: 3.0), at(2), longest_s=60)
+    (measured,), _ = run(board(lambda _fps, _since_s: 3.0), at(2), max_time_s=60)
     assert (measured.average.std, measured.accurate, len(measured.powers_w)) == (0, False, 300)
 
 
@@ -183,8 +183,8 @@ def test_a_command_that_ends_by_itself(board: Callable[..., Board]) -> None:
         with pytest.raises(InputError) as caught:
             run(made, at(2, 4))
         assert str(caught.value) == (
-            "--measure:1:1: error: fps=2: the command ended by itself with exit code 3, and said last: no camera\\x1b; "
-            "expected a command that runs until it is stopped"
+            "--measure:1:1: error: fps=2: the command ended by itself with exit code 3; its last output: "
+            "no camera\\x1b; expected a command that runs until it is stopped"
         )
         assert made.events == ["start detect 2", "end"]
 
@@ -214,13 +214,13 @@ def test_a_sensor_that_fails_ends_the_command(board: Callable[..., Board]) -> No
 def test_a_late_sample_delays_those_after_it(tmp_path: Path, board: Callable[..., Board]) -> None:
     made = board(warm)
     slow = [0.2, 0.2, 1.7, 0.2]
-    plain_sleep = made.sleep_s
+    plain_sleep = made.sleep
 
-    def sleep_s(duration_s: float) -> None:
+    def sleep(duration_s: float) -> None:
         plain_sleep(duration_s + (slow.pop() if slow else 0))
 
-    made.sleep_s = sleep_s  # type: ignore[method-assign]
-    (measured,), _ = run(made, at(2), warm_up_s=0, longest_s=8)
+    made.sleep = sleep  # type: ignore[method-assign]
+    (measured,), _ = run(made, at(2), warm_up_s=0, max_time_s=8)
     assert 25 <= len(measured.powers_w) <= 32
 
 
@@ -232,7 +232,7 @@ def test_progress_is_told(board: Callable[..., Board]) -> None:
 
 def test_places_in_the_command() -> None:
     configuration = Configuration(("fps", "scale"), ("", ""), (2.0, 0.5))
-    assert filled(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration) == [
+    assert fill_placeholders(["a", "--rate={fps}", "{scale}x{fps}", "{other}", "{}"], configuration) == [
         "a",
         "--rate=2",
         "0.5x2",
@@ -240,7 +240,7 @@ def test_places_in_the_command() -> None:
         "{}",
     ]
     check_command(["a", "x{fps}"], ["fps"])
-    with pytest.raises(InputError, match=r"a command that is not told scale; expected \{scale\} in one"):
+    with pytest.raises(InputError, match=r"the command does not use scale; expected \{scale\} in one"):
         check_command(["a", "{fps}"], ["fps", "scale"])
     with pytest.raises(InputError, match="no command"):
         check_command([], ["fps"])
@@ -263,7 +263,7 @@ def test_what_was_measured_is_read_back(board: Callable[..., Board]) -> None:
     (part,) = profile.parts
     assert part.power_w == pytest.approx([each.average.mean for each in measured], abs=1e-9)
     assert part.standard_error_w == pytest.approx([each.average.standard_error for each in measured], abs=1e-9)
-    assert told(average([[3.0]])) == "3.0000 W ± 0.0000 W (1 samples, no spread known)"
+    assert mean_text(average([[3.0]])) == "3.0000 W ± 0.0000 W (1 samples, standard deviation unknown)"
 
 
 # the real thing
@@ -293,10 +293,10 @@ class Impatient:
     def __init__(self) -> None:
         self.time_s = 0.0
 
-    def now_s(self) -> float:
+    def monotonic(self) -> float:
         return self.time_s
 
-    def sleep_s(self, duration_s: float) -> None:
+    def sleep(self, duration_s: float) -> None:
         os.sched_yield()
         self.time_s += duration_s
 
@@ -309,15 +309,15 @@ def test_a_command_is_ended_with_all_that_it_started(tmp_path: Path, how: str) -
     with suppress(KeyboardInterrupt), launched(command, Impatient()) as running:
         stream = os.open(fifo, os.O_RDONLY)  # waits for the child
         heard = os.read(stream, 5)  # waits for the grandchild
-        assert running.ended() is None
-        assert running.said() == "up\n"
+        assert running.exit_code() is None
+        assert running.output_tail() == "up\n"
         raise KeyboardInterrupt
     # until the last that could write to it is gone
     while piece := os.read(stream, 100):
         heard += piece
     os.close(stream)
     assert heard == b"ready"
-    assert running.ended() is not None
+    assert running.exit_code() is not None
 
 
 def test_a_command_that_cannot_be_started() -> None:
@@ -330,12 +330,12 @@ def test_a_command_that_cannot_be_started() -> None:
 def test_a_command_that_ended_says_how() -> None:
     with launched([sys.executable, "-c", "import sys; sys.exit('out of paper')"], Impatient()) as running:
         running.popen.wait()  # type: ignore[attr-defined]
-        assert running.ended() == 1
-        assert running.said() == "out of paper\n"
+        assert running.exit_code() == 1
+        assert running.output_tail() == "out of paper\n"
 
 
 def test_the_real_clock_never_goes_back() -> None:
-    clock = RealClock()
-    before_s = clock.now_s()
-    clock.sleep_s(0.0)
-    assert clock.now_s() >= before_s
+    clock = time
+    before_s = clock.monotonic()
+    clock.sleep(0.0)
+    assert clock.monotonic() >= before_s

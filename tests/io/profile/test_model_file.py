@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from eadp.core.signals.averaging import average
 from eadp.errors import FAULTS_SHOWN, Fault, Infeasible, InputError
-from eadp.io.profile.measurements import LARGEST, SPREAD_LIMIT, Configuration
+from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration
 from eadp.io.profile.model_file import (
     Sources,
     json_schema,
@@ -109,7 +109,7 @@ def test_power_without_a_unit_is_taken_as_watts_with_a_warning() -> None:
 def test_repeated_configurations_are_averaged_with_their_spread() -> None:
     profile = parse("fps,power_w\n2,5\n4,7\n2,5.5\n2,5.25\n")
     assert points_of(profile) == {(2,): 5.25, (4,): 7}
-    assert profile.spread_w.tolist() == pytest.approx([statistics.stdev([5, 5.5, 5.25]), 0])
+    assert profile.std_w.tolist() == pytest.approx([statistics.stdev([5, 5.5, 5.25]), 0])
     assert profile.samples.tolist() == [3, 1]
 
 
@@ -120,12 +120,12 @@ def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
     profile = parse(f"fps,power_w\n{rows}4,11\n")
     assert profile.power_w[0] == pytest.approx(statistics.mean(powers_w), rel=1e-12)
     deviation_w = statistics.stdev(powers_w) if len(powers_w) > 1 else 0
-    assert profile.spread_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
+    assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
 
 
 def test_equal_readings_keep_their_digits() -> None:
     profile = parse("fps,power_w\n2,0.1\n2,0.1\n2,0.1\n4,1\n")
-    assert (profile.power_w[0], profile.spread_w[0], profile.samples[0]) == (0.1, 0, 3)
+    assert (profile.power_w[0], profile.std_w[0], profile.samples[0]) == (0.1, 0, 3)
 
 
 def test_comments_blank_lines_and_the_source() -> None:
@@ -179,11 +179,11 @@ def test_the_standard_error_is_that_of_the_runs() -> None:
     assert np.isnan(profile.standard_error_w[1]), "of one reading nothing is known"
 
 
-def test_many_samples_may_spread_where_their_mean_is_known() -> None:
+def test_many_samples_may_vary_where_their_mean_is_known() -> None:
     burst = "".join(f"2,{power_w}\n" for power_w in [5, 9, 5, 5, 9, 9, 5, 9] * 20)
     (wide,) = [text for text in warnings_of(f"fps,power_w\n{burst}4,7.5\n") if "varies" in text]
     assert wide.startswith(
-        "3:3: warning: power that varies a lot: fps=2 draws 5 W in line 2 and 9 W in line 3, a spread"
+        "3:3: warning: power that varies a lot: fps=2 draws 5 W in line 2 and 9 W in line 3, a standard"
     )
     (fault,) = faults_of("fps,power_w\n" + "2,5\n" * 10 + "2,50\n4,7\n")
     assert "repeated configurations that disagree" in fault
@@ -238,10 +238,10 @@ def test_parameters_of_several_files_in_any_order(written: Callable[..., list[st
         (
             {"a": TRACE, "b": TRACE},
             {"configurations": [STEADY]},
-            "--config:1:1: error: stated for 1 files, and 2 do not",
+            "--config:1:1: error: 1 configurations for 2 files",
         ),
         ({"a": TRACE}, {"configurations": [STEADY]}, "a.csv:3:1: error: one configuration only"),
-        ({"a": TRACE}, {"pattern": "*_{fps}fps"}, "a.csv:1:1: error: the name is not like *_{fps}fps"),
+        ({"a": TRACE}, {"pattern": "*_{fps}fps"}, "a.csv:1:1: error: the name does not match *_{fps}fps"),
         (
             {"a": TRACE},
             {"pattern": "{fps}", "configurations": [STEADY]},
@@ -259,7 +259,7 @@ def test_parameters_of_several_files_in_any_order(written: Callable[..., list[st
         ),
         ({"a": "{schema: eadp.profile/1}"}, {"pattern": "{fps}"}, "a.csv:1:1: error: a model needs no configuration"),
         ({"a": "fps,power_w\n2,5\n", "b": "# nothing\n"}, {}, "b.csv:1:1: error: no measurements"),
-        ({"a": "101,102\n2,5\n"}, {"configurations": [STEADY]}, "--config:1:1: error: stated for 1 files, and 0"),
+        ({"a": "101,102\n2,5\n"}, {"configurations": [STEADY]}, "--config:1:1: error: 1 configurations for 0 files"),
     ],
 )
 def test_several_files_that_are_refused(
@@ -298,7 +298,7 @@ parts:
       - {name: "fps"}
     interpolation: pchip
     points:
-      - {at: [2], power_w: 5, spread_w: 0.1, samples: 40, standard_error_w: 0.02}
+      - {at: [2], power_w: 5, std_w: 0.1, samples: 40, standard_error_w: 0.02}
       - {at: [4], power_w: 7}
       - {at: [8], power_w: 9}
   - source: "b"
@@ -365,7 +365,7 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
             "fps,power_w\n2,5\n4,7\n2,50\n2,5\n",
             [
                 "4:3: error: repeated configurations that disagree: fps=2 draws 5 W in line 2 and 50 W in "
-                "line 4, a spread of 130 % of the mean; expected at most 20 %"
+                "line 4, a standard deviation of 130 % of the mean; expected at most 20 %"
             ],
         ),
         (
@@ -386,11 +386,14 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         ),
         (
             "fps,watt_hours\n2,5\n",
-            ["1:1: error: no column for the power; expected a header such as fps,power_w"],
+            ["1:1: error: no column for the power; expected a header such as fps,power_w, or powprofiler's flag 100"],
         ),
         (
             "time_s,power_w\n2,5\n",
-            ["1:1: error: no column for the configuration; expected a header such as fps,power_w"],
+            [
+                "1:1: error: no column for the configuration; expected a header such as fps,power_w; of a trace, "
+                "--config, as in --config fps=0.5"
+            ],
         ),
         (
             "fps,power_w,power_mw\n2,5,5\n",
@@ -426,7 +429,7 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         ),
         (
             "200,101,102\n2,5,5\n",
-            ["1:1: error: no total power; expected a column 100 among powprofiler's flags"],
+            ["1:1: error: no column for the power; expected a header such as fps,power_w, or powprofiler's flag 100"],
         ),
         (
             "a,b,c,d,e,f,g,h,i,power_w\n1,1,1,1,1,1,1,1,1,1\n",
@@ -435,8 +438,8 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "fps,keysize,power_w\n2,32,5\n6,240,6\n10,448,7\n",
             [
-                "2:1: error: the configurations are no full grid and lie on one line (or plane): nothing is "
-                "known beside it; expected a full grid, or points that span an area"
+                "2:1: error: the configurations are no full grid and lie on one line (or plane); "
+                "expected a full grid, or points that span an area"
             ],
         ),
     ],
@@ -447,7 +450,7 @@ def test_what_is_refused_and_where(body: str, faults: list[str]) -> None:
 
 def test_a_trace_says_that_a_configuration_is_needed() -> None:
     (fault,) = faults_of("100,101,102\n3,1,0\n3.1,1,0\n")
-    assert fault.startswith("1:1: error: a powprofiler trace: power over time, without the configuration")
+    assert fault.startswith("1:1: error: no column for the configuration")
 
 
 def test_faults_are_capped_and_the_rest_counted() -> None:
@@ -461,7 +464,7 @@ def test_the_limit_of_the_spread() -> None:
     def rows(e: float) -> str:
         return f"fps,power_w\n2,{10 - e}\n2,{10 + e}\n4,12\n"
 
-    limit_w = 10 * SPREAD_LIMIT / 2**0.5
+    limit_w = 10 * STD_LIMIT / 2**0.5
     assert parse(rows(0.999 * limit_w)).samples.tolist() == [2, 1]
     assert len(faults_of(rows(1.001 * limit_w))) == 1
 
@@ -507,7 +510,7 @@ parameters:
 interpolation: linear
 points:
   - {at: [2, 32], power_w: 5}
-  - {at: [2, 448], power_w: 6.25, spread_w: 0.125, samples: 3}
+  - {at: [2, 448], power_w: 6.25, std_w: 0.125, samples: 3}
   - {at: [10, 32], power_w: 9.5}
 """
 
@@ -516,7 +519,7 @@ def test_model_is_read_and_written_back_the_same() -> None:
     profile = parse(MODEL)
     assert (profile.names, profile.units, profile.source) == (("fps", "keysize"), ("1/s", ""), "the bench")
     assert points_of(profile) == {(2, 32): 5, (2, 448): 6.25, (10, 32): 9.5}
-    assert (profile.spread_w.tolist(), profile.samples.tolist()) == ([0, 0.125, 0], [1, 3, 1])
+    assert (profile.std_w.tolist(), profile.samples.tolist()) == ([0, 0.125, 0], [1, 3, 1])
     assert profile_yaml(profile) == MODEL
 
 
@@ -541,7 +544,7 @@ def test_names_for_a_model() -> None:
 
 
 def test_warning_of_a_model_points_at_the_configuration() -> None:
-    model = MODEL.replace(", spread_w: 0.125, samples: 3", "") + "  - {at: [12, 32], power_w: 9}\n"
+    model = MODEL.replace(", std_w: 0.125, samples: 3", "") + "  - {at: [12, 32], power_w: 9}\n"
     assert warnings_of(model) == [
         "10:5: warning: power is not monotone in fps at keysize=32: it rises to 9.5 W at fps=10 and falls "
         "after it; kept as measured"
@@ -587,11 +590,11 @@ def changed(old: str, new: str) -> str:
         ),
         (
             changed("samples: 3", "samples: 0"),
-            ["9:52: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
+            ["9:49: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
         ),
         (
             changed("samples: 3", "samples: 2.5"),
-            ["9:52: error: points.1.samples cannot be 2.5; expected a whole number"],
+            ["9:49: error: points.1.samples cannot be 2.5; expected a whole number"],
         ),
         (
             changed("at: [10, 32]", "at: [10]"),
@@ -730,7 +733,7 @@ TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 
 def test_published_traces_need_a_configuration() -> None:
     for name in TRACES:
-        with pytest.raises(InputError, match=r"without the configuration.*--config fps=0\.5"):
+        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=0\.5"):
             read_profile(reference(name))
 
 
@@ -742,6 +745,6 @@ def test_published_traces_are_the_published_model() -> None:
     for fps in (0.5, 10.0):  # printed to six digits
         assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)
     assert profile.samples.tolist() == [1272, 964]
-    spread_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
-    assert profile.spread_w == pytest.approx(spread_w)
+    std_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
+    assert profile.std_w == pytest.approx(std_w)
     assert np.all(profile.standard_error_w < 0.007)

@@ -69,7 +69,7 @@ def test_every_value_of_json_has_its_place(value):
         items = node.items() if isinstance(node, JsonObject) else enumerate(node)
         for key, item in items:
             offset = node.offsets[key]
-            line, column = source.place(offset)
+            line, column = source.location(offset)
             assert lines[line - 1][column - 1] == text[offset]
             if isinstance(item, (JsonObject, JsonList)):
                 check(item)

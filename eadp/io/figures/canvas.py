@@ -1,0 +1,124 @@
+"""Figures saved as SVG or PNG, their common colours, legends and arrows; the only import of matplotlib."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eadp.errors import InputError
+from eadp.io.text.streams import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    __all__ = ["Axes", "Figure"]
+
+COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
+GREY = "#8a8f98"
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e8eb",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "svg.hashsalt": "eadp",
+    "svg.fonttype": "path",
+    "figure.dpi": 110,
+}
+
+Point = tuple[float, float]
+
+
+@contextmanager
+def figure_pair(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
+    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None, "Creator": "eadp"})
+        figure.savefig(path.with_suffix(".png"), metadata={"Software": "eadp"})
+
+
+def check_figure_name(path: str) -> None:
+    """Refuse a figure's name that ends in neither .svg nor .png; raises InputError."""
+    if Path(path).suffix.lower() not in (".svg", ".png"):
+        raise InputError.at(path, 1, 1, "is not the name of a figure", "a name that ends in .svg or .png")
+
+
+@contextmanager
+def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
+    """A figure saved as SVG or PNG, by the ending of its name.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither, or the file cannot be written.
+    """
+    check_figure_name(path)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "figure"
+        with figure_pair(draft, width_in, height_in) as figure:
+            yield figure
+        write_bytes(path, draft.with_suffix(Path(path).suffix.lower()).read_bytes())
+
+
+def write_headline(figure: Figure, parts: Sequence[str]) -> None:
+    """The bold line above all panels."""
+    figure.suptitle("  ·  ".join(parts), x=0.01, ha="left", fontsize=11, fontweight="bold")
+
+
+def label_map(axes: Axes, title: str) -> None:
+    """Equal scales, and the labels of a map in local metres."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x, east [m]")
+    axes.set_ylabel("y, north [m]")
+    axes.set_title(title)
+
+
+def legend_above(axes: Axes) -> None:
+    """A legend on the line of the title, at its right."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+
+
+def legend_below(axes: Axes) -> None:
+    """A legend under the labels of the x axis."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
+
+
+def draw_arrow(axes: Axes, tail: Point, tip: Point, colour: str) -> None:
+    """An arrow from one point to another, in the coordinates of the data."""
+    style = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=tip, xytext=tail, arrowprops=style)
+
+
+def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> None:
+    """A filled polygon: its outline, then its holes, of the opposite winding."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    outline = Outline.make_compound_path(*(Outline((*ring, ring[0]), closed=True) for ring in rings))
+    axes.add_patch(PathPatch(outline, **style))
+
+
+def draw_circles(axes: Axes, centres: Sequence[Point], radius: float) -> None:
+    """Dotted circles of one radius."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle
+
+    circles = [Circle(centre, radius) for centre in centres]
+    axes.add_collection(PatchCollection(circles, facecolor="#00000008", edgecolor=GREY, linewidth=0.6, linestyle=":"))

@@ -1,0 +1,71 @@
+"""The figure of a coverage path: the field, the ground covered, lines and turns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eadp.coverage.swaths import CoveragePath
+from eadp.io.figures.canvas import COLOURS, draw_area, draw_arrow, figure_file, label_map
+from eadp.models.field import Field
+
+if TYPE_CHECKING:
+    from eadp.io.figures.canvas import Axes
+
+
+def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:
+    """Draw a field and coverage paths side by side under their titles: ground covered, lines, turns.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither .svg nor .png, or the file cannot be written.
+    """
+    x, y = zip(*field.outline, strict=True)
+    wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
+    with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
+        all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
+        for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
+            style = {"facecolor": "#eef3e6", "edgecolor": "#6f8f4f", "linewidth": 1.4, "zorder": 1, "label": "field"}
+            draw_area(axes, (field.outline, *field.holes), **style)
+            _draw_way(axes, way, swath_m)
+            label_map(axes, title)
+            axes.set_aspect("equal", adjustable="box")
+            axes.label_outer()
+        handles, labels = all_axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
+
+
+def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
+    """Strips of ground covered, lines and turns over them, arrows on the lines, start and end."""
+    named: set[str] = set()
+
+    def once(label: str) -> str | None:
+        if label in named:
+            return None
+        named.add(label)
+        return label
+
+    pieces = way.pieces
+    arrow = max((piece.length_m for piece in pieces), default=1.0) / 30
+    for leg in way.legs:
+        piece = leg.piece
+        steps = max(1, math.ceil(piece.length_m / 3)) if piece.turn else 1
+        x, y, _ = zip(*(piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1)), strict=True)
+        if not leg.sensing:
+            axes.plot(x, y, color=COLOURS[1], linewidth=1.0, label=once("turn"), zorder=3)
+            continue
+        (x0, y0, heading), (x1, y1, _) = piece.start, piece.end
+        nx, ny = -math.sin(heading) * swath_m / 2, math.cos(heading) * swath_m / 2
+        strip_x, strip_y = (x0 + nx, x1 + nx, x1 - nx, x0 - nx), (y0 + ny, y1 + ny, y1 - ny, y0 - ny)
+        label = once(f"ground covered, {swath_m:g} m wide")
+        axes.fill(strip_x, strip_y, color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
+        axes.plot(x, y, color=COLOURS[0], linewidth=1.3, label=once("line"), zorder=3)
+        middle_x, middle_y, _ = piece.pose_at(piece.length_m / 2)
+        tip = (middle_x + arrow * math.cos(heading), middle_y + arrow * math.sin(heading))
+        draw_arrow(axes, (middle_x, middle_y), tip, COLOURS[0])
+    axes.plot(*pieces[0].start[:2], "o", color="black", markersize=5, zorder=4, label="start")
+    axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")

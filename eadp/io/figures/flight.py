@@ -1,0 +1,145 @@
+"""The figure of a flight: path, power and its forecast, state of charge, parameters."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eadp.core.expressions.tree import number_text
+from eadp.io.figures.canvas import COLOURS, GREY, figure_pair, label_map, legend_above, legend_below, write_headline
+from eadp.models.plan.plan import COMPUTATION, point_at
+from eadp.planning.joint.program import INFEASIBLE
+from eadp.planning.registry import DecisionRecord
+from eadp.simulation.loop import Step, World
+
+if TYPE_CHECKING:
+    from eadp.io.figures.canvas import Axes
+
+_DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
+
+
+def write_flight_figure(
+    path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any], records: Sequence[DecisionRecord] = ()
+) -> None:
+    """Draw a flight: path by stage, power and its forecast, state of charge and reserve, parameters, decisions.
+
+    Written to `path` with the endings .svg and .png.
+    """
+    with figure_pair(path, 11.5, 7.0) as figure:
+        grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1))
+        map_axes = figure.add_subplot(grid[:, 0])
+        power = figure.add_subplot(grid[0, 1])
+        charge = figure.add_subplot(grid[1, 1], sharex=power)
+        parameters = figure.add_subplot(grid[2, 1], sharex=power)
+        time = np.array([step.time_s for step in steps])
+        _draw_path(map_axes, world, steps)
+        _draw_power(power, time, steps)
+        _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
+        _draw_parameters(parameters, time, steps, world)
+        _draw_decisions(map_axes, parameters, steps, records)
+        legend_below(map_axes)
+        parameters.set_xlabel("time [s]")
+        for axes in (power, charge):
+            axes.tick_params(labelbottom=False)
+        write_headline(figure, _headline(summary))
+
+
+def _headline(summary: Mapping[str, Any]) -> list[str]:
+    state = "completed" if summary["completed"] else f"not completed: {summary['reason']}"
+    parts = [state, f"{summary['duration_s']:.1f} s", f"{summary['energy_wh']:.2f} Wh"]
+    parts.append(f"SoC {100 * summary['soc_final']:.0f} % at the end")
+    quality = summary["quality"]
+    return parts if quality is None else [*parts, f"quality U = {quality:.2f}"]
+
+
+def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
+    x, y = [step.x_m for step in steps], [step.y_m for step in steps]
+    stages = np.array([step.stage for step in steps])
+    few = len(world.plan.stages) <= len(COLOURS)
+    starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
+    named = set()
+    for start, end in itertools.pairwise([*starts, len(steps) - 1]):
+        index = int(stages[start])
+        colour = COLOURS[(index - 1) % len(COLOURS)]
+        label = f"stage {index} ({world.plan.stages[index - 1].kind})" if few and index not in named else None
+        named.add(index)
+        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
+    axes.plot(x[0], y[0], "o", color="black", markersize=5, label="start")
+    final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
+    axes.plot(*final, "*", color="black", markersize=11, label="final point")
+    axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
+    label_map(axes, "Path flown")
+    speed = world.wind.speed_mps
+    if speed:
+        wx, wy = world.wind.steady_mps
+        axes.annotate(
+            "",
+            xy=(0.93 + 0.05 * wx / speed, 0.05 + 0.05 * wy / speed),
+            xytext=(0.93, 0.05),
+            xycoords="axes fraction",
+            arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
+        )
+        axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+
+
+def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
+    power = [step.power_w for step in steps]
+    low, high = min(power), max(power)
+    margin = 0.1 * max(high - low, 1.0)
+    axes.plot(time, power, color=COLOURS[0], linewidth=2.4, alpha=0.45, label="measured")
+    forecast = [step.power_forecast_w for step in steps]
+    axes.plot(time, forecast, color=COLOURS[1], linewidth=0.8, label="one-step forecast")
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_ylabel("power [W]")
+    axes.set_title("Power")
+    legend_above(axes)
+
+
+def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, reserve: float) -> None:
+    soc = [100 * step.soc for step in steps]
+    axes.plot(time, soc, color=COLOURS[2], linewidth=1.3, label="state of charge")
+    axes.axhline(100 * reserve, color=COLOURS[6], linewidth=1.0, linestyle="--", label="reserve")
+    for fault in world.faults:
+        if fault.at_s <= time[-1] and not world.battery.prescribed:
+            axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_ylim(0, 104)
+    axes.set_ylabel("state of charge [%]")
+    axes.set_title("Battery")
+    legend_above(axes)
+
+
+def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
+    """Each parameter, 0 at the lower end of its set and 1 at the upper; the legend has the ends."""
+    plan = world.plan
+    for i, parameter in enumerate(plan.parameters):
+        box = plan.hull(i)
+        width = box.hi - box.lo
+        values = np.array([step.parameters[i] for step in steps])
+        normalised = (values - box.lo) / width if width else np.ones(len(values))
+        title = parameter.title or ("computation" if parameter.kind == COMPUTATION else "path")
+        label = f"{parameter.name} ({title}) {number_text(box.lo)} … {number_text(box.hi)}"
+        axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], linewidth=1.3, label=label)
+    axes.set_ylim(-0.06, 1.06)
+    axes.set_ylabel("normalised value")
+    axes.set_title("Parameters")
+    if plan.parameters:
+        legend_above(axes)
+
+
+def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
+    """Where and when a re-planning changed parameters; in grey, the periods in which nothing was feasible."""
+    times = [step.time_s for step in steps]
+    before = [steps[0].parameters, *(record.parameters for record in records)]
+    changed_s = [record.time_s for old, record in zip(before, records, strict=False) if record.parameters != old]
+    if changed_s:
+        at = [steps[min(bisect.bisect_left(times, time_s), len(steps) - 1)] for time_s in changed_s]
+        path.plot([s.x_m for s in at], [s.y_m for s in at], "D", **_DECISION, label="decision", zorder=5)
+        lower.plot(changed_s, [1.06] * len(changed_s), "D", **_DECISION, clip_on=False)
+    for record, after in itertools.pairwise(records):
+        if record.status == INFEASIBLE:
+            lower.axvspan(record.time_s, after.time_s, color=GREY, alpha=0.2, linewidth=0)

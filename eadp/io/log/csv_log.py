@@ -1,0 +1,269 @@
+"""The CSV format of power logs: times and power, or voltage and current, in columns under their names.
+
+A row that is no reading is left out and counted in a warning: an empty cell, NaN, an infinity; of voltage and current
+also 0 and −1, which autopilots write for unknown. A cell that is not a number is an error.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_warning
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows
+from eadp.io.text.streams import Text
+
+LARGEST_S = 1e12
+
+# in units to a second, a watt, a volt, an ampere: a division keeps the digits that a product with 0.001 would not
+_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
+_PER_UNIT = {
+    "time": _PER_SECOND,
+    "power": {"w": 1.0, "mw": 1e3, "kw": 1e-3},
+    "voltage": {"v": 1.0, "mv": 1e3},
+    "current": {"a": 1.0, "ma": 1e3},
+}
+_STEMS = {
+    "time": ("time", "timestamp", "t", "elapsed", "elapsed_time"),
+    "power": ("power",),
+    "voltage": ("voltage", "volt", "volts"),
+    "current": ("current", "curr", "amps"),
+}
+_STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-]([^\W_]+))?\Z", re.DOTALL)
+NAME_LIMIT = 200
+"""Longest name of a column in which a unit is searched: the search takes the square of its length."""
+_POSITIONS = (("x_m", "y_m"), ("lat", "lon"), ("latitude", "longitude"), ("latitude_deg", "longitude_deg"))
+_EXAMPLE = "time_s,power_w"
+
+
+def read_csv_log(text: Text, columns: Columns) -> PowerLog:
+    """Read a power log with a header, or with `columns.names`.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file or of `columns`.
+    """
+    rows = read_rows(text.name, text.body)
+    first = next(rows, None)
+    if first is None:
+        raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
+    layout = _layout(None if columns.names else first, columns)
+    readings, warnings, counts = _readings(text.name, chain([first], rows) if columns.names else rows, layout)
+    return in_order(text.name, readings, layout.per[0], warnings, counts, position=layout.position, also=layout.also)
+
+
+# ── columns ──
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where time comes first and what makes the power follows: columns, and how many of their units make an SI one."""
+
+    index: list[int]
+    per: list[float]
+    width: int  # fields of a row; 0 for any
+    others: list[int] = field(
+        default_factory=list
+    )  # columns that may be empty: two of a position, then those asked for
+    position: bool = False
+    degrees: bool = False
+    also: tuple[str, ...] = ()
+    warnings: list[Fault] = field(default_factory=list)
+
+
+def _layout(header: Row | None, columns: Columns) -> _Layout:
+    if header is None:
+        header = read_row("--columns", 1, ",".join(columns.names))
+    elif all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
+        message = "the first row has numbers, not the names of columns"
+        raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}, or --columns {_EXAMPLE}"))
+    twice = [i for i, name in enumerate(header.fields) if name and name in header.fields[:i]]
+    if twice:
+        message = f"the name {printable(header.fields[twice[0]], 80)} stands twice"
+        raise InputError(header.fault(twice[0], message, "each column under a name of its own"))
+    layout = _Layout([], [], 0 if columns.names else len(header.fields))
+    for role in ("time", *_power_roles(header, columns)):
+        index = _find(header, role, getattr(columns, role))
+        layout.index.append(index)
+        layout.per.append(_per_unit(header, index, role, columns, layout.warnings))
+    return _with_others(layout, header, columns)
+
+
+def _with_others(layout: _Layout, header: Row, columns: Columns) -> _Layout:
+    """The layout with the columns of a position, if there are some, and those that are asked for by name."""
+    lower = [name.lower() for name in header.fields]
+    pair = next((pair for pair in _POSITIONS if all(name in lower for name in pair)), None)
+    others = [lower.index(name) for name in pair] if pair else []
+    for name in columns.also:
+        if name not in header.fields:
+            known = ", ".join(printable(name, 40) for name in header.fields[:20] if name)
+            raise InputError(header.fault(0, f"no column {printable(name, 80)}", f"one beside {known}"))
+        others.append(header.fields.index(name))
+    degrees = pair is not None and pair[0] != "x_m"
+    return replace(layout, others=others, position=pair is not None, degrees=degrees, also=tuple(columns.also))
+
+
+def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
+    """Power, or voltage and current: what is asked for, else what there is, power first."""
+    if columns.power and (columns.voltage or columns.current):
+        raise InputError.at("--power", 1, 1, "and --voltage or --current", "one way to the power", columns.power)
+    if columns.factors:
+        return ("voltage", "current")
+    if columns.power or (not columns.voltage and not columns.current and _named(header, "power")):
+        return ("power",)
+    if columns.voltage or columns.current or (_named(header, "voltage") and _named(header, "current")):
+        return ("voltage", "current")
+    message = "no column for the power"
+    raise InputError(header.fault(0, message, "power_w, or voltage_v and current_a, or --power NAME"))
+
+
+def _find(header: Row, role: str, asked: str) -> int:
+    """The column of a role."""
+    if asked:
+        if asked in header.fields:
+            return header.fields.index(asked)
+        known = ", ".join(printable(name, 40) for name in header.fields[:20] if name)
+        raise InputError.at(f"--{role}", 1, 1, f"no column {printable(asked, 80)}", f"one of {known}", asked)
+    found = _named(header, role)
+    if not found:
+        example = {"time": "time_s, timestamp", "voltage": "voltage_v", "current": "current_a"}[role]
+        raise InputError(header.fault(0, f"no column for the {role}", f"{example}, or --{role} NAME"))
+    if len(found) > 1:
+        several = ", ".join(header.fields[i] for i in found)
+        raise InputError(header.fault(found[1], f"several columns of {role}: {several}", f"one, or --{role} NAME"))
+    return found[0]
+
+
+def _named(header: Row, role: str) -> list[int]:
+    """Columns with a name of a role, `power_w`; or those that end in one (`total_power_w`)."""
+    stems = [_stem_and_unit(name, role)[0] for name in header.fields]
+    plain = [i for i, stem in enumerate(stems) if stem in _STEMS[role]]
+    return plain or [i for i, stem in enumerate(stems) if stem.endswith(tuple(f"_{s}" for s in _STEMS[role][:1]))]
+
+
+def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
+    """`time [ms]` and `time_ms` → time, ms; an ending that is no unit of the role belongs to the name."""
+    name = name.strip()
+    match = _STEM_AND_UNIT.match(name.lower()) if len(name) <= NAME_LIMIT else None
+    if match is None:
+        return name.lower(), ""
+    unit = match[2] or match[3] or ""
+    return (match[1].strip(), unit) if unit in _PER_UNIT[role] or match[2] else (name.strip().lower(), "")
+
+
+def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: list[Fault]) -> float:
+    """How many of a column's units make a second, watt, volt, ampere."""
+    known = _PER_UNIT[role]
+    if role == "time" and columns.time_unit:
+        return known[columns.time_unit]
+    stem, unit = _stem_and_unit(header.fields[index], role)
+    if not unit and role == "time":
+        if stem == "timestamp":
+            return known["us"]
+        message = f"{printable(header.fields[index], 80)} has no unit"
+        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {_units()}"))
+    if not unit:
+        taken = {"power": "W", "voltage": "V", "current": "A"}[role]
+        message = f"{printable(header.fields[index], 80)} has no unit: taken as {taken}"
+        warnings.append(replace(header.fault(index, message), severity="warning"))
+        return 1.0
+    if unit not in known:
+        message = f"{printable(unit, 40)} is no unit of {role}"
+        raise InputError(header.fault(index, message, " or ".join(known)))
+    return known[unit]
+
+
+def _units() -> str:
+    return "|".join(unit for unit in _PER_SECOND if unit.isascii())
+
+
+# ── rows ──
+
+_REASONS = {
+    "empty": "with an empty cell",
+    "not_finite": "with a cell that is not finite",
+    "unknown": "with an unknown voltage or current (0 or -1)",
+}
+
+
+def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings, list[Fault], dict[str, int | float]]:
+    """The rows that are readings; warnings for those that are not, and their numbers."""
+    lines: list[int] = []
+    values: list[list[float]] = []
+    others: list[list[float]] = []
+    faults: list[Fault] = []
+    dropped: dict[str, list[int]] = {}
+    limits = [LARGEST_S, *[LARGEST_W] * (len(layout.index) - 1)]
+    columns = [(index, limit * per) for index, per, limit in zip(layout.index, layout.per, limits, strict=True)]
+    count = 0
+    for row in rows:
+        count += 1
+        if layout.width and any(row.fields[layout.width :]):
+            message = f"{len(row.fields)} fields"
+            faults.append(row.fault(layout.width, message, f"{layout.width}, as in the header"))
+            continue
+        found = _values(row, columns)
+        if isinstance(found, Fault):
+            faults.append(found)
+        elif isinstance(found, str):
+            dropped.setdefault(found, []).append(row.line)
+        else:
+            lines.append(row.line)
+            values.append(found)
+            others.append([_optional(row.fields, i) for i in layout.others])
+    if faults:
+        raise capped(faults)
+    warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
+    counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
+    table = np.array(values).reshape(len(values), len(columns))
+    rest = np.array(others).reshape(len(values), len(layout.others))
+    if layout.degrees and len(rest):
+        rest[:, :2] = _metres(rest[:, :2])
+    readings = Readings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
+    return readings, layout.warnings + warnings, counts
+
+
+def _values(row: Row, columns: Sequence[tuple[int, float]]) -> list[float] | str | Fault:
+    """The values of the columns, up to a limit each; or why the row is no reading; or the fault of a cell."""
+    values: list[float] = []
+    reason = ""
+    for index, limit in columns:
+        raw = row.fields[index] if index < len(row.fields) else ""
+        if not raw:
+            reason = "empty"
+        elif NOT_FINITE.match(raw):
+            reason = "not_finite"
+        elif fault := number_fault(raw, limit):
+            return row.fault(index, *fault)
+        else:
+            values.append(float(raw))
+    if not reason and len(values) == 3 and (values[1] <= 0 or values[2] in (0, -1)):
+        reason = "unknown"
+    return reason or values
+
+
+def _optional(fields: Sequence[str], index: int) -> float:
+    """A cell that may be missing: NaN."""
+    return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
+
+
+def _metres(degrees: FloatArray) -> FloatArray:
+    """Latitude and longitude [°] as east and north of the first [m]; numbers as large as autopilots' are 1e-7 °."""
+    known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
+    if not len(known):
+        return degrees
+    scaled = degrees * (1e-7 if np.nanmax(np.abs(degrees)) > 1000 else 1.0)
+    origin = (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
+    result = np.full_like(degrees, np.nan)
+    for i in known:
+        result[i] = to_local_m(float(scaled[i, 0]), float(scaled[i, 1]), origin)
+    return result
