@@ -212,8 +212,8 @@ def run(case: Case, runs: int, seed: int) -> None:
                 knowns.append(abs(known_s(log, case.known_s, prior_s) / log.period_s - 1))
             if found.periodic:
                 inside["period"].append(within(found.period_s, log.period_s, found.period_std_s))
-                told = zip(found.amplitude_w, log.amplitude_w, found.amplitude_std_w, strict=False)
-                inside["amplitude"] += [within(*one) for one in told]
+                matched = zip(found.amplitude_w, log.amplitude_w, found.amplitude_std_w, strict=False)
+                inside["amplitude"] += [within(*one) for one in matched]
         if found.periodic == there:
             inside["mean"].append(within(found.mean_w, MEAN_W, found.mean_std_w))
     line = f"{case.name:34s}{percent(claimed)}"
@@ -246,8 +246,8 @@ def long_log(seed: int) -> None:
             quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
             pid = os.posix_spawn(sys.executable, command, os.environ, file_actions=quiet)
             _, status, used = os.wait4(pid, 0)
-        cpu_s, most_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-        whole = f"eadp fit {cpu_s:.2f} CPU s, {most_mb:.0f} MB at most, exit {status >> 8}"
+        cpu_s, max_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+        whole = f"eadp fit {cpu_s:.2f} CPU s, {max_mb:.0f} MB at most, exit {status >> 8}"
         print(f"{len(times)} samples, {name}: analysis {alone_s:.2f} CPU s; {whole}", flush=True)
 
 

@@ -74,7 +74,7 @@ def instances(rng: np.random.Generator, count: int, steps: int, related: bool) -
             spare_w = float(np.clip(spare_w + rng.normal(0.0, 0.3), 0.5, 6.0))
         else:
             state, spare_w = any_state(rng), rng.uniform(0.2, 6.0)
-        found.append(Instance(state, least_soc(state, steps) + spare_w / BATTERY.power_per_soc_w))
+        found.append(Instance(state, min_soc(state, steps) + spare_w / BATTERY.power_per_soc_w))
     return found
 
 
@@ -83,7 +83,7 @@ def any_state(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([[26.0 + rng.normal()], rng.normal(0.0, 1.5, 2 * ORDER)])
 
 
-def least_soc(state_w: np.ndarray, steps: int) -> float:
+def min_soc(state_w: np.ndarray, steps: int) -> float:
     """The state of charge that the lowest computations need over a horizon."""
     motion = forecast_w(state_w, PERIOD_S, np.arange(1, steps * SAMPLES + 1) / SAMPLES).reshape(steps, SAMPLES)
     drops = SOC_PER_A * np.cumsum([current_a(power) for power in motion.mean(axis=1) + LOW_W])
@@ -256,14 +256,14 @@ def quality(rng: np.random.Generator, count: int, steps: int) -> Quality:
     below, above, violation_w, by_qp = [], [], -np.inf, 0
     for instance in instances(rng, count, steps, related=False):
         outlook, plan = ours.solve(ours.prepare(instance))
-        own = worth(plan.relaxed[:, 0])
+        own = value_of(plan.relaxed[:, 0])
         starts = [np.full(steps, LOW + share * (HIGH - LOW)) for share in STARTS]
         starts += [rng.uniform(LOW, HIGH, steps), plan.relaxed[:, 0]]
         best = -np.inf
         for c in starts:
             found = peer.reals(peer.solve(peer.start(instance, c)))
             if excess_w(found, outlook) <= 1e-5:
-                best = max(best, worth(found))
+                best = max(best, value_of(found))
         below.append((best - own) / own)
         above.append((own - best) / own)
         violation_w = max(violation_w, excess_w(plan.relaxed[:, 0], outlook), excess_w(plan.chosen[:, 0], outlook))
@@ -271,7 +271,7 @@ def quality(rng: np.random.Generator, count: int, steps: int) -> Quality:
     return Quality(below, above, violation_w, by_qp / count)
 
 
-def worth(c: np.ndarray) -> float:
+def value_of(c: np.ndarray) -> float:
     """Σ of the squared control."""
     return float(np.sum((LOW_W + SLOPE_W * (c - LOW)) ** 2))
 

@@ -103,9 +103,9 @@ class FlyAndTime:
         self.cpu_s = 0.0
 
     def __call__(self, run: Run) -> Result:
-        begun = time.process_time()
+        started = time.process_time()
         result = self._fly(run)
-        self.cpu_s += time.process_time() - begun
+        self.cpu_s += time.process_time() - started
         return result
 
 
@@ -222,7 +222,7 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
         "stretches": [(InnerLoop, "run")],
         "stages": [(PlanExecutor, "follow"), (PlanExecutor, "decide"), (InnerLoop, "along")],
         "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "listen") if name in vars(owner)],
-        "estimator": [(ExactEstimator, name) for name in ("observe", "observe_all", "lap", "begin_lap", "forecast")],
+        "estimator": [(ExactEstimator, name) for name in ("observe", "observe_batch", "lap", "start_lap", "forecast")],
         "inputs": [(KeptFiles, "load"), (FlightInputs, "planner")],
     }
     print("  where it goes, ms a flight:", end="")
@@ -262,10 +262,10 @@ def trigger_share(world: World, fast: bool) -> float:
             stretches.sense(1 << 40, 0)
             stretches.along(itinerary, 0.0)
             stretches.run(0, 1)
-            begun = time.process_time()
+            started = time.process_time()
             k, _ = stretches.run(1, steps)
             assert k == steps
-            spent[watching] = min(time.process_time() - begun, spent.get(watching, math.inf))
+            spent[watching] = min(time.process_time() - started, spent.get(watching, math.inf))
     print(f" ({1e9 * spent[True] / steps:.0f} ns a step)", end="")
     return 1 - spent[False] / spent[True]
 
@@ -321,10 +321,10 @@ def growth(planner: str) -> None:
         spent = []
         for _ in range(3):
             pilot, outcome = inputs.planner(), Outcome()
-            begun = time.process_time()
+            started = time.process_time()
             for _ in fly(inputs.world, pilot, outcome):
                 pass
-            spent.append(time.process_time() - begun)
+            spent.append(time.process_time() - started)
         assert outcome.completed, outcome.reason
         each = statistics.median(spent)
         first = first or each / outcome.duration_s
@@ -366,12 +366,12 @@ def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
         engine = DaskEngine(make, cluster.scheduler_address)
         try:
             for name in ("cluster, first flights", "cluster, once it is warm"):
-                begun = time.perf_counter()
+                started = time.perf_counter()
                 with contextlib.closing(Results(None)) as results:
                     runs = [sweep.run(index) for index in range(len(sweep.design))]
                     results.expect(run.key for run in runs)
                     assert len(list(make_runs(runs, engine, results))) == len(runs)
-                walls[name] = time.perf_counter() - begun
+                walls[name] = time.perf_counter() - started
         finally:
             engine.close()
         return walls
@@ -381,21 +381,21 @@ def overhead(folder: Path, count: int) -> None:
     """Time per run that flies nothing."""
     path = folder / "nothing.yaml"
     path.write_text(f"schema: eadp.sweep/1\nplan: {ROOT}/plans/survey.plan\nseeds: {count}\n")
-    begun = time.process_time()
+    started = time.process_time()
     sweep = read_sweep(str(path))
     for index in range(count):
         sweep.run(index)
     print(f"\noverhead of a run that flies nothing, {count} of them, stored in a file:")
-    print(f"  its inputs and their hash   {1e6 * (time.process_time() - begun) / count:7.1f} us CPU")
+    print(f"  its inputs and their hash   {1e6 * (time.process_time() - started) / count:7.1f} us CPU")
     for name, jobs in (("in this process", 0), ("in a pool of one", 1)):
         wall, cpu, results = measured(partial(swept, sweep, nothing, jobs, folder / f"nothing-{jobs}.db"))
         assert len(results) == count
         print(f"  {name:<26} {1e6 * cpu / count:8.1f} us CPU, {1e6 * wall / count:.1f} us wall")
-    begun = time.process_time()
+    started = time.process_time()
     with contextlib.closing(Results(str(folder / "nothing-0.db"))) as results_file:
         results_file.expect(sweep.run(index).key for index in range(count))
         assert not results_file.missing()
-    print(f"  found made already          {1e6 * (time.process_time() - begun) / count:7.1f} us CPU")
+    print(f"  found made already          {1e6 * (time.process_time() - started) / count:7.1f} us CPU")
 
 
 def memory(folder: Path, planner: str, count: int, seed: int) -> None:
@@ -440,10 +440,10 @@ def kills(folder: Path, count: int, seconds: float, seed: int) -> bool:
         (sound,) = connection.execute("PRAGMA integrity_check").fetchone()
         stored, repeated = connection.execute("SELECT sum(stored), sum(repeated) FROM sessions").fetchone()
         (there,) = connection.execute("SELECT count(*) FROM runs").fetchone()
-    told, wanted = done.stdout.count("\n") - 1, 20000
+    printed, wanted = done.stdout.count("\n") - 1, 20000
     print(f"  then run to its end (exit {done.returncode}): of {wanted} runs, {wanted - there} lost and ", end="")
-    print(f"{stored - there + repeated} made twice; {told} rows told; file: {sound}")
-    return (there, stored, repeated, told, sound, done.returncode) == (wanted, wanted, 0, wanted, "ok", 0)
+    print(f"{stored - there + repeated} made twice; {printed} rows printed; file: {sound}")
+    return (there, stored, repeated, printed, sound, done.returncode) == (wanted, wanted, 0, wanted, "ok", 0)
 
 
 def rows(path: Path) -> int:

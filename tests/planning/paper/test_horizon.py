@@ -497,7 +497,7 @@ def easy(cost="control", steps=5, soc=0.7):
 
 def test_too_little_charge_is_infeasible():
     found = easy(soc=0.5)
-    with pytest.raises(Infeasible, match="least power"):
+    with pytest.raises(Infeasible, match="minimum power"):
         found.horizon().solve(found.outlook)
 
 
