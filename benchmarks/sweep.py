@@ -55,7 +55,10 @@ from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, World, fly
 from eadp.simulation.sweep.design import Result, Run, make_runs
-from eadp.simulation.sweep.engines import DaskEngine, Make, PoolEngine, SerialEngine
+from eadp.simulation.sweep.engines.base import Make
+from eadp.simulation.sweep.engines.dask import DaskEngine
+from eadp.simulation.sweep.engines.pool import PoolEngine
+from eadp.simulation.sweep.engines.serial import SerialEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
