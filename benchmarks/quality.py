@@ -1,14 +1,14 @@
 """How much of a mission each planner keeps, beside the best constant parameters in hindsight.
 
 Random missions: wind of 0 to 8 m/s from anywhere, gusts, a battery of 0.5 to 1.3 times what the highest parameters
-need, sudden losses of charge that nobody is told of, parameters at take-off anywhere. Flown on the survey and on three
+need, sudden, unannounced losses of charge, parameters at take-off anywhere. Flown on the survey and on three
 covered fields, with the vehicles `paper` and `fixed-wing`, by
 
 - `highest`, `lowest`: constant parameters;
 - `paper`: the letter's algorithm, its remaining time corrected;
-- `lap budget`: a plain rule, told below;
+- `lap budget`: a simple rule, described below;
 - `joint`;
-- `hindsight`: the best constant parameters of a grid, each flown, by someone who knew wind and losses beforehand. It
+- `hindsight`: the best constant parameters of a grid, each flown, with wind and losses known beforehand. It
   keeps the reserve where any constant parameters do, and else completes where any do.
 
     python benchmarks/quality.py --missions 200 --jobs 2
@@ -167,7 +167,7 @@ def flown(inputs: FlightInputs, planner: TrackingPlanner | None = None) -> dict[
 def hindsight(plan: str, case: Case) -> dict[str, Any]:
     """The best constant parameters of a grid: one flight for each c1, its power taken with every c2.
 
-    Neither path nor motion power depend on the computations, so that the charge of every c2 is told from one flight.
+    Neither path nor motion power depend on the computations, so that the charge of every c2 follows from one flight.
     """
     base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
     inputs = load(plan, base)
@@ -474,10 +474,10 @@ def programs(count: int, seed: int) -> None:
         replan = planner._replan
 
         def timed(o: Observation, why: str, replan: Any = replan, planner: Any = planner) -> None:
-            begun = time.process_time()
+            start_s = time.process_time()
             replan(o, why)
             course = planner._ahead.course(planner._ahead.shares)
-            costs.append((len(course.legs), 1e3 * (time.process_time() - begun)))
+            costs.append((len(course.legs), 1e3 * (time.process_time() - start_s)))
 
         planner._replan = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, planner, Outcome()):
@@ -530,8 +530,8 @@ def _scores(keys: Mapping[str, Any]) -> list[float] | None:
         return None
     times = [record.time_s for record in outcome.records]
     moments = [*MOMENTS_S, *(share * outcome.duration_s for share in SHARES)]
-    told = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
-    return [(outcome.soc_final - record.soc_end) / record.soc_end_std for record in told]
+    forecasts = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
+    return [(outcome.soc_final - record.soc_end) / record.soc_end_std for record in forecasts]
 
 
 def main() -> None:

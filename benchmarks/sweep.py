@@ -1,19 +1,19 @@
-"""What a sweep costs: flights per core-second and where the time goes, workers, memory, and what survives being killed.
+"""What a sweep costs: flights per core-second and where the time goes, workers, memory, and results after a kill.
 
 usage: python benchmarks/sweep.py [--planner static paper joint] [--flights 10 100] [--workers 100] [--nothing 20000]
                                   [--kills 20] [--seconds 120] [--seed 0]
 
 - flights per core-second: `survey.plan`, vehicle `fixed-wing`, wind and capacity drawn, no log; compiled (`eadp[fast]`)
   and plain, in this process; CPU time from the first run to the last stored row, and how much of it is not flying
-- where the time goes: CPU time in the stretches (of which the triggers: by flying without), the estimator, the planner
+- where the time goes: CPU time in the inner loop (of which the triggers: by flying without), the estimator, the planner
   and the rest
-- compiling: import of numba, the first flight of a process with nothing kept, and with machine code kept
+- compiling: import of numba, the first flight of a process without machine code kept, and with machine code kept
 - mission length: whole flights of the survey with its final point 1, 4 and 16 times as many laps away
-- two workers: wall time of the same flights with one worker and with two, turn and turn about, as pools and as a Dask
-  cluster; meaningful only where two cores are free (the CPU time per flight says whether they were)
+- two workers: wall time of the same flights with one worker and with two, alternately, as pools and as a Dask
+  cluster; meaningful only where two cores are free (the CPU time per flight shows whether they were)
 - overhead: runs that fly nothing, made in this process and in a pool of one, stored in a file; time per run
 - memory: largest resident set of a worker after many flights, beside a Python that has imported the same
-- kill -9 at random moments of a sweep that writes all the time, started again each time: from the begin of the process,
+- kill -9 at random moments of a sweep that writes all the time, started again each time: from the start of the process,
   and every other time within a second of its first row; rows that are lost, or made twice, at the end (0 and 0 are
   expected), and the state of the file
 
@@ -105,9 +105,9 @@ class FlyAndTime:
         self.cpu_s = 0.0
 
     def __call__(self, run: Run) -> Result:
-        begun = time.process_time()
+        start_s = time.process_time()
         result = self._fly(run)
-        self.cpu_s += time.process_time() - begun
+        self.cpu_s += time.process_time() - start_s
         return result
 
 
@@ -263,10 +263,10 @@ def trigger_share(world: World, fast: bool) -> float:
             stretches.sense(1 << 40, 0)
             stretches.along(itinerary, 0.0)
             stretches.run(0, 1)
-            begun = time.process_time()
+            start_s = time.process_time()
             k, _ = stretches.run(1, steps)
             assert k == steps
-            spent[watching] = min(time.process_time() - begun, spent.get(watching, math.inf))
+            spent[watching] = min(time.process_time() - start_s, spent.get(watching, math.inf))
     print(f" ({1e9 * spent[True] / steps:.0f} ns a step)", end="")
     return 1 - spent[False] / spent[True]
 
@@ -322,10 +322,10 @@ def growth(planner: str) -> None:
         spent = []
         for _ in range(3):
             pilot, outcome = inputs.planner(), Outcome()
-            begun = time.process_time()
+            start_s = time.process_time()
             for _ in fly(inputs.world, pilot, outcome):
                 pass
-            spent.append(time.process_time() - begun)
+            spent.append(time.process_time() - start_s)
         assert outcome.completed, outcome.reason
         each = statistics.median(spent)
         first = first or each / outcome.duration_s
@@ -367,12 +367,12 @@ def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
         engine = DaskEngine(make, cluster.scheduler_address)
         try:
             for name in ("cluster, first flights", "cluster, once it is warm"):
-                begun = time.perf_counter()
+                start_s = time.perf_counter()
                 with contextlib.closing(Results(None)) as results:
                     runs = [sweep.run(index) for index in range(len(sweep.design))]
                     results.expect(run.key for run in runs)
                     assert len(list(make_runs(runs, engine, results))) == len(runs)
-                walls[name] = time.perf_counter() - begun
+                walls[name] = time.perf_counter() - start_s
         finally:
             engine.close()
         return walls
@@ -382,21 +382,21 @@ def overhead(folder: Path, count: int) -> None:
     """Time per run that flies nothing."""
     path = folder / "nothing.yaml"
     path.write_text(f"schema: eadp.sweep/1\nplan: {ROOT}/plans/survey.plan\nseeds: {count}\n")
-    begun = time.process_time()
+    start_s = time.process_time()
     sweep = read_sweep(str(path))
     for index in range(count):
         sweep.run(index)
     print(f"\noverhead of a run that flies nothing, {count} of them, stored in a file:")
-    print(f"  its inputs and their hash   {1e6 * (time.process_time() - begun) / count:7.1f} us CPU")
+    print(f"  its inputs and their hash   {1e6 * (time.process_time() - start_s) / count:7.1f} us CPU")
     for name, jobs in (("in this process", 0), ("in a pool of one", 1)):
         wall, cpu, results = measured(partial(swept, sweep, nothing, jobs, folder / f"nothing-{jobs}.db"))
         assert len(results) == count
         print(f"  {name:<26} {1e6 * cpu / count:8.1f} us CPU, {1e6 * wall / count:.1f} us wall")
-    begun = time.process_time()
+    start_s = time.process_time()
     with contextlib.closing(Results(str(folder / "nothing-0.db"))) as results_file:
         results_file.expect(sweep.run(index).key for index in range(count))
         assert not results_file.missing()
-    print(f"  found made already          {1e6 * (time.process_time() - begun) / count:7.1f} us CPU")
+    print(f"  found made already          {1e6 * (time.process_time() - start_s) / count:7.1f} us CPU")
 
 
 def memory(folder: Path, planner: str, count: int, seed: int) -> None:
@@ -426,7 +426,7 @@ def kills(folder: Path, count: int, seconds: float, seed: int) -> bool:
         before = rows(out)
         jobs = str(1 + turn // 2 % 2)
         with subprocess.Popen([*command, jobs], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-            if turn % 2:  # while it stores rows; else at any time from the begin of the process
+            if turn % 2:  # while it stores rows; else at any time from the start of the process
                 while rows(out) == before and process.poll() is None:
                     time.sleep(0.01)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -441,10 +441,10 @@ def kills(folder: Path, count: int, seconds: float, seed: int) -> bool:
         (sound,) = connection.execute("PRAGMA integrity_check").fetchone()
         stored, repeated = connection.execute("SELECT sum(stored), sum(repeated) FROM sessions").fetchone()
         (there,) = connection.execute("SELECT count(*) FROM runs").fetchone()
-    told, wanted = done.stdout.count("\n") - 1, 20000
+    printed, wanted = done.stdout.count("\n") - 1, 20000
     print(f"  then run to its end (exit {done.returncode}): of {wanted} runs, {wanted - there} lost and ", end="")
-    print(f"{stored - there + repeated} made twice; {told} rows told; file: {sound}")
-    return (there, stored, repeated, told, sound, done.returncode) == (wanted, wanted, 0, wanted, "ok", 0)
+    print(f"{stored - there + repeated} made twice; {printed} rows printed; file: {sound}")
+    return (there, stored, repeated, printed, sound, done.returncode) == (wanted, wanted, 0, wanted, "ok", 0)
 
 
 def rows(path: Path) -> int:

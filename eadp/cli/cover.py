@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import enum
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.errors import Fault, Infeasible
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from eadp.core.geometry.curves import Point
     from eadp.coverage.swaths import MotionLimits
-    from eadp.errors import Fault
     from eadp.io.scenario.scenario_file import Scenario
     from eadp.models.field import Field
 
@@ -102,10 +101,7 @@ def command(
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
-    from pathlib import Path
-
     from eadp.coverage.cover import CoverageRequest
-    from eadp.errors import Infeasible
     from eadp.io.field.coverage import plan_coverage
     from eadp.io.field.reader import read_field
     from eadp.io.profile.model_file import read_profile
@@ -164,15 +160,11 @@ def command(
 
 
 def _fault(name: str, message: str, expected: str = "", severity: str = "error") -> Fault:
-    from eadp.errors import Fault
-
     return Fault(name, 1, 1, message, expected, severity=severity)
 
 
 def _check_outputs(taken: list[Path], outputs: dict[str, str | None]) -> None:
     """Refuse, before anything is written, a file that cannot be written and one that is used twice."""
-    from pathlib import Path
-
     from eadp.io.figures.pictures import check_picture_name
 
     for option, name in outputs.items():

@@ -234,31 +234,23 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[floa
         for index in range(layout.blocks):
             own = slice(index * layout.lines, (index + 1) * layout.lines)
             rows.append([])
-            for (towards, hand, frame), (up_s, down_s, first_s, second_s) in zip(corners, unit_times_s, strict=True):
+            for (towards, hand, frame), unit_s in zip(corners, unit_times_s, strict=True):
                 # v runs along the heading where u points to its right, and in a mirror of the other: towards · hand = 1
                 lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
                 u = np.asarray(towards * lines[own], dtype=np.float64)
-                block = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
-                time_s = (
-                    block.up_m * up_s
-                    + block.down_m * down_s
-                    + block.first_turns_m * first_s
-                    + block.second_turns_m * second_s
-                )
-                place = index if towards == 1 else layout.blocks - 1 - index
-                rows[-1].append(_Candidate(frame, layout, place, block.start, block.end, time_s))
+                lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
+                time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
+                position = index if towards == 1 else layout.blocks - 1 - index
+                rows[-1].append(_Candidate(frame, layout, position, start, end, time_s))
         for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
             yield _quickest_chain(request, order)
 
 
-def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> tuple[float, float, float, float]:
+def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
     """Times of a metre up and down the lines of a frame, and of half circles of radius 1 m after either [s]."""
-    up, down = (motion.time_s([straight((0.0, 0.0), frame.out(0.0, v))]) for v in (1.0, -1.0))
-    first, second = (
-        motion.time_s([half_circle(frame.pose_out(0.0, 0.0, heading), 1.0, -frame.hand)])
-        for heading in (math.pi / 2, -math.pi / 2)
-    )
-    return up, down, first, second
+    metres = [straight((0.0, 0.0), frame.out(0.0, v)) for v in (1.0, -1.0)]
+    turns = [half_circle(frame.pose_out(0.0, 0.0, angle), 1.0, -frame.hand) for angle in (math.pi / 2, -math.pi / 2)]
+    return [motion.time_s([piece]) for piece in (*metres, *turns)]
 
 
 def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:

@@ -461,27 +461,23 @@ class _Search:
         return False
 
     def _reverse(self, start: int, end: int, saved: float) -> bool:
-        tour = self.tour
-        touched = [tour[i] >> 1 for i in (start - 1, start, end, end + 1)]
-        tour[start : end + 1] = _reversed(tour[start : end + 1])
-        self._settle(start, end)
-        self.total -= saved
-        self._push(touched)
-        return True
+        return self._replace(start, _reversed(self.tour[start : end + 1]), (start, end + 1), saved)
 
     def _move(self, start: int, end: int, after: int, backward: bool, saved: float) -> bool:
         """Move positions start..end to between `after` and the next."""
-        tour = self.tour
-        touched = [tour[i] >> 1 for i in (start - 1, start, end, end + 1, after, after + 1)]
-        run = tour[start : end + 1]
+        tour, run = self.tour, self.tour[start : end + 1]
         if backward:
             run = _reversed(run)
+        cuts = (start, end + 1, after + 1)
         if start > after:
-            tour[after + 1 : end + 1] = run + tour[after + 1 : start]
-            self._settle(after + 1, end)
-        else:
-            tour[start : after + 1] = tour[end + 1 : after + 1] + run
-            self._settle(start, after)
+            return self._replace(after + 1, run + tour[after + 1 : start], cuts, saved)
+        return self._replace(start, tour[end + 1 : after + 1] + run, cuts, saved)
+
+    def _replace(self, start: int, run: list[int], cuts: Sequence[int], saved: float) -> bool:
+        """Replace the lines from a position on; those on both sides of the cuts are to be visited again."""
+        touched = [self.tour[i] >> 1 for cut in cuts for i in (cut - 1, cut)]
+        self.tour[start : start + len(run)] = run
+        self._settle(start, start + len(run) - 1)
         self.total -= saved
         self._push(touched)
         return True

@@ -236,22 +236,10 @@ class BlockBounds:
         self.below: Envelope = upper_envelope(points_m * np.array([1.0, -1.0]))
 
 
-@dataclass(frozen=True)
-class BlockSummary:
-    """A block at its lowest c1: metres flown up and down the lines, radii of the turns added up [m], and both ends."""
-
-    up_m: float
-    down_m: float
-    first_turns_m: float
-    second_turns_m: float
-    start: Pose
-    end: Pose
-
-
 def summarise_block(
     layout: BlockLayout, frame: StripFrame, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray
-) -> BlockSummary:
-    """A block's summary, from its lines at the lowest c1, without the block itself.
+) -> tuple[tuple[float, ...], Pose, Pose]:
+    """A block at its lowest c1, from its lines alone.
 
     Parameters
     ----------
@@ -261,6 +249,13 @@ def summarise_block(
     u_m, low_m, top_m : array, shape (lines,)
         Position of each line in the frame, in the order of growing u, and the lower and upper end of its strip of the
         field [m].
+
+    Returns
+    -------
+    lengths : tuple of 4 floats
+        Metres flown up and down the lines, and the radii of the first and of the second turns added up [m].
+    start, end : (float, float, float)
+        The poses at both ends.
     """
     laps = layout.firsts
     first_low, second_low = low_m[:laps], low_m[laps:]
@@ -268,19 +263,14 @@ def summarise_block(
     tops = top_m[:laps].copy()
     tops[:seconds] = np.maximum(tops[:seconds], top_m[laps:])
     turns = np.minimum(second_low[: laps - 1], first_low[1:])  # the level of the turn from each lap to the next
-    starts = np.append(first_low[:1], turns)
+    up = (tops - np.append(first_low[:1], turns)).sum()
     if seconds == laps:
         down, end = (tops - np.append(turns, second_low[-1:])).sum(), (u_m[-1], second_low[-1], -UP)
     else:
         down, end = (tops[:-1] - turns).sum(), (u_m[laps - 1], tops[-1], UP)
-    return BlockSummary(
-        float((tops - starts).sum()),
-        float(down),
-        seconds * layout.circle_m,
-        (laps - 1) * layout.second_radius_m,
-        frame.pose_out(float(u_m[0]), float(first_low[0]), UP),
-        frame.pose_out(float(end[0]), float(end[1]), end[2]),
-    )
+    lengths = float(up), float(down), seconds * layout.circle_m, (laps - 1) * layout.second_radius_m
+    first, last = (frame.pose_out(float(u), float(v), heading) for u, v, heading in ((u_m[0], first_low[0], UP), end))
+    return lengths, first, last
 
 
 def build_block(

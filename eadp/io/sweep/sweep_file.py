@@ -103,12 +103,8 @@ class Sweep:
         files = dict(self.files)
         for kind in FILES:
             if kind in point.values:
-                files[kind] = self.beside(point.values[kind])
+                files[kind] = beside(self.name, point.values[kind])
         return files
-
-    def beside(self, path: str) -> str:
-        """A path relative to the sweep file."""
-        return beside(self.name, path)
 
     def run(self, index: int) -> Run:
         """The run of an index."""
@@ -195,24 +191,31 @@ def _design(keys: SweepKeys) -> Design:
 
 
 def _law(keys: DrawKeys) -> Uniform | Normal | Choice:
-    if keys.uniform:
-        return Uniform(*keys.uniform)
-    if keys.normal:
-        return Normal(*keys.normal)
-    return Choice(tuple(keys.choice or ()))
+    if keys.choice:
+        return Choice(tuple(keys.choice))
+    return Uniform(*keys.uniform) if keys.uniform else Normal(*(keys.normal or ()))
 
 
-def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath]]:
-    """Every varied key with its location in the file."""
+def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], KeyPath]]:
+    """Every varied key and its location; its listed values, of a distribution its bounds or its mean, and theirs."""
     for part in ("grid", "zip"):
-        yield from ((name, (part, name)) for name in getattr(keys, part))
-    if keys.sample:
-        yield from ((name, ("sample", "keys", name)) for name in keys.sample.keys)
+        yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        location = ("sample", "keys", name)
+        law = next((law for law in ("choice", "uniform", "normal") if getattr(drawn, law)), "choice")
+        values = getattr(drawn, law) or []
+        yield name, location, values[:1] if law == "normal" else values, (*location, law)
+
+
+def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, KeyPath]]:
+    """Every listed value of a varied key, with its location."""
+    for name, _, values, location in _varied_keys(keys):
+        yield from ((name, value, (*location, i)) for i, value in enumerate(values))
 
 
 def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = [*_name_faults(keys, document), *_zip_faults(keys, document), *_sample_faults(keys, document)]
-    names = {name for name, _ in _varied_keys(keys)}
+    names = {name for name, *_ in _varied_keys(keys)}
     if keys.plan is None and "plan" not in names:
         faults.append(document.fault((), "no plan to fly", "plan: FILE"))
     if keys.seeds is not None and "seed" in names:
@@ -224,7 +227,7 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
     """Unknown keys, and keys that are varied twice or contain one another."""
     faults = []
     seen: dict[str, str] = {}
-    for name, location in _varied_keys(keys):
+    for name, location, *_ in _varied_keys(keys):
         if name not in FILES and override_key(name) is None:
             faults.append(
                 document.fault(location, f"{printable(name)} is not a key", "a scenario's, as wind.speed_mps")
@@ -286,21 +289,6 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
 # --- files, and values checked in them
 
 
-def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, KeyPath]]:
-    """Every value that the file lists for a key, with its location; of a distribution, its bounds or its mean."""
-    for part in ("grid", "zip"):
-        for name, values in getattr(keys, part).items():
-            yield from ((name, value, (part, name, i)) for i, value in enumerate(values))
-    for name, drawn in keys.sample.keys.items() if keys.sample else ():
-        location = ("sample", "keys", name)
-        if drawn.choice:
-            yield from ((name, value, (*location, "choice", i)) for i, value in enumerate(drawn.choice))
-        elif drawn.uniform:
-            yield from ((name, float(value), (*location, "uniform", i)) for i, value in enumerate(drawn.uniform))
-        elif drawn.normal:
-            yield name, float(drawn.normal[0]), (*location, "normal", 0)
-
-
 def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
     """The texts of all files that the sweep file names, by path."""
     named: list[tuple[Any, KeyPath]] = [(getattr(keys, kind), (kind,)) for kind in files]
@@ -332,7 +320,7 @@ def _scenarios(
     scenarios = {path: kept.scenario(path, overrides) for path in dict.fromkeys(paths)}
     for scenario in scenarios.values():
         own = scenario.profile_path
-        replaced = "profile" in files or any(name == "profile" for name, _ in _varied_keys(keys))
+        replaced = "profile" in files or any(name == "profile" for name, *_ in _varied_keys(keys))
         if own is not None and own not in kept.texts and not replaced:
             kept.texts[own] = read_text(own)
     return scenarios
