@@ -4,7 +4,7 @@
 
 Over generated fields (rectangles turned, trapezoids, L, U, T, star, comb, a hole) and, where given, the outlines of a
 file of polygons in metres. Every field is covered by both patterns and by `auto`, with several swaths and radii. The
-best Dubins order of a way's lines, ends and all, is found exactly up to 14 lines by dynamic programming and by
+best Dubins order of a path's lines, with its ends, is found exactly up to 14 lines by dynamic programming and by
 OR-tools' guided local search beyond (`pip install -e '.[bench]'`), and never worse than any order that eadp finds.
 With `--fly` each plan is flown in simulation without wind and in 5 m/s from eight directions, and what the aircraft
 really passed over is measured from its positions, ten a second.
@@ -30,11 +30,11 @@ import numpy as np
 import shapely
 
 from eadp.core.geometry.polygons import signed_area_m2
-from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover, same_lines
-from eadp.coverage.line_order import best_order, exact_order
-from eadp.coverage.plan_builder import plan_of
-from eadp.coverage.report import covered_lines
-from eadp.coverage.swaths import MotionLimits
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover, line_costs
+from eadp.coverage.line_order import EXACT_LINES, best_order
+from eadp.coverage.plan_builder import build_plan
+from eadp.coverage.report import covered_by_lines
+from eadp.coverage.swaths import MotionLimits, frame_of
 from eadp.errors import Infeasible
 from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
@@ -47,7 +47,6 @@ from eadp.validation.check import check_plan
 SEED = 1
 SIZES = ((20, 20), (30, 30), (40, 20), (30, 50), (20, 75))
 """Swath and smallest radius [m]."""
-EXACT_LINES = 14
 
 
 def generated() -> list[Field]:
@@ -87,11 +86,23 @@ def outlines(path: str) -> list[Field]:
     return fields
 
 
+def directed_lines(solution, path):
+    """A path's lines in both directions, numbered across the field."""
+    frame = frame_of(solution.heading_rad)
+    upward = []
+    for leg in path.legs:
+        if leg.sensing:
+            (_, v0), (_, v1) = frame.into(np.array([leg.start[:2], leg.end[:2]]))
+            upward.append(leg if v0 <= v1 else leg.backward())
+    upward.sort(key=lambda leg: frame.into(np.array([leg.start[:2]]))[0, 0])
+    return [directed for leg in upward for directed in (leg, leg.backward())]
+
+
 def best_known_s(problem, seconds: float) -> tuple[float, str]:
     """The least time known of an order of lines, and who found it."""
     ours = best_order(*problem)[1]
     if len(problem[1]) // 2 <= EXACT_LINES:
-        return exact_order(*problem)[1], "exact"
+        return ours, "exact"
     theirs = routed_s(problem, seconds)
     return (theirs, "OR-tools") if theirs < ours else (ours, "ours")
 
@@ -101,17 +112,17 @@ def routed_s(problem, seconds: float) -> float:
     from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
     costs, own, first, last = problem
-    ways = len(own)
-    matrix = np.zeros((ways + 1, ways + 1))
-    matrix[:ways, :ways] = costs + own[None, :]
-    matrix[ways, :ways] = first + own
-    matrix[:ways, ways] = last
+    directed = len(own)
+    matrix = np.zeros((directed + 1, directed + 1))
+    matrix[:directed, :directed] = costs + own[None, :]
+    matrix[directed, :directed] = first + own
+    matrix[:directed, directed] = last
     scaled = np.round(matrix * 1000).astype(int).tolist()
-    manager = pywrapcp.RoutingIndexManager(ways + 1, 1, ways)
+    manager = pywrapcp.RoutingIndexManager(directed + 1, 1, directed)
     routing = pywrapcp.RoutingModel(manager)
     arc = routing.RegisterTransitCallback(lambda a, b: scaled[manager.IndexToNode(a)][manager.IndexToNode(b)])
     routing.SetArcCostEvaluatorOfAllVehicles(arc)
-    for line in range(ways // 2):
+    for line in range(directed // 2):
         routing.AddDisjunction([manager.NodeToIndex(2 * line), manager.NodeToIndex(2 * line + 1)], 10**9, 1)
     settings = pywrapcp.DefaultRoutingSearchParameters()
     settings.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PATH_CHEAPEST_ARC
@@ -147,27 +158,27 @@ def measure(
     except Infeasible:
         return None
     planned_s = time.process_time() - begin
-    way = solution.way(solution.lowest_c1)
-    best_s, by = best_known_s(same_lines(request, solution, solution.lowest_c1), seconds)
-    text = plan_text(plan_of(solution, min_radius_m=motion.min_radius_m))
+    path = solution.path(solution.min_c1)
+    best_s, by = best_known_s(line_costs(request, directed_lines(solution, path)), seconds)
+    text = plan_text(build_plan(solution, min_radius_m=motion.min_radius_m))
     plan, findings = read_plan(Text("plan", text))
     row: dict[str, object] = {
         "pattern": solution.pattern,
-        "lines": way.lines,
-        "length_m": way.length_m,
+        "lines": path.lines,
+        "length_m": path.length_m,
         "ratio": solution.time_s / best_s,
         "by": by,
-        "coverage": min(covered_lines(solution.way(c1), field, motion.swath_m) for c1 in (0.0, solution.lowest_c1)),
+        "coverage": min(covered_by_lines(solution.path(c1), field, motion.swath_m) for c1 in (0.0, solution.min_c1)),
         "planned_s": planned_s,
         "findings": len(findings) + len(check_plan(plan).findings),
-        "lines_at_0": solution.way(0.0).lines,
+        "lines_at_0": solution.path(0.0).lines,
     }
     if fly_too:
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "field.plan"
-            path.write_text(text)
+            file = Path(folder) / "field.plan"
+            file.write_text(text)
             flights = [
-                flown_share(str(path), field, motion.swath_m, wind, solution.lowest_c1)
+                flown_share(str(file), field, motion.swath_m, wind, solution.min_c1)
                 for wind in (None, *range(0, 360, 45))
             ]
         row["completed"] = sum(completed for completed, _ in flights)

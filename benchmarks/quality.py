@@ -1,14 +1,14 @@
 """How much of a mission each planner keeps, beside the best constant parameters in hindsight.
 
 Random missions: wind of 0 to 8 m/s from anywhere, gusts, a battery of 0.5 to 1.3 times what the highest parameters
-need, sudden losses of charge that no planner knows in advance, parameters at take-off anywhere. Flown on the survey and
-on three covered fields, with the vehicles `paper` and `fixed-wing`, by
+need, sudden, unannounced losses of charge, parameters at take-off anywhere. Flown on the survey and on three
+covered fields, with the vehicles `paper` and `fixed-wing`, by
 
 - `highest`, `lowest`: constant parameters;
 - `paper`: the letter's algorithm, its remaining time corrected;
-- `lap budget`: a plain rule, described below;
+- `lap budget`: a simple rule, described below;
 - `joint`;
-- `hindsight`: the best constant parameters of a grid, each flown, by someone who knew wind and losses beforehand. It
+- `hindsight`: the best constant parameters of a grid, each flown, with wind and losses known beforehand. It
   keeps the reserve where any constant parameters do, and else completes where any do.
 
     python benchmarks/quality.py --missions 200 --jobs 2
@@ -471,10 +471,10 @@ def programs(count: int, seed: int) -> None:
         replan = planner._replan
 
         def timed(o: Observation, why: str, replan: Any = replan, planner: Any = planner) -> None:
-            started = time.process_time()
+            start_s = time.process_time()
             replan(o, why)
             course = planner._ahead.course(planner._ahead.shares)
-            costs.append((len(course.legs), 1e3 * (time.process_time() - started)))
+            costs.append((len(course.legs), 1e3 * (time.process_time() - start_s)))
 
         planner._replan = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, planner, Outcome()):
@@ -527,8 +527,8 @@ def _scores(keys: Mapping[str, Any]) -> list[float] | None:
         return None
     times = [record.time_s for record in outcome.records]
     moments = [*MOMENTS_S, *(share * outcome.duration_s for share in SHARES)]
-    chosen = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
-    return [(outcome.soc_final - record.soc_end) / record.soc_end_std for record in chosen]
+    forecasts = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
+    return [(outcome.soc_final - record.soc_end) / record.soc_end_std for record in forecasts]
 
 
 def main() -> None:

@@ -1,19 +1,19 @@
-"""What a sweep costs: flights per core-second and where the time goes, workers, memory, and what survives being killed.
+"""What a sweep costs: flights per core-second and where the time goes, workers, memory, and results after a kill.
 
 usage: python benchmarks/sweep.py [--planner static paper joint] [--flights 10 100] [--workers 100] [--nothing 20000]
                                   [--kills 20] [--seconds 120] [--seed 0]
 
 - flights per core-second: `survey.plan`, vehicle `fixed-wing`, wind and capacity drawn, no log; compiled (`eadp[fast]`)
   and plain, in this process; CPU time from the first run to the last stored row, and how much of it is not flying
-- where the time goes: CPU time in the stretches (of which the triggers: by flying without), the estimator, the planner
+- where the time goes: CPU time in the inner loop (of which the triggers: by flying without), the estimator, the planner
   and the rest
-- compiling: import of numba, the first flight of a process with nothing kept, and with machine code kept
+- compiling: import of numba, the first flight of a process without machine code kept, and with machine code kept
 - mission length: whole flights of the survey with its final point 1, 4 and 16 times as many laps away
-- two workers: wall time of the same flights with one worker and with two, turn and turn about, as pools and as a Dask
-  cluster; meaningful only where two cores are free (the CPU time per flight says whether they were)
+- two workers: wall time of the same flights with one worker and with two, alternately, as pools and as a Dask
+  cluster; meaningful only where two cores are free (the CPU time per flight shows whether they were)
 - overhead: runs that fly nothing, made in this process and in a pool of one, stored in a file; time per run
 - memory: largest resident set of a worker after many flights, beside a Python that has imported the same
-- kill -9 at random moments of a sweep that writes all the time, started again each time: from the begin of the process,
+- kill -9 at random moments of a sweep that writes all the time, started again each time: from the start of the process,
   and every other time within a second of its first row; rows that are lost, or made twice, at the end (0 and 0 are
   expected), and the state of the file
 
@@ -56,7 +56,10 @@ from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, World, fly
 from eadp.simulation.sweep.design import Result, Run, make_runs
-from eadp.simulation.sweep.engines import DaskEngine, Make, PoolEngine, SerialEngine
+from eadp.simulation.sweep.engines.base import Make
+from eadp.simulation.sweep.engines.dask import DaskEngine
+from eadp.simulation.sweep.engines.pool import PoolEngine
+from eadp.simulation.sweep.engines.serial import SerialEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
@@ -103,9 +106,9 @@ class FlyAndTime:
         self.cpu_s = 0.0
 
     def __call__(self, run: Run) -> Result:
-        started = time.process_time()
+        start_s = time.process_time()
         result = self._fly(run)
-        self.cpu_s += time.process_time() - started
+        self.cpu_s += time.process_time() - start_s
         return result
 
 
@@ -262,10 +265,10 @@ def trigger_share(world: World, fast: bool) -> float:
             stretches.sense(1 << 40, 0)
             stretches.along(itinerary, 0.0)
             stretches.run(0, 1)
-            started = time.process_time()
+            start_s = time.process_time()
             k, _ = stretches.run(1, steps)
             assert k == steps
-            spent[watching] = min(time.process_time() - started, spent.get(watching, math.inf))
+            spent[watching] = min(time.process_time() - start_s, spent.get(watching, math.inf))
     print(f" ({1e9 * spent[True] / steps:.0f} ns a step)", end="")
     return 1 - spent[False] / spent[True]
 
@@ -321,10 +324,10 @@ def growth(planner: str) -> None:
         spent = []
         for _ in range(3):
             pilot, outcome = inputs.planner(), Outcome()
-            started = time.process_time()
+            start_s = time.process_time()
             for _ in fly(inputs.world, pilot, outcome):
                 pass
-            spent.append(time.process_time() - started)
+            spent.append(time.process_time() - start_s)
         assert outcome.completed, outcome.reason
         each = statistics.median(spent)
         first = first or each / outcome.duration_s
@@ -366,12 +369,12 @@ def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
         engine = DaskEngine(make, cluster.scheduler_address)
         try:
             for name in ("cluster, first flights", "cluster, once it is warm"):
-                started = time.perf_counter()
+                start_s = time.perf_counter()
                 with contextlib.closing(Results(None)) as results:
                     runs = [sweep.run(index) for index in range(len(sweep.design))]
                     results.expect(run.key for run in runs)
                     assert len(list(make_runs(runs, engine, results))) == len(runs)
-                walls[name] = time.perf_counter() - started
+                walls[name] = time.perf_counter() - start_s
         finally:
             engine.close()
         return walls
@@ -381,21 +384,21 @@ def overhead(folder: Path, count: int) -> None:
     """Time per run that flies nothing."""
     path = folder / "nothing.yaml"
     path.write_text(f"schema: eadp.sweep/1\nplan: {ROOT}/plans/survey.plan\nseeds: {count}\n")
-    started = time.process_time()
+    start_s = time.process_time()
     sweep = read_sweep(str(path))
     for index in range(count):
         sweep.run(index)
     print(f"\noverhead of a run that flies nothing, {count} of them, stored in a file:")
-    print(f"  its inputs and their hash   {1e6 * (time.process_time() - started) / count:7.1f} us CPU")
+    print(f"  its inputs and their hash   {1e6 * (time.process_time() - start_s) / count:7.1f} us CPU")
     for name, jobs in (("in this process", 0), ("in a pool of one", 1)):
         wall, cpu, results = measured(partial(swept, sweep, nothing, jobs, folder / f"nothing-{jobs}.db"))
         assert len(results) == count
         print(f"  {name:<26} {1e6 * cpu / count:8.1f} us CPU, {1e6 * wall / count:.1f} us wall")
-    started = time.process_time()
+    start_s = time.process_time()
     with contextlib.closing(Results(str(folder / "nothing-0.db"))) as results_file:
         results_file.expect(sweep.run(index).key for index in range(count))
         assert not results_file.missing()
-    print(f"  found made already          {1e6 * (time.process_time() - started) / count:7.1f} us CPU")
+    print(f"  found made already          {1e6 * (time.process_time() - start_s) / count:7.1f} us CPU")
 
 
 def memory(folder: Path, planner: str, count: int, seed: int) -> None:
@@ -425,7 +428,7 @@ def kills(folder: Path, count: int, seconds: float, seed: int) -> bool:
         before = rows(out)
         jobs = str(1 + turn // 2 % 2)
         with subprocess.Popen([*command, jobs], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-            if turn % 2:  # while it stores rows; else at any time from the begin of the process
+            if turn % 2:  # while it stores rows; else at any time from the start of the process
                 while rows(out) == before and process.poll() is None:
                     time.sleep(0.01)
             with contextlib.suppress(subprocess.TimeoutExpired):

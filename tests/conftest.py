@@ -1,27 +1,33 @@
-"""Places and helpers that tests share."""
+"""Settings and fixtures that tests share."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from common import ROOT
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from eadp.cli.main import main
 from eadp.core import compiled
 
-# a build is judged by the same examples each time; at a desk every run looks at new ones
-settings.register_profile("build", derandomize=True)
-if os.environ.get("CI"):
-    settings.load_profile("build")
+# A loaded machine makes the generation of inputs slow, which is no fault of a test. A build uses the same examples each
+# time; other runs draw new ones.
+settings.register_profile("default", suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("build", settings.get_profile("default"), derandomize=True)
+settings.load_profile("build" if os.environ.get("CI") else "default")
+
+# Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
+# together, and kept between runs.
+os.environ.setdefault("NUMBA_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"eadp-tests-{os.getuid()}"))
 
 
 @dataclass
 class Solution:
-    """What a command line answered."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -30,7 +36,7 @@ class Solution:
 
 @pytest.fixture
 def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    """Run a command line in the repository's root."""
+    """Run a command in the repository's root."""
     monkeypatch.chdir(ROOT)
 
     def run(*arguments: str) -> Solution:
@@ -43,7 +49,7 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture(autouse=True)
 def _plain_code():
-    """Compiled code, which a sweep in this process switches on, is off again for the next test."""
+    """Switch off compiled code, which a sweep in this process switches on, for the next test."""
     yield
     compiled.enable(False)
 

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Annotated, Any
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
-
-LEAST_RADIUS_M = 0.1
-FARTHEST_M = 50_000.0
+from eadp.errors import Fault, Infeasible
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from eadp.core.geometry.curves import Point
-    from eadp.coverage.cover import CoverageSolution
-    from eadp.coverage.plan_builder import FieldComputations
-    from eadp.coverage.report import PathReport, PowerDraw
-    from eadp.coverage.swaths import CoveragePath, MotionLimits
-    from eadp.errors import Fault
+    from eadp.coverage.swaths import MotionLimits
     from eadp.io.scenario.scenario_file import Scenario
-    from eadp.models.computing import Computing
     from eadp.models.field import Field
-    from eadp.models.plan.plan import Plan
-    from eadp.models.profile_sum import AnyProfile
+
+MIN_RADIUS_M = 0.1
+MAX_LENGTH_M = 1e5
+MAX_AIRSPEED_MPS = 1e3
+MAX_DISTANCE_M = 50_000.0
+"""Largest distance of the start and home points from the field [m]."""
 
 
 class Pattern(enum.StrEnum):
-    """How the lines follow one another."""
+    """Coverage patterns."""
 
     auto = "auto"
     zamboni = "zamboni"
@@ -53,40 +50,40 @@ def command(
     swath: Annotated[float, typer.Option(help="Width of ground that a line covers [m].", metavar="METRES")],
     radius: Annotated[
         float | None,
-        typer.Option(help="Ideal turning radius [m]; 1.5 times the smallest unless given.", metavar="METRES"),
+        typer.Option(help="Ideal turning radius [m]; by default 1.5 times the smallest.", metavar="METRES"),
     ] = None,
     spacing: Annotated[
         float | None,
         typer.Option(
-            help="Distance of the lines [m]; at c1 = 0 where c1 widens it up to the swath, half of which it is unless "
-            "given. Lines in an order lie a swath apart unless given.",
+            help="Distance of the lines [m]. Of Zamboni-like laps at c1 = 0, by default half the swath, up to which c1 "
+            "widens it; of lines in an order by default the swath.",
             metavar="METRES",
         ),
     ] = None,
     heading: Annotated[
         float | None,
-        typer.Option(help="Heading of the lines [°], 0 east, 90 north; the quickest unless given.", metavar="DEG"),
+        typer.Option(help="Heading of the lines [°], a compass bearing; the quickest by default.", metavar="DEG"),
     ] = None,
     pattern: Annotated[
         Pattern, typer.Option(help="Zamboni-like laps, lines in an order with Dubins turns, or the shorter.")
     ] = Pattern.auto,
-    turns_off: Annotated[bool, typer.Option("--turns-off", help="Computations rest on turns.")] = False,
+    turns_off: Annotated[bool, typer.Option("--turns-off", help="Computations stop on turns.")] = False,
     metres: Annotated[bool, typer.Option("--metres", help="The file is in local metres, not degrees.")] = False,
     feature: Annotated[
         str | None, typer.Option(help="Which polygon of a file that holds several: id, name or number.")
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="Where the flight begins: X,Y [m], or LAT,LON [°].", metavar="POINT")
+        str | None, typer.Option(help="Where the flight starts: X,Y [m], or LAT,LON [°].", metavar="POINT")
     ] = None,
     home: Annotated[str | None, typer.Option(help="Where the flight ends; as --start.", metavar="POINT")] = None,
     wind: Annotated[
-        str | None, typer.Option(help="Wind: speed [m/s] and direction it blows towards [°].", metavar="SPEED,DEG")
+        str | None, typer.Option(help="Wind: speed [m/s] and the bearing it blows from [°].", metavar="SPEED,FROM_DEG")
     ] = None,
     airspeed: Annotated[
-        float | None, typer.Option(help="Airspeed [m/s]; the scenario's vehicle's unless given.", metavar="MPS")
+        float | None, typer.Option(help="Airspeed [m/s]; by default that of the scenario's vehicle.", metavar="MPS")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option(help="Computation profile: its computations get sets.", metavar="FILE")
+        str | None, typer.Option(help="Computation profile: the plan gets its computations.", metavar="FILE")
     ] = None,
     scenario: Annotated[
         str | None, typer.Option(help="Scenario, for the vehicle, the wind and the energy.", metavar="FILE")
@@ -100,24 +97,25 @@ def command(
 ) -> int:
     """Example: eadp cover plans/meadow.geojson --min-radius 30 --swath 30 --pattern zamboni
 
-    Cover a field: from its outline to a plan, with spacing that a battery can vary.
+    Plan the coverage of a field: from its outline to a plan whose line spacing can vary in flight.
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
-    from eadp.coverage.cover import CoverageRequest, cover
-    from eadp.coverage.plan_builder import plan_of
-    from eadp.coverage.report import flown
-    from eadp.errors import Fault, Infeasible
+    from eadp.coverage.cover import CoverageRequest
+    from eadp.io.field.coverage import plan_coverage
     from eadp.io.field.reader import read_field
-    from eadp.io.plan.writer import plan_text
+    from eadp.io.profile.model_file import read_profile
+    from eadp.io.scenario.scenario_file import read_scenario
     from eadp.io.text.streams import read_text, write_text
 
-    setting = _scenario(scenario)
-    measured = _profile(profile, setting)
-    sensors = _sensors(measured, turns_off)
+    setting = read_scenario(scenario, {})
+    profile_path, measured = profile or setting.profile_path, None
+    if profile_path is not None:
+        measured, warnings = read_profile(profile_path)
+        warn(warnings)
     motion = _motion(setting, min_radius, swath, radius, spacing, wind, airspeed)
     text = read_text(file)
-    field, mended = read_field(text, metres=metres, feature=feature)
+    field, repairs = read_field(text, metres=metres, feature=feature)
     request = CoverageRequest(
         field,
         motion,
@@ -127,100 +125,62 @@ def command(
         _point("--home", home, field),
         order_spacing_m=spacing,
     )
-    _check_places(file, out, plot)
-    try:
-        solution = cover(request)
-    except Infeasible as error:
-        warn([Fault(text.name, 1, 1, str(error), "a field, a pattern, a swath and a spacing that go together")])
-        return 1
-    plan = plan_of(solution, name=text.name, sensors=sensors, min_radius_m=min_radius, origin_deg=field.origin_deg)
-    power = _power(plan, measured, setting, sensors)
-    ends = [flown(solution, field, motion, c1, power) for c1 in dict.fromkeys((0.0, solution.lowest_c1))]
-    body = "".join(f"% {line}\n" for line in _comments(text.name, solution, motion, ends)) + plan_text(plan)
     wanted = format_ or (CoverFormat.plan if out in (None, "-") else CoverFormat.text)
     if out == "-" and wanted is not CoverFormat.plan:
         raise usage_fault("--out", out, f"standard output is taken by --format {wanted.value}", "a file")
+    _check_outputs([] if file == "-" else [Path(file).resolve()], {"--out": out, "--plot": plot})
+    try:
+        report, plan = plan_coverage(
+            request,
+            text.name,
+            profile=measured,
+            cruise_power_w=setting.vehicle.cruise_power_w,
+            off_on_turns=turns_off,
+        )
+    except Infeasible as error:
+        warn([_fault(text.name, str(error), "a field, a pattern, a swath and a spacing that fit together")])
+        return 1
     if out not in (None, "-"):
-        write_text(out, body)
+        write_text(out, plan)
     if plot is not None:
         from eadp.io.figures.coverage import write_coverage_figure
 
-        write_coverage_figure(plot, field, _titled(solution, ends), swath)
+        write_coverage_figure(plot, field, report.titled_paths(), swath)
     if wanted is not CoverFormat.json:
-        warn([_note(text.name, what) for what in mended])
+        warn([_fault(text.name, repair, severity="note") for repair in repairs])
     if turns_off and measured is None:
-        warn([_note("--turns-off", "no computations to rest on turns; --profile names some")])
+        warn([_fault("--turns-off", "no computations to stop on turns; --profile names some", severity="note")])
     if wanted is CoverFormat.json:
-        emit_json(_document(solution, ends, mended, body, field.origin_deg))
+        emit_json(report.document(repairs, plan))
     elif wanted is CoverFormat.plan:
-        emit(body)
+        emit(plan)
     else:
-        emit(_text(solution, motion, ends, field, out))
+        emit("\n".join([*report.text(), *([f"written    {out}"] if out else [])]))
     return 0
 
 
-def _note(name: str, what: str) -> Fault:
-    from eadp.errors import Fault
-
-    return Fault(name, 1, 1, what, severity="note")
+def _fault(name: str, message: str, expected: str = "", severity: str = "error") -> Fault:
+    return Fault(name, 1, 1, message, expected, severity=severity)
 
 
-def _check_places(file: str, out: str | None, plot: str | None) -> None:
-    """Refuse places that cannot be written to before anything is written, and one place for two files."""
-    from pathlib import Path
-
+def _check_outputs(taken: list[Path], outputs: dict[str, str | None]) -> None:
+    """Refuse, before anything is written, a file that cannot be written and one that is used twice."""
     from eadp.io.figures.canvas import check_figure_name
 
-    places = {"--out": out, "--plot": plot}
-    taken = [Path(file).resolve()] if file != "-" else []
-    for option, place in places.items():
-        if place is None or place == "-":
+    for option, name in outputs.items():
+        if name is None or name == "-":
             continue
         if option == "--plot":
-            check_figure_name(place)
-        if not Path(place).absolute().parent.is_dir():
-            raise usage_fault(option, place, "no such folder", "a place that can be written to")
-        if Path(place).resolve() in taken:
-            raise usage_fault(option, place, "is the field's own file, or the plan's", "a file of its own")
-        taken.append(Path(place).resolve())
+            check_figure_name(name)
+        path = Path(name).resolve()
+        if not Path(name).absolute().parent.is_dir():
+            raise usage_fault(option, name, "no such folder", "a file in an existing folder")
+        if path in taken:
+            raise usage_fault(option, name, "is the field's own file, or the plan's", "a file of its own")
+        taken.append(path)
 
 
 # --- options ----------------------------------------------------------------------------------------------------------
-
-
-def _scenario(path: str | None) -> Scenario:
-    from eadp.io.scenario.scenario_file import read_scenario
-
-    return read_scenario(path, {})
-
-
-def _profile(path: str | None, setting: Scenario) -> AnyProfile | None:
-    from eadp.io.profile.model_file import read_profile
-
-    used = path or setting.profile_path
-    if used is None:
-        return None
-    profile, warnings = read_profile(used)
-    warn(warnings)
-    return profile
-
-
-def _sensors(profile: AnyProfile | None, turns_off: bool) -> FieldComputations:
-    """The computations that a profile measures, over what it measures in whole numbers."""
-    import math
-
-    from eadp.coverage.plan_builder import FieldComputations
-    from eadp.models.plan.plan import Box
-
-    if profile is None:
-        return FieldComputations()
-    sets = []
-    for name in profile.names:
-        lo, hi = profile.range_of(name)
-        lo = max(lo, 0.0)  # computations' sets begin at 0 or more
-        whole = Box(float(math.ceil(lo)), float(math.floor(hi))) if math.ceil(lo) <= math.floor(hi) else Box(lo, hi)
-        sets.append(whole)
-    return FieldComputations(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), turns_off)
 
 
 def _motion(
@@ -234,204 +194,70 @@ def _motion(
 ) -> MotionLimits:
     from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 
-    ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
+    ideal = min(RADIUS_SHARE * min_radius, MAX_LENGTH_M) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
     speed = setting.vehicle.airspeed_mps if airspeed is None else airspeed
-    for option, value, least, most in (
-        ("--min-radius", min_radius, LEAST_RADIUS_M, 1e5),
-        ("--swath", swath, 0.0, 1e5),
-        ("--radius", ideal, min_radius, 1e5),
-        ("--spacing", apart, 0.0, swath),
-        ("--airspeed", speed, 0.0, 1e3),
+    for option, value, low, high, closed in (
+        ("--min-radius", min_radius, MIN_RADIUS_M, MAX_LENGTH_M, True),
+        ("--swath", swath, 0.0, MAX_LENGTH_M, False),
+        ("--radius", ideal, min_radius, MAX_LENGTH_M, True),
+        ("--spacing", apart, 0.0, swath, False),
+        ("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS, False),
     ):
-        closed = option in ("--radius", "--min-radius")
-        if not ((least <= value if closed else least < value) and value <= most):
-            expected = f"from {least:g} to {most:g}" if closed else f"above {least:g}, at most {most:g}"
-            raise usage_fault(option, f"{value:g}", f"{value:g} cannot stand here", expected)
-    blowing = setting.wind.steady_mps if wind is None else _wind_mps(wind)
-    speed_of_wind = (blowing[0] ** 2 + blowing[1] ** 2) ** 0.5
-    if speed_of_wind >= speed:
-        message = f"a wind of {speed_of_wind:g} m/s, no slower than the aircraft"
+        if not (low < value <= high or (closed and value == low)):
+            expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}, at most {high:g}"
+            raise usage_fault(option, f"{value:g}", f"{value:g} is out of range", expected)
+    wind_mps = setting.wind.steady_mps if wind is None else _wind_mps(wind)
+    if math.hypot(*wind_mps) >= speed:
+        message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
         raise usage_fault("--wind", wind or "", message, f"less than its {speed:g} m/s")
-    return MotionLimits(swath, min_radius, ideal, apart, speed, blowing)
+    return MotionLimits(swath, min_radius, ideal, apart, speed, wind_mps)
 
 
 def _wind_mps(raw: str) -> Point:
-    from eadp.models.weather import Wind
-
-    speed, towards = _two("--wind", raw, "a speed [m/s] and a direction [°], like 5,90")
+    """The wind's vector (east, north), of its speed and the compass bearing that it blows from."""
+    speed, from_deg = _two_numbers("--wind", raw, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
     if speed < 0:
         raise usage_fault("--wind", raw, f"a speed of {speed:g}", "0 or more")
-    return Wind(speed_mps=speed, towards_deg=towards).steady_mps
+    angle = math.radians((270 - from_deg) % 360)
+    return speed * math.cos(angle), speed * math.sin(angle)
 
 
 def _heading_rad(heading_deg: float | None) -> float | None:
-    import math
-
+    """The mathematical heading (0 east, counter-clockwise) of a compass bearing."""
     if heading_deg is None:
         return None
     if not math.isfinite(heading_deg):
-        raise usage_fault("--heading", f"{heading_deg}", "no heading", "degrees, 0 east, 90 north")
-    return math.radians(heading_deg % 360)
+        raise usage_fault("--heading", f"{heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
+    return math.radians((90 - heading_deg) % 360)
 
 
 def _point(option: str, raw: str | None, field: Field) -> Point | None:
-    """A place in the field's own terms: metres, or latitude and longitude where it was given in degrees."""
+    """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
     from eadp.core.geometry.geodesy import to_local_m
 
     if raw is None:
         return None
     if field.origin_deg is None:
-        return _near(option, raw, _two(option, raw, "X,Y in metres, like -50,20"), field)
-    lat, lon = _two(option, raw, "LAT,LON in degrees, like 55.37,10.43")
-    if not (abs(lat) <= 90 and abs(lon) <= 180):
-        raise usage_fault(option, raw, "no latitude and longitude", "LAT,LON in degrees, like 55.37,10.43")
-    return _near(option, raw, to_local_m(lat, lon, field.origin_deg), field)
-
-
-def _near(option: str, raw: str, point: Point, field: Field) -> Point:
-    """A place no farther from the field than a flight could mean."""
-    import math
-
-    away_m = min(math.dist(point, vertex) for vertex in field.outline)
-    if away_m > FARTHEST_M:
-        message = f"{away_m / 1000:.0f} km from the field"
-        raise usage_fault(option, raw, message, f"{FARTHEST_M / 1000:g} km or less (LAT,LON in that order, or X,Y)")
+        point = _two_numbers(option, raw, "X,Y in metres, like -50,20")
+    else:
+        expected = "LAT,LON in degrees, like 55.37,10.43"
+        lat, lon = _two_numbers(option, raw, expected)
+        if not (abs(lat) <= 90 and abs(lon) <= 180):
+            raise usage_fault(option, raw, "no latitude and longitude", expected)
+        point = to_local_m(lat, lon, field.origin_deg)
+    distance_m = min(math.dist(point, vertex) for vertex in field.outline)
+    if distance_m > MAX_DISTANCE_M:
+        message = f"{distance_m / 1000:.0f} km from the field"
+        raise usage_fault(option, raw, message, f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)")
     return point
 
 
-def _two(option: str, raw: str, expected: str) -> Point:
-    import math
-
-    words = raw.replace(",", " ").replace("@", " ").split()
+def _two_numbers(option: str, raw: str, expected: str) -> Point:
     try:
-        first, second = (float(word) for word in words)
+        first, second = (float(word) for word in raw.replace(",", " ").replace("@", " ").split())
     except ValueError:
         first = second = math.nan
     if not (math.isfinite(first) and math.isfinite(second)):
         raise usage_fault(option, raw, "not two numbers", expected)
     return first, second
-
-
-def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: FieldComputations) -> PowerDraw | None:
-    """The power drawn with every computation at its highest; None where no profile says what that is."""
-    from eadp.coverage.report import PowerDraw
-    from eadp.errors import EadpError, InputError
-    from eadp.models.computing import join_profile
-
-    if profile is None:
-        return None
-    try:
-        computing: Computing = join_profile(plan, profile)
-        highest = [plan.hull(i).hi for i in range(len(plan.parameters))]
-        path = plan.stages[0].sets[: plan.path_count]
-        drawn = [computing.power_w(highest, [*path, *sensors.sets_for(sensing)]) for sensing in (True, False)]
-    except EadpError as error:
-        raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
-    return PowerDraw(setting.vehicle.cruise_power_w, *drawn)
-
-
-# --- what is printed --------------------------------------------------------------------------------------------------
-
-
-def _document(
-    solution: CoverageSolution, ends: Sequence[PathReport], mended: Sequence[str], plan: str, origin_deg: Point | None
-) -> dict[str, Any]:
-    """`eadp.cover/1`."""
-    import math
-
-    full, least = ends[0], ends[-1]
-    document: dict[str, Any] = {
-        "schema": "eadp.cover/1",
-        "pattern": solution.pattern,
-        "heading_deg": round(math.degrees(solution.heading_rad), 9),
-        "coverage": full.coverage,
-        "coverage_min": least.coverage,
-        "length_m": full.length_m,
-        "time_s": full.time_s,
-        "lines": full.lines,
-        "min_radius_m": round(min(full.min_radius_m, least.min_radius_m), 6),
-        "c1": [least.c1, full.c1] if least is not full else None,
-        "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
-        "c1_steps": solution.blocks[0].steps() if solution.blocks else [],
-        "blocks": len(solution.blocks),
-        "other_pattern_share": solution.other_share,
-        "origin_deg": origin_deg,
-        "normalised": list(mended),
-        "plan": plan,
-    }
-    if full.energy_wh is not None:
-        document["energy_wh"] = full.energy_wh
-        document["at_lowest_c1"]["energy_wh"] = least.energy_wh
-    if not math.isfinite(document["min_radius_m"]):  # a single line
-        document["min_radius_m"] = None
-    return document
-
-
-def _titled(solution: CoverageSolution, ends: Sequence[PathReport]) -> dict[str, CoveragePath]:
-    """The way at each end of c1 under its title."""
-    from eadp.core.expressions.tree import number_text
-
-    return {
-        (f"c1 = {number_text(end.c1)}: " if len(ends) > 1 else "")
-        + f"{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered": solution.way(end.c1)
-        for end in ends
-    }
-
-
-def _comments(name: str, solution: CoverageSolution, motion: MotionLimits, ends: Sequence[PathReport]) -> list[str]:
-    import math
-
-    from eadp.core.expressions.tree import number_text
-    from eadp.errors import printable
-
-    full, least = ends[0], ends[-1]
-    lines = [
-        f"Covers {printable(name, 100)} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-        f"more; lines heading {math.degrees(solution.heading_rad):.1f} deg.",
-        f"{full.lines} lines, {full.length_m:.0f} m",
-    ]
-    if least is not full:
-        at = number_text(least.c1)
-        lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {at}"
-        lines.append(f"A lap less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in solution.blocks[0].steps())}")
-    return lines
-
-
-def _text(
-    solution: CoverageSolution, motion: MotionLimits, ends: Sequence[PathReport], field: Field, out: str | None
-) -> str:
-    """A summary for people."""
-    import math
-
-    from eadp.core.expressions.tree import number_text
-
-    what = {
-        "zamboni": f"Zamboni-like, {len(solution.blocks)} block{'s' if len(solution.blocks) != 1 else ''}",
-        "dubins": "lines in an order, Dubins turns",
-    }[solution.pattern]
-    lines = [
-        f"field      {field.area_m2 / 1e4:.2f} ha"
-        + (f", {len(field.holes)} hole{'s' if len(field.holes) > 1 else ''}" if field.holes else ""),
-        f"pattern    {what}; lines heading {math.degrees(solution.heading_rad):.1f}°",
-    ]
-    for end in ends:
-        at = f" at c1 = {number_text(end.c1)}" if len(ends) > 1 else ""
-        energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
-        lines.append(
-            f"{'covers' if end is ends[0] else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
-            f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
-        )
-    if solution.blocks:
-        steps = ", ".join(f"{c1:.0f}" for c1 in solution.blocks[0].steps())
-        lines.append(f"laps       one less in each block at c1 = {steps}")
-    tightest = min(end.min_radius_m for end in ends)
-    lines.append(f"turns      {f'{tightest:.2f} m or wider' if math.isfinite(tightest) else 'none'}")
-    if solution.other_share is not None:
-        other = "lines in an order" if solution.pattern == "zamboni" else "the Zamboni-like motion, whose c1 varies it,"
-        lines.append(f"instead    {other} would take {solution.other_share:.2f} times as long")
-    if motion.wind_mps != (0.0, 0.0):
-        lines.append(f"wind       {math.hypot(*motion.wind_mps):g} m/s; times are in it")
-    if out is not None and out != "-":
-        lines.append(f"written    {out}")
-    return "\n".join(lines)

@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import Sweep
     from eadp.simulation.sweep.design import Result
-    from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine
+    from eadp.simulation.sweep.engines.base import EngineOptions
 
 PROGRESS_S = 60.0
-"""Between two lines of progress where there is no terminal [s]."""
+"""Time between two lines of progress without a terminal [s]."""
 
-WORTH_TELLING_S = 10.0
-"""The shortest sweep whose time is estimated [s]."""
+MIN_ESTIMATE_S = 10.0
+"""Shortest estimate that is printed [s]."""
 
-FIRST = 3
-"""Runs, or one for each worker if that is more, before a sweep's time is estimated."""
+FIRST_RUNS = 3
+"""Runs from which a sweep's time is estimated; one for each worker if that is more."""
 
 
 class SweepFormat(StrEnum):
-    """How a sweep is told."""
+    """Output formats of `eadp sweep`."""
 
     text = "text"
     csv = "csv"
@@ -43,7 +43,7 @@ class SweepFormat(StrEnum):
 
 
 class Figure(StrEnum):
-    """What a table holds."""
+    """Figures that a table can hold."""
 
     completed = "completed"
     duration_s = "duration_s"
@@ -54,7 +54,7 @@ class Figure(StrEnum):
 def command(
     file: Annotated[str, typer.Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
     out: Annotated[
-        str | None, typer.Option("-o", "--out", metavar="FILE", help="Keep results in this file, or go on with it.")
+        str | None, typer.Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
     ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
     scheduler: Annotated[
@@ -64,9 +64,9 @@ def command(
         str | None, typer.Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
     ] = None,
     merge: Annotated[
-        list[str] | None, typer.Option(metavar="FILE", help="Take over another file's results first; may repeat.")
+        list[str] | None, typer.Option(metavar="FILE", help="Add another file's results first; may repeat.")
     ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Try runs again that could not be made.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Try again the runs that could not be made.")] = False,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
@@ -81,16 +81,18 @@ def command(
 ) -> int:
     """Example: eadp sweep scenarios/sweep-wind-battery.yaml --dry-run
 
-    Fly a plan many times: a grid, values that go together, a random sample, several seeds, or a product of these.
+    Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
-    With -o results are kept in a SQLite file as they come. Stopped at any moment, the same line makes what is missing.
+    With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs.
 
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
     """
     from eadp.cli import sweep_text
     from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import read_sweep
     from eadp.simulation.sweep.design import shard as part_of
+    from eadp.simulation.sweep.engines.base import EngineOptions
 
     _check_options(out, jobs, scheduler, table, plot)
     part, parts = _shard(shard)
@@ -98,17 +100,24 @@ def command(
     _check_table(table, sweep)
     warn(sweep.warnings)
     indices = part_of(len(sweep.design), part, parts)
+    keys = (sweep.run(index).key for index in indices)
     if dry_run:
-        made = _already_made(sweep, indices, out)
+        made = None
+        if out is not None and os.path.exists(out):
+            with contextlib.closing(Results(out, read_only=True)) as results:
+                results.expect(keys)
+                made = sum(1 for _ in results.rows())
         sweep_text.print_runs(sweep, indices, format_.value, made)
         return 0
-    with _results(out) as results:
+    with contextlib.closing(Results(out)) as results:
         for other in merge or []:
             results.merge(other)
-        results.expect(sweep.run(index).key for index in indices)
+        results.expect(keys)
         if retry:
             results.forget_failures()
-        _make(sweep, [indices[place] for place in results.missing()], results, out, jobs, scheduler)
+        missing = [indices[i] for i in results.missing()]
+        if missing:
+            _make(sweep, missing, results, EngineOptions(len(missing), jobs, scheduler), resumable=out is not None)
         if format_ is SweepFormat.jsonl and table is None:
             return int(sweep_text.print_summaries(sweep, indices, results))
         flights = sweep_text.flights(sweep, indices, results)
@@ -121,7 +130,7 @@ def command(
     return int(any(flight.error is not None for flight in flights))
 
 
-# --- what is asked
+# --- options
 
 
 def _check_options(
@@ -159,102 +168,63 @@ def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
         raise usage_fault("--table", table[0], "the same key twice", "two keys")
 
 
-def _already_made(sweep: Sweep, indices: Sequence[int], out: str | None) -> int | None:
-    """How many of the runs a results file has; None where there is no such file."""
-    from eadp.io.sweep.results import Results
-
-    if out is None or not os.path.exists(out):
-        return None
-    with contextlib.closing(Results(out, read_only=True)) as results:
-        results.expect(sweep.run(index).key for index in indices)
-        return sum(1 for _ in results.rows())
+# --- runs
 
 
-# --- making it so
+def _make(sweep: Sweep, missing: Sequence[int], results: Results, options: EngineOptions, *, resumable: bool) -> None:
+    """Make the runs that are missing, with the progress on stderr."""
+    from eadp.io.sweep.run import FlyRun
+    from eadp.simulation.sweep.design import interleaved, make_runs
+    from eadp.simulation.sweep.engines.registry import open_engine
 
-
-def _results(out: str | None) -> contextlib.closing[Results]:
-    from eadp.io.sweep.results import Results
-
-    return contextlib.closing(Results(out))
-
-
-def _make(
-    sweep: Sweep, missing: Sequence[int], results: Results, out: str | None, jobs: int | None, scheduler: str | None
-) -> None:
-    """Make the runs that are missing."""
-    from eadp.simulation.sweep.design import make_runs, spread
-
-    if not missing:
-        return
-    engine = _engine(sweep, len(missing), jobs, scheduler)
-    pace = _Pace(len(missing), engine.workers)
+    engine = open_engine(FlyRun(sweep.kept), options)
+    progress = _SweepProgress(len(missing), engine.workers)
     try:
-        for _, result in make_runs((sweep.run(index) for index in spread(missing)), engine, results):
-            pace.made(result)
+        for _, result in make_runs((sweep.run(index) for index in interleaved(missing)), engine, results):
+            progress.add(result)
     except KeyboardInterrupt:
-        pace.close()
-        if out is not None:
-            sys.stderr.write(f"sweep: {pace.done} of {len(missing)} runs made; the same line makes the rest\n")
+        progress.close()
+        if resumable:
+            sys.stderr.write(f"sweep: {progress.done} of {len(missing)} runs made; the same command makes the rest\n")
         raise
     finally:
         engine.close()
-        pace.close()
+        progress.close()
 
 
-def _engine(
-    sweep: Sweep, count: int, jobs: int | None, scheduler: str | None
-) -> SerialEngine | PoolEngine | DaskEngine:
-    from eadp.io.sweep.run import FlyRun
-    from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine, cores
-
-    make = FlyRun(sweep.kept)
-    if scheduler is not None:
-        return DaskEngine(make, scheduler)
-    processes = min(jobs or cores(), count)
-    return PoolEngine(make, processes) if processes > 1 else SerialEngine(make)
-
-
-class _Pace:
-    """How far a sweep is, and how long it takes, on stderr."""
+class _SweepProgress(Progress):
+    """Progress of a sweep and an estimate of its time, on stderr."""
 
     def __init__(self, total: int, workers: int) -> None:
+        super().__init__("sweep", PROGRESS_S)
         self.done = 0
         self._failed = 0
         self._total = total
         self._workers = workers
         self._took_s: list[float] = []
-        self._progress = Progress("sweep", PROGRESS_S)
-        self._begun_s = time.monotonic()
+        self._start_s = time.monotonic()
 
-    def made(self, result: Result) -> None:
-        """One more run is made."""
+    def add(self, result: Result) -> None:
+        """Count one more run."""
         self.done += 1
         self._failed += result.error is not None
-        if self.done <= self._first:
+        first = max(FIRST_RUNS, self._workers)
+        if self.done <= first:
             self._took_s.append(result.took_s)
-            if self.done == self._first:
-                self._estimate()
-        left_s = (time.monotonic() - self._begun_s) / self.done * (self._total - self.done)
+        if self.done == first:
+            self._estimate()
+        left_s = (time.monotonic() - self._start_s) / self.done * (self._total - self.done)
         failed = f", {self._failed} could not be made" if self._failed else ""
-        self._progress.show(f"{self.done} of {self._total} runs{failed}, {_time_text(left_s)} left")
-
-    @property
-    def _first(self) -> int:
-        return max(FIRST, self._workers)
+        self.show(f"{self.done} of {self._total} runs{failed}, {_time_text(left_s)} left")
 
     def _estimate(self) -> None:
-        """What the first runs, from all over the sweep, let one expect of the rest."""
-        each_s, left = statistics.fmean(self._took_s), self._total - self.done
-        whole_s = each_s * left / self._workers
-        if whole_s >= WORTH_TELLING_S:
-            times = f"{each_s:.2g} s each, {self._workers} at a time"
-            sys.stderr.write(f"sweep: {left} more runs take about {_time_text(whole_s)} ({times})\n")
+        """Print the time of the other runs, estimated from the first, which are distributed over the sweep."""
+        run_s, left = statistics.fmean(self._took_s), self._total - self.done
+        left_s = run_s * left / self._workers
+        if left_s >= MIN_ESTIMATE_S:
+            times = f"{run_s:.2g} s each, {self._workers} at a time"
+            sys.stderr.write(f"sweep: {left} more runs take about {_time_text(left_s)} ({times})\n")
             sys.stderr.flush()
-
-    def close(self) -> None:
-        """Clear the line from a terminal."""
-        self._progress.close()
 
 
 def _time_text(time_s: float) -> str:

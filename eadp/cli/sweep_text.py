@@ -1,4 +1,4 @@
-"""What `eadp sweep` prints: its runs, a row for each, and answers for people."""
+"""Output of `eadp sweep`: its runs, a row for each, and summaries."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from eadp.io.sweep.sweep_file import Sweep
 from eadp.simulation.sweep.statistics import Group, SweepFlight, Table, label_of, marginal, table, totals
 
 SHOWN = 10
-"""Runs that a dry run shows, and kinds of errors that an answer lists."""
+"""Number of runs that a dry run prints, and of kinds of errors in the summary."""
 
-WIDEST = 40
+MAX_WIDTH = 40
 
 
-# --- before
+# --- a dry run
 
 
 def print_runs(sweep: Sweep, indices: Sequence[int], format_: str, made: int | None) -> None:
@@ -38,8 +38,7 @@ def print_runs(sweep: Sweep, indices: Sequence[int], format_: str, made: int | N
 
 
 def _runs_text(sweep: Sweep, names: Sequence[str], indices: Sequence[int], made: int | None) -> str:
-    there = "" if made is None else f", {made} made already"
-    lines = [f"{len(indices)} runs{there}"]
+    lines = [f"{len(indices)} runs" + ("" if made is None else f", {made} made already")]
     shown = [_cells(sweep, names, index) for index in indices[:SHOWN]]
     rows = [[str(index), *map(_short, cells)] for index, cells in zip(indices, shown, strict=False)]
     lines += _aligned(["run", *names, "seed"], rows)
@@ -49,7 +48,7 @@ def _runs_text(sweep: Sweep, names: Sequence[str], indices: Sequence[int], made:
 
 
 def _varied(sweep: Sweep) -> list[str]:
-    """The varied keys less the seed, which every run has."""
+    """The varied keys without the seed, which every run has."""
     return [name for name in sweep.design.names if name != "seed"]
 
 
@@ -67,7 +66,7 @@ def _head(sweep: Sweep, index: int) -> dict[str, Any]:
 
 
 def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[SweepFlight]:
-    """All runs with what came of them."""
+    """All runs with their figures."""
     points = map(sweep.design.point, indices)
     return [
         SweepFlight(point.index, point.values, sweep.seed(point), **row)
@@ -76,30 +75,28 @@ def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[Swee
 
 
 def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
-    """A row for each run; text cells of values that are no single ones are JSON."""
+    """Print a row for each run; values that are neither numbers nor text are JSON."""
     names = _varied(sweep)
-
-    def rows() -> Iterator[list[str]]:
-        for flight in all_flights:
-            varied = [label_of(flight.values[name]) for name in names]
-            figures = [_cell(getattr(flight, name)) for name in COLUMNS]
-            yield [*varied, *figures, str(flight.seed), flight.error or ""]
-
-    _write_csv((*names, *COLUMNS, "seed", "error"), rows())
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else label_of(value)
+    rows = (
+        [
+            *(flight.values[name] for name in names),
+            *(getattr(flight, name) for name in COLUMNS),
+            flight.seed,
+            flight.error,
+        ]
+        for flight in all_flights
+    )
+    _write_csv((*names, *COLUMNS, "seed", "error"), rows)
 
 
-def _write_csv(head: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
+def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     writer = csv.writer(sys.stdout, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows(rows)
+    writer.writerows(["" if value is None else label_of(value) for value in row] for row in rows)
 
 
 def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> bool:
-    """A JSON object a line for each run, with its whole summary; return whether one could not be made."""
+    """Print a JSON object a line for each run, with its whole summary; return whether one could not be made."""
     failed = False
     for index, row in zip(indices, results.rows(summaries=True), strict=True):
         failed |= row["error"] is not None
@@ -112,11 +109,11 @@ def _print_line(document: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-# --- answers
+# --- summaries
 
 
 def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | None) -> None:
-    """Counts, the share that completes, and what each varied key has to do with it."""
+    """Print counts, the share that completes, and the figures for each value of each varied key."""
     whole = totals(all_flights)
     lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
     if whole.interval is not None:
@@ -156,7 +153,7 @@ def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
 def print_table(
     sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str, plot: str | None
 ) -> None:
-    """Means by two keys, and their picture."""
+    """Print means by two keys, and draw them."""
     means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
     if plot is not None:
         from eadp.io.figures.sweep import write_table_figure
@@ -167,13 +164,13 @@ def print_table(
         return
     columns = (*keys, value, "flights")
     if format_ == "csv":
-        _write_csv(columns, ([_cell(cell) for cell in line] for line in _long(means)))
+        _write_csv(columns, _table_rows(means))
     else:
-        for line in _long(means):
+        for line in _table_rows(means):
             _print_line(dict(zip(columns, line, strict=True)))
 
 
-def _long(means: Table) -> Iterator[tuple[str, str, float | None, int]]:
+def _table_rows(means: Table) -> Iterator[tuple[str, str, float | None, int]]:
     for i, row in enumerate(means.rows):
         for j, column in enumerate(means.columns):
             yield row, column, means.means[i][j], means.flights[i][j]
@@ -190,19 +187,18 @@ def _table_lines(means: Table) -> list[str]:
 
 
 def _aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Columns set flush right, the first one flush left."""
+    """Columns aligned right, the first one left."""
     head = [_short(cell) for cell in head]
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = []
-    for cells in (head, *rows):
-        first, *rest = cells
-        aligned = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))]
-        lines.append("  ".join(aligned).rstrip())
-    return lines
+    sides = ["<", *[">"] * (len(widths) - 1)]
+    return [
+        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(cells, sides, widths, strict=True)).rstrip()
+        for cells in (head, *rows)
+    ]
 
 
 def _short(text: str) -> str:
-    return printable(text, WIDEST)
+    return printable(text, MAX_WIDTH)
 
 
 def _percent(share: float) -> str:

@@ -1,8 +1,9 @@
-"""Coverage: a field in, a way that covers it out, by the Zamboni-like motion or by lines in a good order.
+"""Coverage path planning: the quickest path found that covers a field, in one of two patterns.
 
-Headings, starting corners and patterns are compared by the time of flight: of the Zamboni-like motion at the lowest
-c1, where it covers the field with the fewest lines. Between the lines of an order, and between blocks, turns are as
-tight as the aircraft's.
+The patterns are the letter's Zamboni-like motion, and lines in a travelling salesman's order with Dubins turns.
+Headings, starting corners and patterns are compared by the time of flight. That of the Zamboni-like motion is taken at
+its lowest c1, where it covers the field with the fewest lines. Turns between the lines of an order, and between blocks,
+have the aircraft's smallest radius.
 
 Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 """
@@ -21,44 +22,52 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, lengths_m, ordered, times_s
 from eadp.core.geometry.polygons import strip_extents
 from eadp.coverage.line_order import best_order, quick_order
-from eadp.coverage.swaths import CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle, straight
-from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, BlockSummary, block_of, shapes, sketch
+from eadp.coverage.swaths import (
+    MIN_LINE_M,
+    CoverageLeg,
+    CoveragePath,
+    MotionLimits,
+    StripFrame,
+    frame_of,
+    half_circle,
+    straight,
+)
+from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
 from eadp.errors import Infeasible
 from eadp.models.field import Field
 
-ZAMBONI, DUBINS, AUTO = "zamboni", "dubins", "auto"
-PATTERNS = (ZAMBONI, DUBINS, AUTO)
+ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
-PLAINLY_LONGER = 1.02
-"""A Zamboni-like way that takes more than this much of the best order's time is passed over."""
+MAX_TIME_RATIO = 1.02
+"""`auto` takes the Zamboni-like motion if its time is at most this many times the best order's."""
 
-GRID_DEG = 10
-"""Headings looked at beside those of the hull's edges: steps from the longest of these [°]."""
+HEADING_STEP_DEG = 10
+"""Step of the headings tried besides those of the hull's edges, counted from the longest edge [°]."""
 
-NEAR_RAD = math.radians(1.0)
-FINALISTS = 3
-"""How many headings get the full search of an order."""
+SAME_HEADING_RAD = math.radians(1.0)
 
-SHORTEST_LINE_M = 5.0
-"""Lines over a corner of the field are made at least this long."""
+FULL_SEARCHES = 3
+"""Number of headings for which the order of lines is searched in full."""
 
-LINES_LIMIT = 400
-"""Most lines of a field."""
+MAX_LINES = 400
+"""Largest number of lines that are ordered."""
 
 FREE_HEADINGS = 36
+"""Number of headings tried at the start and home points."""
 
 TIE_DIGITS = 6
 """Times that agree to so many decimals are equal [s]."""
 
-Problem = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""The arguments of `line_order.best_order` [s]."""
 
 
 @dataclass(frozen=True)
 class CoverageRequest:
-    """What is to be covered, and how.
+    """A coverage problem: the field, the motion's limits, and what is prescribed.
 
-    `heading_rad` None is for any, `start_m` and `home_m` None for none. Lines flown in an order lie `order_spacing_m`
-    apart or less, a swath without.
+    `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
+    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath.
     """
 
     field: Field
@@ -71,71 +80,59 @@ class CoverageRequest:
 
 
 @dataclass(frozen=True)
-class PathSection:
-    """A stretch of the way: legs flown as they are, or a block flown lap by lap."""
-
-    legs: tuple[CoverageLeg, ...] = ()
-    block: Block | None = None
-
-
-@dataclass(frozen=True)
 class CoverageSolution:
-    """A way that covers a field.
+    """A path that covers a field: single legs, and blocks that are flown lap by lap.
 
-    `time_s` is at the lowest c1, `access_s` what of it the ways from the start and home take. `other_share` says how
-    many times as long the other pattern would take, these left out, where both were looked at.
+    `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
+    `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
     """
 
     pattern: str
     heading_rad: float
-    sections: tuple[PathSection, ...]
-    time_s: float
-    other_share: float | None = None
+    sections: tuple[CoverageLeg | Block, ...]
+    time_s: float = 0.0
     access_s: float = 0.0
+    other_share: float | None = None
 
-    def way(self, c1: float) -> CoveragePath:
-        """All legs at a fixed parameter."""
-        way = CoveragePath()
+    def path(self, c1: float) -> CoveragePath:
+        """The whole path at a fixed parameter."""
+        legs: list[CoverageLeg] = []
         for section in self.sections:
-            if section.block is None:
-                way.legs += section.legs
-            else:
-                way.legs += section.block.legs(max(c1, section.block.lowest_c1))
-        return way
+            legs += section.legs(max(c1, section.min_c1)) if isinstance(section, Block) else [section]
+        return CoveragePath(tuple(legs))
 
     @property
     def blocks(self) -> list[Block]:
         """The blocks flown lap by lap."""
-        return [section.block for section in self.sections if section.block is not None]
+        return [section for section in self.sections if isinstance(section, Block)]
 
     @property
-    def lowest_c1(self) -> float:
-        """The lowest c1 of any block; 0 without."""
-        return min((block.lowest_c1 for block in self.blocks), default=0.0)
+    def min_c1(self) -> float:
+        """The lowest c1 of any block; 0 without blocks."""
+        return min((block.min_c1 for block in self.blocks), default=0.0)
 
 
 def cover(request: CoverageRequest) -> CoverageSolution:
-    """The quickest way found that covers a field.
+    """The quickest path found that covers a field.
 
     Raises
     ------
     Infeasible
-        If the wind is too strong, the field is too narrow for the pattern asked for, or needs too many lines.
+        If the wind is too strong, the field is too narrow for the requested pattern, or needs too many lines.
     """
-    field, motion = request.field, request.motion
-    if math.hypot(*motion.wind_mps) >= motion.airspeed_mps:
-        raise Infeasible(
-            f"a wind of {math.hypot(*motion.wind_mps):g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}"
-        )
-    headings = [request.heading_rad] if request.heading_rad is not None else list(_headings(field))
+    motion = request.motion
+    wind_mps = math.hypot(*motion.wind_mps)
+    if wind_mps >= motion.airspeed_mps:
+        raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
+    headings = list(_headings(request.field)) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
     zamboni = _best_zamboni(request, headings)
     if request.pattern == ZAMBONI:
         if zamboni is None:
-            least = 4 * motion.min_radius_m + 2 * motion.swath_m
+            width_m = 4 * motion.min_radius_m + 2 * motion.swath_m
             raise Infeasible(
-                f"the field is too narrow for the Zamboni-like motion: across its lines it needs about {least:.0f} m"
+                f"the field is too narrow for the Zamboni-like motion: across its lines it needs about {width_m:.0f} m"
             )
         return zamboni
     try:
@@ -146,386 +143,295 @@ def cover(request: CoverageRequest) -> CoverageSolution:
         return zamboni
     if zamboni is None:
         return order
-    # ways to the field and home are much the same for both
+    # access takes much the same time in both patterns
     laps_s, lines_s = zamboni.time_s - zamboni.access_s, order.time_s - order.access_s
-    if laps_s <= PLAINLY_LONGER * lines_s:
+    if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s)
 
 
 def _headings(field: Field) -> Iterator[float]:
-    """Headings in [0, π) to look at: of the hull's edges, longest first, and a grid from the longest."""
-    hull = _hull(np.array(field.outline))
+    """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
+    from scipy.spatial import ConvexHull
+
+    outline = np.array(field.outline)
+    hull = outline[ConvexHull(outline).vertices]
     edges = np.roll(hull, -1, axis=0) - hull
     found: list[float] = []
-    longest = edges[np.argsort(-np.round(np.hypot(edges[:, 0], edges[:, 1]), TIE_DIGITS), kind="stable")]
-    first = math.atan2(longest[0, 1], longest[0, 0])
-    turned = [math.atan2(dy, dx) for dx, dy in longest.tolist()]
-    steps = [math.radians(sign * k) for k in range(GRID_DEG, 91, GRID_DEG) for sign in (1, -1)]
-    for heading in [*turned, *(first + step for step in steps)]:
+    by_length = edges[np.argsort(-np.round(np.hypot(edges[:, 0], edges[:, 1]), TIE_DIGITS), kind="stable")]
+    of_edges = [math.atan2(dy, dx) for dx, dy in by_length.tolist()]
+    steps = [math.radians(sign * k) for k in range(HEADING_STEP_DEG, 91, HEADING_STEP_DEG) for sign in (1, -1)]
+    for heading in [*of_edges, *(of_edges[0] + step for step in steps)]:
         heading %= math.pi
-        if all(abs(math.remainder(heading - other, math.pi)) > NEAR_RAD for other in found):
+        if all(abs(math.remainder(heading - other, math.pi)) > SAME_HEADING_RAD for other in found):
             found.append(heading)
             yield heading
 
 
-def _hull(points: FloatArray) -> FloatArray:
-    """The convex hull's vertices, counter-clockwise."""
-    from scipy.spatial import ConvexHull
-
-    return np.asarray(points[ConvexHull(points).vertices])
+def _solution(
+    request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[CoverageLeg | Block]
+) -> CoverageSolution:
+    """Lines or blocks in order, connected from the start point to home by the quickest turns, and timed."""
+    sections: list[CoverageLeg | Block] = []
+    previous: Pose | None = None
+    for part in parts:
+        entry = _entry(request, part.start) if previous is None else _turn(request.motion, previous, part.start)
+        sections += [*entry, part]
+        previous = part.end
+    assert previous is not None
+    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous)))
+    legs = solution.path(solution.min_c1).legs
+    sensing = [i for i, leg in enumerate(legs) if leg.sensing]
+    access = (*legs[: sensing[0]], *legs[sensing[-1] + 1 :])
+    time_s, access_s = (request.motion.time_s([leg.piece for leg in some]) for some in (legs, access))
+    return replace(solution, time_s=time_s, access_s=access_s)
 
 
 # --- the Zamboni-like motion ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class _Corner:
-    """A block of a shape, the `index`-th across the field, flown from one of its four corners."""
+class _Candidate:
+    """A block flown from one of its four corners, the `index`-th in the direction of its frame's u."""
 
-    heading_rad: float
-    shape: BlockLayout
+    frame: StripFrame
+    layout: BlockLayout
     index: int
-    towards: int
-    hand: int
+    start: Pose
+    end: Pose
+    time_s: float
 
-    def frame(self) -> StripFrame:
-        """The block's frame."""
-        return frame_of(self.heading_rad, self.towards, self.hand)
+    def block(self, request: CoverageRequest) -> Block:
+        """The block in full."""
+        points = self.frame.into(np.array(request.field.outline))
+        first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
+        return build_block(self.frame, BlockBounds(points), first, self.layout, request.motion)
 
 
 def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
-    """The quickest Zamboni-like way of some headings; None where the field is too narrow in all."""
-    found = [way for heading in headings for way in _zamboni_at(request, heading)]
+    """The quickest Zamboni-like path at some headings; None where the field is too narrow at all of them."""
+    found = [(*chain, heading) for heading in headings for chain in _zamboni_at(request, heading)]
     if not found:
         return None
-    least = min(time_s for time_s, _ in found)
-    corners = next(corners for time_s, corners in found if time_s <= least * (1 + 1e-9))
-    blocks = [_built(request, corner) for corner in corners]
-    sections: list[PathSection] = []
-    at: Pose | None = None
-    for block in blocks:
-        before = _entry(request, block.start()) if at is None else _transit(request.motion, at, block.start())
-        sections += [PathSection(tuple(before))] if before else []
-        sections.append(PathSection(block=block))
-        at = block.end()
-    assert at is not None
-    home = _exit(request, at)
-    sections += [PathSection(tuple(home))] if home else []
-    access = [leg.piece for leg in (*_entry(request, blocks[0].start()), *home)]
-    solution = CoverageSolution(
-        ZAMBONI, corners[0].heading_rad, tuple(sections), 0.0, access_s=request.motion.time_s(access)
-    )
-    return replace(solution, time_s=request.motion.time_s(solution.way(solution.lowest_c1).pieces))
+    min_s = min(time_s for time_s, _, _ in found)
+    _, candidates, heading = next(chain for chain in found if chain[0] <= min_s * (1 + 1e-9))
+    return _solution(request, ZAMBONI, heading, [candidate.block(request) for candidate in candidates])
 
 
-def _built(request: CoverageRequest, corner: _Corner) -> Block:
-    frame, shape = corner.frame(), corner.shape
-    points = frame.into(np.array(request.field.outline))
-    first = float(points[:, 0].min())
-    index = corner.index if corner.towards == 1 else shape.blocks - 1 - corner.index
-    first += (index * shape.lines + 0.5) * shape.pitch_m
-    return block_of(frame, BlockBounds(points), first, shape, request.motion)
-
-
-def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[float, list[_Corner]]]:
-    """Ways over blocks at a heading, each from its best corner: the time at the lowest c1 [s], and the corners."""
+def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[float, list[_Candidate]]]:
+    """Chains of blocks at a heading, each from its best corner: the time at the lowest c1 [s], and the candidates."""
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    splits = shapes(width, motion)
-    if not splits:
-        return
-    sides = BlockBounds(points)
-    paces = {
-        (towards, hand): _Pace.of(frame_of(heading, towards, hand), motion) for towards in (1, -1) for hand in (1, -1)
-    }
-    for shape in splits:
-        lines = left + (np.arange(shape.blocks * shape.lines) + 0.5) * shape.pitch_m
-        reach = shape.widest_m(motion)
-        top, low = sides.above.over(lines, reach), -sides.below.over(lines, reach)
-        rows = []
-        for index in range(shape.blocks):
-            own = slice(index * shape.lines, (index + 1) * shape.lines)
-            row = []
-            for (towards, hand), pace in paces.items():
-                # v runs along the heading where u runs to its right and in a mirror of the other: towards · hand = 1
-                begin, end = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
+    bounds = BlockBounds(points)
+    corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
+    unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
+    for layout in layouts(width, motion):
+        lines = left + (np.arange(layout.blocks * layout.lines) + 0.5) * layout.pitch_m
+        reach = layout.max_spacing_m(motion)
+        top, low = bounds.above.over(lines, reach), -bounds.below.over(lines, reach)
+        rows: list[list[_Candidate]] = []
+        for index in range(layout.blocks):
+            own = slice(index * layout.lines, (index + 1) * layout.lines)
+            rows.append([])
+            for (towards, hand, frame), unit_s in zip(corners, unit_times_s, strict=True):
+                # v runs along the heading where u points to its right, and in a mirror of the other: towards · hand = 1
+                lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
                 u = np.asarray(towards * lines[own], dtype=np.float64)
-                sketched = sketch(shape, u[::towards], begin[::towards], end[::towards])
-                row.append((_Corner(heading, shape, index, towards, hand), sketched, pace.time_s(sketched)))
-            rows.append(row)
-        for order in (rows, rows[::-1])[: min(shape.blocks, 2)]:
-            yield _chain(request, order)
+                lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
+                time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
+                position = index if towards == 1 else layout.blocks - 1 - index
+                rows[-1].append(_Candidate(frame, layout, position, start, end, time_s))
+        for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
+            yield _quickest_chain(request, order)
 
 
-@dataclass(frozen=True)
-class _Pace:
-    """Times of a frame's motions: of a metre up and down its lines, and of half a circle of radius 1 each way [s]."""
-
-    up_s: float
-    down_s: float
-    first_turn_s: float
-    second_turn_s: float
-
-    @classmethod
-    def of(cls, frame: StripFrame, motion: MotionLimits) -> _Pace:
-        """In the motion's wind."""
-        up = frame.pose_out(0.0, 0.0, math.pi / 2)
-        down = frame.pose_out(0.0, 0.0, -math.pi / 2)
-        return cls(
-            motion.time_s([straight((0.0, 0.0), frame.out(0.0, 1.0))]),
-            motion.time_s([straight((0.0, 0.0), frame.out(0.0, -1.0))]),
-            motion.time_s([half_circle(up, 1.0, -frame.hand)]),
-            motion.time_s([half_circle(down, 1.0, -frame.hand)]),
-        )
-
-    def time_s(self, block: BlockSummary) -> float:
-        """Time of a block at its lowest c1 [s]."""
-        return (
-            block.up_m * self.up_s
-            + block.down_m * self.down_s
-            + block.first_turns_m * self.first_turn_s
-            + block.second_turns_m * self.second_turn_s
-        )
+def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
+    """Times of a metre up and down the lines of a frame, and of half circles of radius 1 m after either [s]."""
+    metres = [straight((0.0, 0.0), frame.out(0.0, v)) for v in (1.0, -1.0)]
+    turns = [half_circle(frame.pose_out(0.0, 0.0, angle), 1.0, -frame.hand) for angle in (math.pi / 2, -math.pi / 2)]
+    return [motion.time_s([piece]) for piece in (*metres, *turns)]
 
 
-def _chain(
-    request: CoverageRequest, rows: Sequence[Sequence[tuple[_Corner, BlockSummary, float]]]
-) -> tuple[float, list[_Corner]]:
-    """The corner of each block, in a given order of blocks, that makes the whole quickest."""
-    starts = [[_start_of(*pair) for pair in row] for row in rows]
-    ends = [[_end_of(*pair) for pair in row] for row in rows]
-    total = np.array([time_s for _, _, time_s in rows[0]]) + _to_start(request, starts[0])
-    came: list[FloatArray] = []
+def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:
+    """One candidate of each row, in the order of the rows, such that the whole is quickest: by dynamic programming."""
+    starts = [[candidate.start for candidate in row] for row in rows]
+    ends = [[candidate.end for candidate in row] for row in rows]
+    own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
+    total = own_s[0] + _from_start_s(request, starts[0])
+    sources: list[FloatArray] = []
     for i in range(1, len(rows)):
-        ways = total[:, None] + _costs(request.motion, ends[i - 1], starts[i])
-        came.append(ways.argmin(axis=0))
-        total = ways.min(axis=0) + np.array([time_s for _, _, time_s in rows[i]])
-    total = total + _to_home(request, ends[-1])
+        times = total[:, None] + _turn_times_s(request.motion, ends[i - 1], starts[i])
+        sources.append(times.argmin(axis=0))
+        total = times.min(axis=0) + own_s[i]
+    total = total + _to_home_s(request, ends[-1])
     corner = int(total.argmin())
-    chosen = [rows[-1][corner][0]]
-    for row, sources in zip(reversed(rows[:-1]), reversed(came), strict=True):
-        corner = int(sources[corner])
-        chosen.append(row[corner][0])
+    chosen = [rows[-1][corner]]
+    for row, source in zip(reversed(rows[:-1]), reversed(sources), strict=True):
+        corner = int(source[corner])
+        chosen.append(row[corner])
     return float(total.min()), chosen[::-1]
-
-
-def _start_of(corner: _Corner, block: BlockSummary, _: float) -> Pose:
-    return corner.frame().pose_out(*block.start_m, math.pi / 2)
-
-
-def _end_of(corner: _Corner, block: BlockSummary, _: float) -> Pose:
-    return corner.frame().pose_out(*block.end_m, math.pi / 2 if block.ends_up else -math.pi / 2)
 
 
 # --- lines in an order ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """Lines to be flown in any order and direction: each one's two ends, and gaps from the first on [m]."""
+def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> LineCosts:
+    """Costs of flying lines in any order and direction.
 
-    heading_rad: float
-    ends: tuple[tuple[Point, Point], ...]
-    gaps_m: tuple[tuple[tuple[float, float], ...], ...] = ()
+    Parameters
+    ----------
+    request : CoverageRequest
+        For the motion, the start point and home.
+    directed : sequence of CoverageLeg, length 2n
+        Every line as one leg, followed by the same line in the other direction.
 
-    def leg(self, way: int) -> CoverageLeg:
-        """A directed line as it is flown."""
-        line, backward = divmod(way, 2)
-        begin, end = self.ends[line]
-        gaps = self.gaps_m[line] if self.gaps_m else ()
-        if not backward:
-            return CoverageLeg(straight(begin, end), True, gaps)
-        piece = straight(end, begin)
-        return CoverageLeg(piece, True, tuple((piece.length_m - b, piece.length_m - a) for a, b in reversed(gaps)))
-
-    def problem(self, request: CoverageRequest) -> Problem:
-        """Costs as `line_order` has them [s]: between directed lines, of each, from the start and to home."""
-        motion = request.motion
-        starts, stops, own = [], [], []
-        for a, b in self.ends:
-            for begin, end in ((a, b), (b, a)):
-                piece = straight(begin, end)
-                starts.append(piece.start)
-                stops.append(piece.end)
-                own.append(motion.time_s([piece]))
-        costs = _costs(motion, stops, starts), np.array(own), _to_start(request, starts), _to_home(request, stops)
-        # what rounding parts is equal, so that a field turned or moved has the same order
-        between, alone, before, after = (np.round(part, TIE_DIGITS) for part in costs)
-        return between, alone, before, after
+    Returns
+    -------
+    costs, own, first, last : array
+        As `line_order.best_order` takes them [s].
+    """
+    starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
+    own = np.array([request.motion.time_s([leg.piece]) for leg in directed])
+    costs = _turn_times_s(request.motion, ends, starts), own, _from_start_s(request, starts), _to_home_s(request, ends)
+    # rounding differs in a field that is turned or moved, and must not change the order
+    between, alone, before, after = (np.round(part, TIE_DIGITS) for part in costs)
+    return between, alone, before, after
 
 
 def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution:
     """The quickest order of lines at some headings."""
-    looked_at: list[tuple[float, int, _Lines, Problem]] = []
+    motion = request.motion
+    candidates: list[tuple[float, int, float, list[CoverageLeg], LineCosts]] = []
     best = math.inf
+    half_turn_s = math.pi * motion.min_radius_m / motion.airspeed_mps
     for heading in headings:
-        for lines in _lines_at(request, heading):
-            # at least: every line, and between two lines half a turn
-            turn = math.pi * request.motion.min_radius_m / request.motion.airspeed_mps
-            if request.motion.calm:
-                flown = sum(math.dist(*ends) for ends in lines.ends) / request.motion.airspeed_mps
-                if flown + (len(lines.ends) - 1) * turn * 0.6 > best:
+        for directed in _lines_at(request, heading):
+            lines = directed[::2]
+            if motion.windless:
+                # a lower bound: every line, and most of half a turn between two
+                flown_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
+                if flown_s + (len(lines) - 1) * half_turn_s * 0.6 > best:
                     continue
-            problem = lines.problem(request)
-            _, time_s = quick_order(*problem)
+            costs = line_costs(request, directed)
+            _, time_s = quick_order(*costs)
             best = min(best, time_s)
-            looked_at.append((time_s, len(looked_at), lines, problem))
-    looked_at.sort(key=lambda item: item[:2])
+            candidates.append((time_s, len(candidates), heading, directed, costs))
+    candidates.sort(key=lambda item: item[:2])
     solutions = []
-    for _, index, lines, problem in looked_at[:FINALISTS]:
-        order, time_s = best_order(*problem)
-        solutions.append((time_s, index, lines, order))
-    _, _, lines, order = min(solutions, key=lambda item: (round(item[0], 9), item[1]))
-    legs = _legs_in_order(request, lines, order)
-    over = [i for i, leg in enumerate(legs) if leg.sensing]
-    access = [leg.piece for leg in (*legs[: over[0]], *legs[over[-1] + 1 :])]
-    time_s, access_s = (request.motion.time_s(pieces) for pieces in ([leg.piece for leg in legs], access))
-    return CoverageSolution(DUBINS, lines.heading_rad, (PathSection(tuple(legs)),), time_s, access_s=access_s)
+    for _, index, heading, directed, costs in candidates[:FULL_SEARCHES]:
+        order, time_s = best_order(*costs)
+        solutions.append((round(time_s, 9), index, heading, [directed[i] for i in order]))
+    _, _, heading, legs = min(solutions, key=lambda item: item[:2])
+    return _solution(request, DUBINS, heading, legs)
 
 
-def _lines_at(request: CoverageRequest, heading: float) -> Iterator[_Lines]:
-    """Lines over the whole field; where bays or holes part them, also as lines of their own."""
+def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:
+    """Lines over the whole field, in both directions; also with those that bays or holes part as lines of their own."""
     motion, field = request.motion, request.field
-    frame = _own_frame(field, heading)
+    frame = _canonical_frame(field, heading)
     rings = [frame.into(np.array(ring)) for ring in (field.outline, *field.holes)]
     across = rings[0][:, 0]
     left, width = float(across.min()), float(np.ptp(across))
     spacing = request.order_spacing_m or motion.swath_m
     count = max(1, math.ceil((width - motion.swath_m - 1e-6) / spacing) + 1)
-    if count > LINES_LIMIT:
-        raise Infeasible(f"the field needs {count} lines, more than {LINES_LIMIT}")
+    if count > MAX_LINES:
+        raise Infeasible(f"the field needs {count} lines, more than {MAX_LINES}")
     half = min(width, motion.swath_m) / 2
     middles = np.linspace(left + half, left + width - half, count)
-    # what two lines both reach is the nearer one's
+    # ground that two lines reach belongs to the nearer one
     edges = np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width])
     extents = strip_extents(rings, edges)
     whole = [(u, parts) for u, parts in zip(middles.tolist(), extents, strict=True) if parts]
-    yield _lines(frame, heading, whole)
+    yield _directed_lines(frame, whole)
     parted = [(u, [part]) for u, parts in whole for part in parts]
     if len(parted) > len(whole):
-        yield _lines(frame, heading, parted)
+        yield _directed_lines(frame, parted)
 
 
-def _own_frame(field: Field, heading: float) -> StripFrame:
-    """The frame of a heading whose axes point to where more of the field is: the same for a field moved or mirrored."""
+def _canonical_frame(field: Field, heading: float) -> StripFrame:
+    """The frame of a heading whose axes point to the larger part of the field.
+
+    It moves with a field that is moved or mirrored.
+    """
     points = frame_of(heading).into(np.array(field.outline))
     u, v = points.T
     cross = u * np.roll(v, -1) - np.roll(u, -1) * v
     signs = []
     for axis in (u, v):
         middle = float((axis.max() + axis.min()) / 2)
-        centre = float(((axis + np.roll(axis, -1)) * cross).sum() / (3 * cross.sum()))
-        signs.append(1 if centre >= middle - 1e-6 else -1)
+        centroid = float(((axis + np.roll(axis, -1)) * cross).sum() / (3 * cross.sum()))
+        signs.append(1 if centroid >= middle - 1e-6 else -1)
     across, along = signs
     return frame_of(heading, across, across * along)
 
 
-def _lines(frame: StripFrame, heading: float, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> _Lines:
-    """Lines at places across, each over parts of the field and the gaps between them."""
-    ends, gaps = [], []
+def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
+    """Lines at positions across the field, each over parts of the field and the gaps between them, either way."""
+    legs = []
     for u, parts in spans:
         low, high = parts[0][0], parts[-1][1]
-        short = max(0.0, SHORTEST_LINE_M - (high - low)) / 2  # a corner's line is no point
-        ends.append((frame.out(u, low - short), frame.out(u, high + short)))
-        gaps.append(tuple((a[1] - low + short, b[0] - low + short) for a, b in itertools.pairwise(parts)))
-    return _Lines(heading, tuple(ends), tuple(gaps))
-
-
-def _legs_in_order(request: CoverageRequest, lines: _Lines, order: Sequence[int]) -> list[CoverageLeg]:
-    """The legs of lines flown in an order of directed lines."""
-    legs: list[CoverageLeg] = []
-    at: Pose | None = None
-    for way in order:
-        leg = lines.leg(way)
-        legs += _entry(request, leg.piece.start) if at is None else _transit(request.motion, at, leg.piece.start)
-        legs.append(leg)
-        at = leg.piece.end
-    assert at is not None
-    return legs + _exit(request, at)
-
-
-def same_lines(request: CoverageRequest, solution: CoverageSolution, c1: float) -> Problem:
-    """A way's lines as a problem of their order, with the tightest turns between them.
-
-    Parameters
-    ----------
-    request, solution : Request, Solution
-    c1 : float
-        The path parameter at which the lines are taken.
-
-    Returns
-    -------
-    costs, own, first, last : array
-        As `line_order.best_order`'s [s].
-    """
-    ends = tuple((leg.piece.start[:2], leg.piece.end[:2]) for leg in solution.way(c1).legs if leg.sensing)
-    return _Lines(solution.heading_rad, _across(ends, solution.heading_rad)).problem(request)
-
-
-def _across(ends: tuple[tuple[Point, Point], ...], heading: float) -> tuple[tuple[Point, Point], ...]:
-    """Lines numbered across the field, all one way round."""
-    frame = frame_of(heading)
-    (ux, uy), (vx, vy) = frame.across, frame.along
-    upward = [tuple(sorted(pair, key=lambda p: vx * p[0] + vy * p[1])) for pair in ends]
-    return tuple((a, b) for a, b in sorted(upward, key=lambda pair: ux * pair[0][0] + uy * pair[0][1]))
+        extra = max(0.0, MIN_LINE_M - (high - low)) / 2
+        gaps = tuple((a[1] - low + extra, b[0] - low + extra) for a, b in itertools.pairwise(parts))
+        leg = CoverageLeg(straight(frame.out(u, low - extra), frame.out(u, high + extra)), True, gaps)
+        legs += [leg, leg.backward()]
+    return legs
 
 
 # --- between lines ----------------------------------------------------------------------------------------------------
 
 
-def _costs(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+def _turn_times_s(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
     """Times of the quickest turns from each pose to each [s]."""
-    if motion.calm:
+    if motion.windless:
         return lengths_m(ends, starts, motion.min_radius_m) / motion.airspeed_mps
     return times_s(ends, starts, motion.min_radius_m, motion.airspeed_mps, motion.wind_mps)
 
 
-def _transit(motion: MotionLimits, end: Pose, start: Pose) -> list[CoverageLeg]:
-    """The quickest turn from a pose to another."""
+def _turn(motion: MotionLimits, end: Pose, start: Pose) -> list[CoverageLeg]:
+    """The quickest turn from one pose to another."""
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
     return [CoverageLeg(piece) for piece in path.pieces]
 
 
-def _fan(point: Point) -> list[Pose]:
-    """A point with headings all round."""
+def _free_poses(point: Point) -> list[Pose]:
+    """Poses at a point, their headings all round."""
     return [(*point, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
 
 
-def _to_start(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
+def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     if request.start_m is None:
         return np.zeros(len(starts))
-    return np.asarray(_costs(request.motion, _fan(request.start_m), starts).min(axis=0))
+    return np.asarray(_turn_times_s(request.motion, _free_poses(request.start_m), starts).min(axis=0))
 
 
-def _to_home(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
+def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     if request.home_m is None:
         return np.zeros(len(ends))
-    return np.asarray(_costs(request.motion, ends, _fan(request.home_m)).min(axis=1))
+    return np.asarray(_turn_times_s(request.motion, ends, _free_poses(request.home_m)).min(axis=1))
 
 
 def _entry(request: CoverageRequest, start: Pose) -> list[CoverageLeg]:
-    """The way from the start point to a pose, from the best heading."""
-    if request.start_m is None:
+    """The path from the start point to a pose, from the best heading."""
+    point, motion = request.start_m, request.motion
+    if point is None:
         return []
-    at = request.start_m
-    headings = [*_fan(at), *((*at, heading) for heading in _towards(at, start, request.motion.min_radius_m))]
-    return _transit(request.motion, headings[int(_costs(request.motion, headings, [start])[:, 0].argmin())], start)
+    poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]
+    return _turn(motion, poses[int(_turn_times_s(motion, poses, [start])[:, 0].argmin())], start)
 
 
 def _exit(request: CoverageRequest, end: Pose) -> list[CoverageLeg]:
-    """The way from a pose to the home point, arriving at the best heading."""
-    if request.home_m is None:
+    """The path from a pose to the home point, arriving at the best heading."""
+    point, motion, (x, y, heading) = request.home_m, request.motion, end
+    if point is None:
         return []
-    at, (x, y, heading) = request.home_m, end
-    backward = _towards(at, (x, y, heading + math.pi), request.motion.min_radius_m)
-    headings = [*_fan(at), *((*at, turned + math.pi) for turned in backward)]
-    return _transit(request.motion, end, headings[int(_costs(request.motion, [end], headings)[0].argmin())])
+    backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
+    poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
+    return _turn(motion, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())])
 
 
-def _towards(point: Point, pose: Pose, radius_m: float) -> list[float]:
-    """Headings in which a straight from a point meets the circles on which a pose is reached, along them."""
+def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:
+    """Headings of the tangents from a point to the two turning circles of a pose, in their direction of travel."""
     x, y, heading = pose
     found = []
     for turn in (1, -1):

@@ -1,11 +1,15 @@
-"""What a way over a field amounts to: ground covered, length, time, energy."""
+"""What a coverage path amounts to: ground covered, length, time and energy, as values, as JSON and as text."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.polygons import covered_share
-from eadp.coverage.cover import CoverageSolution
+from eadp.coverage.cover import ZAMBONI, CoverageSolution
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
@@ -21,10 +25,7 @@ class PowerDraw:
 
 @dataclass(frozen=True)
 class PathReport:
-    """A way at one value of c1.
-
-    `energy_wh` is None where nothing is known of the power.
-    """
+    """A coverage path at one value of c1; `energy_wh` is None if the power is unknown."""
 
     c1: float
     coverage: float
@@ -35,35 +36,151 @@ class PathReport:
     energy_wh: float | None
 
 
-def flown(
+def path_report(
     solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float, power: PowerDraw | None = None
 ) -> PathReport:
-    """What a way amounts to at a fixed c1.
+    """Ground covered, length, time and energy at a fixed c1.
 
     Parameters
     ----------
-    solution : Solution
+    solution : CoverageSolution
     field : Field
         The field that it covers.
-    motion : Motion
+    motion : MotionLimits
         Swath, airspeed and wind.
     c1 : float
         The path parameter.
-    power : Power, optional
+    power : PowerDraw, optional
         For the energy.
     """
-    way = solution.way(c1)
-    time_s = motion.time_s(way.pieces)
+    path = solution.path(c1)
+    time_s = motion.time_s(path.pieces)
     energy = None
     if power is not None:
-        over_s = motion.time_s([leg.piece for leg in way.legs if leg.sensing])
+        over_s = motion.time_s([leg.piece for leg in path.legs if leg.sensing])
         joules = power.motion_w * time_s + power.computing_w * over_s + power.computing_on_turns_w * (time_s - over_s)
         energy = joules / 3600
-    coverage = covered_lines(way, field, motion.swath_m)
-    return PathReport(c1, coverage, way.length_m, time_s, way.lines, way.min_radius_m, energy)
+    coverage = covered_by_lines(path, field, motion.swath_m)
+    return PathReport(c1, coverage, path.length_m, time_s, path.lines, path.min_radius_m, energy)
 
 
-def covered_lines(way: CoveragePath, field: Field, swath_m: float) -> float:
-    """Share of a field that the lines of a way cover; its turns cover nothing."""
-    lines = [(leg.piece.start[:2], leg.piece.end[:2]) for leg in way.legs if leg.sensing]
+def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
+    """Share of a field that the lines of a path cover; turns cover nothing."""
+    lines = [(leg.start[:2], leg.end[:2]) for leg in path.legs if leg.sensing]
     return covered_share(field.outline, field.holes, lines, swath_m)
+
+
+def compass_deg(heading_rad: float, digits: int) -> float:
+    """A mathematical heading (0 east, counter-clockwise) as a compass bearing (0 north, clockwise), rounded [°]."""
+    return round(90 - math.degrees(heading_rad), digits) % 360
+
+
+@dataclass(frozen=True)
+class CoverageReport:
+    """A coverage path of a field at both ends of c1: `full` at c1 = 0, `least` at the lowest c1."""
+
+    field: Field
+    motion: MotionLimits
+    solution: CoverageSolution
+    full: PathReport
+    least: PathReport
+
+    @classmethod
+    def of(
+        cls, field: Field, motion: MotionLimits, solution: CoverageSolution, power: PowerDraw | None
+    ) -> CoverageReport:
+        """The report of a solution."""
+        full = path_report(solution, field, motion, 0.0, power)
+        least = path_report(solution, field, motion, solution.min_c1, power) if solution.min_c1 < 0 else full
+        return cls(field, motion, solution, full, least)
+
+    @property
+    def ends(self) -> Sequence[PathReport]:
+        """The reports of the ends of c1 that differ."""
+        return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @property
+    def _steps(self) -> list[float]:
+        return self.solution.blocks[0].steps() if self.solution.blocks else []
+
+    def titled_paths(self) -> dict[str, CoveragePath]:
+        """The path at each end of c1 under a title."""
+        paths = {}
+        for end in self.ends:
+            at = f"c1 = {number_text(end.c1)}: " if len(self.ends) > 1 else ""
+            title = f"{at}{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered"
+            paths[title] = self.solution.path(end.c1)
+        return paths
+
+    def comments(self, name: str) -> list[str]:
+        """Comment lines for the head of a plan that covers the field of a name."""
+        full, least, motion = self.full, self.least, self.motion
+        lines = [
+            f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
+            f"more; lines heading {compass_deg(self.solution.heading_rad, 1):.1f} deg.",
+            f"{full.lines} lines, {full.length_m:.0f} m",
+        ]
+        if least is not full:
+            at = number_text(least.c1)
+            lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {at}"
+            lines.append(f"A lap less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
+        return lines
+
+    def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
+        """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
+        full, least, solution = self.full, self.least, self.solution
+        min_radius_m = round(min(full.min_radius_m, least.min_radius_m), 6)
+        document: dict[str, Any] = {
+            "schema": "eadp.cover/1",
+            "pattern": solution.pattern,
+            "heading_deg": compass_deg(solution.heading_rad, 9),
+            "coverage": full.coverage,
+            "coverage_min": least.coverage,
+            "length_m": full.length_m,
+            "time_s": full.time_s,
+            "lines": full.lines,
+            "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
+            "c1": [least.c1, full.c1] if least is not full else None,
+            "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
+            "c1_steps": self._steps,
+            "blocks": len(solution.blocks),
+            "other_pattern_share": solution.other_share,
+            "origin_deg": self.field.origin_deg,
+            "normalised": list(normalised),
+            "plan": plan,
+        }
+        if full.energy_wh is not None:
+            document["energy_wh"] = full.energy_wh
+            document["at_lowest_c1"]["energy_wh"] = least.energy_wh
+        return document
+
+    def text(self) -> list[str]:
+        """A summary for people, line by line."""
+        solution, holes, blocks = self.solution, len(self.field.holes), len(self.solution.blocks)
+        pattern, other = "lines in an order, Dubins turns", "the Zamboni-like motion, whose c1 varies it,"
+        if solution.pattern == ZAMBONI:
+            pattern, other = f"Zamboni-like, {_counted(blocks, 'block')}", "lines in an order"
+        lines = [
+            f"field      {self.field.area_m2 / 1e4:.2f} ha" + (f", {_counted(holes, 'hole')}" if holes else ""),
+            f"pattern    {pattern}; lines heading {compass_deg(solution.heading_rad, 1):.1f}°",
+        ]
+        for end in self.ends:
+            at = f" at c1 = {number_text(end.c1)}" if len(self.ends) > 1 else ""
+            energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
+            lines.append(
+                f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
+                f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+            )
+        if blocks:
+            lines.append(f"laps       one less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
+        tightest = min(end.min_radius_m for end in self.ends)
+        lines.append(f"turns      {f'{tightest:.2f} m or wider' if math.isfinite(tightest) else 'none'}")
+        if solution.other_share is not None:
+            lines.append(f"instead    {other} would take {solution.other_share:.2f} times as long")
+        if not self.motion.windless:
+            lines.append(f"wind       {math.hypot(*self.motion.wind_mps):g} m/s; times are in it")
+        return lines
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -1,11 +1,11 @@
-"""What coverage motions share: the aircraft's and the camera's measures, frames, and legs of a way over a field."""
+"""What both coverage patterns share: limits of the motion, the frame of parallel lines, and legs of a coverage path."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,20 +15,23 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
 
 SPACING_SHARE = 0.5
-"""Distance of the lines at the highest path parameter as a share of the swath, unless given: a side overlap of half.
+"""Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
 
-The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves c1 one lap to spare, or none."""
+The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves c1 one lap to save, or none."""
 
 RADIUS_SHARE = 1.5
-"""The ideal turning radius as a share of the smallest one, unless given."""
+"""Default ideal turning radius as a share of the smallest one."""
+
+MIN_LINE_M = 5.0
+"""Lines over a corner of the field are made at least this long."""
 
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What the lines must obey.
+    """Swath, turning radii, line spacing, airspeed and wind of a coverage path.
 
-    `spacing_m` is the distance of the lines at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and
-    turns are timed at `airspeed_mps` in `wind_mps`.
+    `spacing_m` is the line spacing at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and turns are
+    timed at `airspeed_mps` in `wind_mps`.
     """
 
     swath_m: float
@@ -39,8 +42,8 @@ class MotionLimits:
     wind_mps: Point = (0.0, 0.0)
 
     @cached_property
-    def calm(self) -> bool:
-        """No wind."""
+    def windless(self) -> bool:
+        """Whether there is no wind."""
         return self.wind_mps == (0.0, 0.0)
 
     def time_s(self, pieces: Sequence[Piece]) -> float:
@@ -51,14 +54,14 @@ class MotionLimits:
         Infeasible
             If the wind is as fast as the aircraft.
         """
-        if self.calm:
+        if self.windless:
             return sum(piece.length_m for piece in pieces) / self.airspeed_mps
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
 
 
 @dataclass(frozen=True)
 class StripFrame:
-    """A frame whose u runs across the lines and whose v along them, maybe seen in a mirror.
+    """A frame whose u axis runs across the lines and whose v axis runs along them; it may be mirrored.
 
     `across` is u's unit vector; v is a quarter turn counter-clockwise from it for `hand` +1, clockwise for −1.
     """
@@ -89,53 +92,69 @@ class StripFrame:
 
 
 def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> StripFrame:
-    """The frame of lines of a heading: across them to the right (`towards` +1) or to the left (−1)."""
-    across = (towards * _unit(math.sin(heading_rad)), towards * _unit(-math.cos(heading_rad)))
+    """The frame of lines of a heading: u points to their right (`towards` +1) or to their left (−1)."""
+    across = towards * direction_cosine(math.sin(heading_rad)), towards * direction_cosine(-math.cos(heading_rad))
     return StripFrame(across, hand)
 
 
-def _unit(value: float) -> float:
-    """A direction cosine, of an axis exactly."""
+def direction_cosine(value: float) -> float:
+    """A component of a unit vector; exactly 0 or ±1 where it is within rounding of that."""
     rounded = round(value, 12)
     return rounded + 0.0 if rounded in (-1, 0, 1) else value
 
 
 @dataclass(frozen=True)
 class CoverageLeg:
-    """A piece of the way over a field; `sensing` where it is flown to cover ground.
+    """A piece of a coverage path; `sensing` where it is flown to cover ground.
 
-    `gaps_m` says from where to where along it there is none of the field below [m].
+    `gaps_m` are the intervals along it that lie outside the field [m].
     """
 
     piece: Piece
     sensing: bool = False
     gaps_m: tuple[tuple[float, float], ...] = ()
 
-    def split(self) -> list[CoverageLeg]:
-        """The leg cut at its gaps, over which nothing is sensed."""
-        if not self.gaps_m:
-            return [self]
-        cuts = [0.0, *(end for gap in self.gaps_m for end in gap), self.piece.length_m]
+    @property
+    def start(self) -> Pose:
+        """The pose at its start."""
+        return self.piece.start
+
+    @property
+    def end(self) -> Pose:
+        """The pose at its end."""
+        return self.piece.end
+
+    def backward(self) -> CoverageLeg:
+        """The same straight leg in the other direction."""
+        piece = straight(self.end[:2], self.start[:2])
+        gaps = tuple((piece.length_m - end, piece.length_m - start) for start, end in reversed(self.gaps_m))
+        return CoverageLeg(piece, self.sensing, gaps)
+
+    def cut(self, *places_m: float) -> list[CoverageLeg]:
+        """The leg in several, cut at places along it [m]; the parts have no gaps."""
         piece = self.piece
+        poses = [piece.start, *(piece.pose_at(place) for place in places_m), piece.end]
+        lengths = np.diff([0.0, *places_m, piece.length_m]).tolist()
         return [
-            CoverageLeg(Piece(piece.turn, piece.pose_at(a), piece.pose_at(b), b - a, piece.centre_m), i % 2 == 0)
-            for i, (a, b) in enumerate(itertools.pairwise(cuts))
+            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing)
+            for (start, end), length in zip(itertools.pairwise(poses), lengths, strict=True)
         ]
 
+    def split(self) -> list[CoverageLeg]:
+        """The leg cut at its gaps, over which nothing is sensed."""
+        parts = self.cut(*(end for gap in self.gaps_m for end in gap))
+        return [CoverageLeg(part.piece, self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 
-@dataclass
+
+@dataclass(frozen=True)
 class CoveragePath:
     """Legs in the order flown."""
 
-    legs: list[CoverageLeg] = field(default_factory=list)
-
-    def add(self, pieces: Sequence[Piece], sensing: bool = False) -> None:
-        """Go on along pieces."""
-        self.legs += [CoverageLeg(piece, sensing) for piece in pieces]
+    legs: tuple[CoverageLeg, ...]
 
     @property
     def pieces(self) -> list[Piece]:
-        """The pieces alone."""
+        """The pieces of its legs."""
         return [leg.piece for leg in self.legs]
 
     @property
@@ -150,7 +169,7 @@ class CoveragePath:
 
     @property
     def lines(self) -> int:
-        """How many straight legs cover ground."""
+        """The number of legs that cover ground."""
         return sum(leg.sensing for leg in self.legs)
 
 

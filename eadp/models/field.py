@@ -1,4 +1,4 @@
-"""The field to cover: an outline with holes in the local frame."""
+"""The field of a coverage problem: an outline with holes in the local frame."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Field:
-    """What is to be covered.
+    """A field to cover.
 
     Attributes
     ----------
     outline : tuple of (float, float)
         Vertices [m], x east and y north, counter-clockwise; the first is not repeated at the end.
     holes : tuple of tuples of (float, float)
-        What is not to be covered, each as `outline` but clockwise; within the outline and apart from one another, but
-        for single points at which they may touch.
+        Areas that are not covered, each as `outline` but clockwise; within the outline and disjoint except for single
+        points.
     name : str
-        What its file calls it, '' if nothing.
+        Its name in its file, '' if none.
     origin_deg : (float, float) or None
-        Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None where the file was in
-        metres and does not say.
+        Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None if the file is in metres
+        and has none.
     """
 
     outline: Ring

@@ -229,7 +229,7 @@ class _SensorBridge:
         if not self._ideal:
             suite = self._suite
             for i, n in enumerate(steps):
-                x[i], y[i] = suite.place_m(n, x[i], y[i])
+                x[i], y[i] = suite.position_m(n, x[i], y[i])
                 powers_w[i] = suite.power_w(n, true_w[i])
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s

@@ -1,4 +1,4 @@
-"""From the steps of a flight to its summary."""
+"""Figures of a flight, accumulated over its steps: energy, distance, power, parameters and the quality U."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class FlightTotals:
 
 @dataclass
 class ParameterRecord:
-    """What a parameter did over a flight."""
+    """A parameter over a flight: first and last value, time integral, and changes."""
 
     first: float
     last: float
-    area: float = 0.0
+    integral: float = 0.0
     changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
 
 
 class ParameterLog:
-    """Parameters over time: means, changes, and the quality U. Fed at changes only.
+    """Parameters over time: means, changes, and the quality U. Updated at changes only.
 
-    U is Σ weight · c̃ over the parameters whose box leaves a choice, averaged over the time in which it does. Source:
-    letter, Sec. V; weights are equal unless given, and scaled to sum to 1.
+    U is Σ weight · c̃ over the parameters whose box has more than one value, averaged over the time in which it has.
+    Weights are equal by default, and scaled to sum to 1. Source: letter, Sec. V.
     """
 
     def __init__(self, plan: Plan, parameters: Vector, sets: tuple[Box, ...]) -> None:
@@ -44,11 +44,11 @@ class ParameterLog:
         self._values = parameters
         self._sets = sets
         self.records = [ParameterRecord(value, value) for value in parameters]
-        self._share_area = [0.0] * len(parameters)
+        self._share_integral = [0.0] * len(parameters)
         self._share_time_s = [0.0] * len(parameters)
 
     def change(self, time_s: float, parameters: Vector, sets: tuple[Box, ...]) -> None:
-        """New values or sets from a time on [s]."""
+        """Record new values or sets from a time on [s]."""
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
@@ -58,28 +58,28 @@ class ParameterLog:
         self._values, self._sets = parameters, sets
 
     def close(self, time_s: float) -> None:
-        """The flight ends."""
+        """End the flight."""
         self._advance(time_s)
 
     def _advance(self, time_s: float) -> None:
         duration = time_s - self._since_s
         self._since_s = time_s
         for i, value in enumerate(self._values):
-            self.records[i].area += value * duration
+            self.records[i].integral += value * duration
             share = self._sets[i].share(value) if self._sets else None
             if share is not None:
-                self._share_area[i] += share * duration
+                self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
 
     def mean(self, index: int) -> float:
         """Time average of a parameter."""
         record = self.records[index]
-        return record.area / self._since_s if self._since_s > 0 else record.first
+        return record.integral / self._since_s if self._since_s > 0 else record.first
 
     def mean_share(self, index: int) -> float | None:
-        """Time average of c̃; None where there never was a choice."""
+        """Time average of c̃; None if its box never had more than one value."""
         time_s = self._share_time_s[index]
-        return self._share_area[index] / time_s if time_s > 0 else None
+        return self._share_integral[index] / time_s if time_s > 0 else None
 
     def quality(self, weights: Mapping[str, float]) -> float | None:
         """U; None without a free parameter."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
+from eadp.cli.cover import _wind_mps
 from eadp.core.geometry.geodesy import to_local_m
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
@@ -59,7 +61,7 @@ def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):
     assert answer.err == ""
 
 
-def test_a_profile_brings_computations_that_rest_on_turns(eadp, tmp_path, box):
+def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
     plan = tmp_path / "p.plan"
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml")
     answer = eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--turns-off", *profile, "-o", plan, "--format", "json")
@@ -74,13 +76,13 @@ def test_a_profile_brings_computations_that_rest_on_turns(eadp, tmp_path, box):
     assert eadp("simulate", plan, *profile, "--planner", "static").code == 0
 
 
-def test_turns_off_without_computations_is_said(eadp, box):
+def test_turns_off_without_computations_is_noted(eadp, box):
     answer = eadp("cover", box, *FLAGS, "--turns-off")
     assert answer.code == 0
-    assert "no computations to rest" in answer.err
+    assert "no computations to stop" in answer.err
 
 
-def test_what_was_mended_is_said(eadp, tmp_path):
+def test_repairs_are_noted(eadp, tmp_path):
     path = tmp_path / "field.csv"
     path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n400,300\n400,0\n")
     answer = eadp("cover", path, *FLAGS)
@@ -90,7 +92,7 @@ def test_what_was_mended_is_said(eadp, tmp_path):
     assert len(document["normalised"]) == 2
 
 
-def test_start_and_home_in_the_fields_own_terms(eadp, tmp_path):
+def test_start_and_home_in_the_fields_coordinates(eadp, tmp_path):
     plan = tmp_path / "p.plan"
     where = ("--start", "55.4710,10.3290", "--home", "55.4712 10.3295")
     assert eadp("cover", "plans/meadow.geojson", *FLAGS, *where, "-o", plan).code == 0
@@ -113,9 +115,30 @@ def test_a_smaller_spacing_needs_more_lines(eadp, box):
 def test_wind_makes_the_flight_longer(eadp, box):
     times = [
         json.loads(eadp("cover", box, *FLAGS, *wind, "--format", "json").out)["time_s"]
-        for wind in ((), ("--wind", "8,90"))
+        for wind in ((), ("--wind", "8,180"))
     ]
     assert times[1] > times[0]
+
+
+def test_headings_are_compass_bearings(eadp, tmp_path):
+    """A field 200 m wide and 800 m long from south to north, flown along its length: heading 0 or 180."""
+    path = tmp_path / "long.csv"
+    path.write_text("x_m,y_m\n0,0\n200,0\n200,800\n0,800\n")
+    document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
+    assert document["heading_deg"] in (0, 180)
+    assert f"heading {document['heading_deg']:.1f} deg." in document["plan"]
+    assert f"heading {document['heading_deg']:.1f}°" in eadp("cover", path, *FLAGS, "--format", "text").out
+    for bearing, across in ((0, "x"), (90, "y"), (270, "y")):
+        answer = eadp("cover", path, *FLAGS, "--pattern", "dubins", "--heading", bearing, "--format", "json")
+        document = json.loads(answer.out)
+        assert document["heading_deg"] == bearing
+        first_line = re.search(r"; ([xy]) - ", document["plan"])
+        assert first_line[1] == across
+
+
+def test_wind_is_a_speed_and_the_bearing_it_blows_from():
+    assert _wind_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
+    assert _wind_mps("5,0") == pytest.approx((0, -5))
 
 
 def test_the_pictures(eadp, tmp_path, box):

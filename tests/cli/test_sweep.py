@@ -304,7 +304,7 @@ def test_an_interrupt_is_130_and_leaves_a_file_that_goes_on(folder, number):
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
-    assert "runs made; the same line makes the rest\n" in err
+    assert "runs made; the same command makes the rest\n" in err
     assert "Traceback" not in err
     assert not (folder / "results.db.lock").exists()
     kept = stored(results)
@@ -319,7 +319,7 @@ def test_two_at_once_share_the_work(folder, eadp):
     both = [started(*arguments) for _ in range(2)]
     answers = [process.communicate(timeout=120) for process in both]
     assert [process.returncode for process in both] == [0, 0], answers
-    assert answers[0] == answers[1]
+    assert answers[0][0] == answers[1][0]  # on stderr, a loaded machine's estimates differ
     assert whole(results) == (QUICK_RUNS, 0), "none was made twice"
     with closing(sqlite3.connect(results)) as connection:
         shares = connection.execute("SELECT stored FROM sessions").fetchall()
@@ -384,7 +384,7 @@ def test_bad_files(eadp, folder):
     assert not results.exists()
     path.write_text(SWEEP)
     results.write_text("something else, and long enough to be looked at as a database by its first hundred bytes" * 2)
-    assert refused(eadp("sweep", path, "-o", results), f"{results}:1:1: error: is no SQLite database")
+    assert refused(eadp("sweep", path, "-o", results), f"{results}:1:1: error: is not an SQLite database")
 
 
 def test_standard_input(eadp, folder, monkeypatch):
@@ -403,10 +403,10 @@ def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
 
     clock = iter(range(0, 10_000, 15))
     monkeypatch.setattr("eadp.cli.sweep.time.monotonic", lambda: float(next(clock)))
-    pace = module._Pace(300, 2)
+    progress = module._SweepProgress(300, 2)
     for i in range(6):
-        pace.made(Result(None, "cannot" if i == 4 else None, 2.0))
-    pace.close()
+        progress.add(Result(None, "cannot" if i == 4 else None, 2.0))
+    progress.close()
     lines = capsys.readouterr().err.splitlines()
     lines.remove("sweep: 297 more runs take about 5 min (2 s each, 2 at a time)")
     assert 0 < len(lines) < 6, "one a minute"

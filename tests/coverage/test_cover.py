@@ -1,4 +1,4 @@
-"""Ways over fields: covered whatever the shape, no turn too tight, the same over a field turned, moved, mirrored."""
+"""Coverage paths: fields of any shape covered, no turn too tight, the same over a field turned, moved, mirrored."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import wrap_angle_rad
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
-from eadp.coverage.plan_builder import FieldComputations, plan_of
-from eadp.coverage.report import PowerDraw, covered_lines, flown
+from eadp.coverage.plan_builder import FieldComputations, build_plan
+from eadp.coverage.report import PowerDraw, compass_deg, covered_by_lines, path_report
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
@@ -67,30 +67,30 @@ def test_every_shape_is_covered(name, pattern):
         assert pattern == ZAMBONI
         assert name in ("narrow", "small")
         return
-    for c1 in (0.0, solution.lowest_c1):
-        way = solution.way(c1)
-        assert covered_lines(way, field, MOTION.swath_m) >= 0.9999
-        assert way.min_radius_m >= MOTION.min_radius_m - 1e-6
-        whole(way.legs)
+    for c1 in (0.0, solution.min_c1):
+        path = solution.path(c1)
+        assert covered_by_lines(path, field, MOTION.swath_m) >= 0.9999
+        assert path.min_radius_m >= MOTION.min_radius_m - 1e-6
+        whole(path.legs)
 
 
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 @pytest.mark.parametrize("name", ["L", "hole", "star"])
 def test_the_plan_passes_its_check_and_reads_back(name, pattern):
     solution = cover(CoverageRequest(FIELDS[name], MOTION, pattern, start_m=(-300.0, -200.0), home_m=(-320.0, -180.0)))
-    sensors = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
-    text = plan_text(plan_of(solution, sensors=sensors, min_radius_m=30.0))
+    computations = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
+    text = plan_text(build_plan(solution, computations=computations, min_radius_m=30.0))
     plan, findings = read_plan(Text("p", text))
     assert findings == []
     assert check_plan(plan).findings == ()
     assert plan_text(plan) == text
 
 
-def test_computations_rest_on_turns_and_over_what_is_no_field():
-    sensors = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
+def test_computations_stop_on_turns_and_outside_the_field():
+    computations = FieldComputations((("fps", ""),), (Box(2.0, 10.0),), off_on_turns=True)
     solution = cover(CoverageRequest(HOLE, MOTION, DUBINS, heading_rad=0.0))
-    plan = plan_of(solution, sensors=sensors)
-    gaps = sum(len(leg.gaps_m) for leg in solution.way(0.0).legs)
+    plan = build_plan(solution, computations=computations)
+    gaps = sum(len(leg.gaps_m) for leg in solution.path(0.0).legs)
     for stage in plan.stages:
         if stage.kind == "circle":
             assert stage.sets[-1].inhibited
@@ -129,12 +129,12 @@ def moved(field, angle, shift, mirror):
     st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
     st.booleans(),
 )
-def test_the_way_over_a_field_moved_is_the_way_moved(name, pattern, angle, shift, mirror):
-    # corners pulled askew, so that no two ways are equally long
+def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shift, mirror):
+    # irregular corners, so that no two paths are equally long
     corners = np.array(FIELDS[name].outline) + np.array([(0, 0), (13, 4), (-9, 21), (5, -17)])
     field = Field(tuple(map(tuple, corners.tolist())))
     other, place = moved(field, angle, shift, mirror)
-    a, b = (cover(CoverageRequest(each, MOTION, pattern)).way(0.0) for each in (field, other))
+    a, b = (cover(CoverageRequest(each, MOTION, pattern)).path(0.0) for each in (field, other))
     assert b.length_m == pytest.approx(a.length_m, abs=1e-3)
     ends = [place(leg.piece.end[:2]) for leg in a.legs]
     found = [leg.piece.end[:2] for leg in b.legs]
@@ -159,20 +159,20 @@ def test_wide_turns_and_close_lines_are_left_to_the_zamboni_like_motion():
 def test_a_heading_given_is_kept():
     for pattern in (ZAMBONI, DUBINS):
         solution = cover(CoverageRequest(FIELDS["rectangle"], MOTION, pattern, heading_rad=1.0))
-        for leg in solution.way(0.0).legs:
+        for leg in solution.path(0.0).legs:
             if leg.sensing:
                 assert abs(math.remainder(leg.piece.start[2] - 1.0, math.pi)) < 1e-9
 
 
-def test_the_way_begins_at_the_start_and_ends_at_home():
+def test_the_path_starts_at_the_start_point_and_ends_at_home():
     start, home = (-250.0, -90.0), (700.0, 20.0)
     for pattern in (ZAMBONI, DUBINS):
         solution = cover(CoverageRequest(FIELDS["trapezoid"], MOTION, pattern, start_m=start, home_m=home))
-        legs = solution.way(0.0).legs
+        legs = solution.path(0.0).legs
         assert legs[0].piece.start[:2] == pytest.approx(start)
         assert legs[-1].piece.end[:2] == pytest.approx(home)
         whole(legs)
-        plan = plan_of(solution)
+        plan = build_plan(solution)
         assert default_start(plan, [0.0] * plan.path_count)[0] == pytest.approx(start, abs=1e-6)
 
 
@@ -180,8 +180,8 @@ def test_wind_changes_the_time_as_each_leg_is_flown():
     motion = MotionLimits(30.0, 30.0, 45.0, 15.0, 15.0, (6.0, 0.0))
     for pattern in (ZAMBONI, DUBINS):
         solution = cover(CoverageRequest(FIELDS["L"], motion, pattern))
-        lowest = solution.lowest_c1
-        legs = solution.way(lowest).legs
+        lowest = solution.min_c1
+        legs = solution.path(lowest).legs
         # straight legs by hand: the ground speed along a course χ is w·χ + √(v² − (w × χ)²)
         by_hand = rest = 0.0
         for leg in legs:
@@ -210,20 +210,29 @@ def test_more_lines_than_the_limit_are_refused():
         )
 
 
+def test_a_compass_bearing_by_hand():
+    """A field 200 m wide and 800 m long from south to north: flown along its length, north or south."""
+    field = Field(((0.0, 0.0), (200.0, 0.0), (200.0, 800.0), (0.0, 800.0)))
+    solution = cover(CoverageRequest(field, MOTION, DUBINS))
+    assert compass_deg(solution.heading_rad, 6) in (0.0, 180.0)
+    assert [compass_deg(angle, 1) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)] == [90, 0, 270, 180]
+    assert compass_deg(math.radians(90 + 1e-12), 9) == 0  # not 360
+
+
 def test_energy_is_power_times_time():
     solution = cover(CoverageRequest(FIELDS["L"], MOTION, DUBINS))
     power = PowerDraw(26.0, 10.0, 0.0)
-    end = flown(solution, FIELDS["L"], MOTION, 0.0, power)
-    over_m = sum(leg.piece.length_m for leg in solution.way(0.0).legs if leg.sensing)
+    end = path_report(solution, FIELDS["L"], MOTION, 0.0, power)
+    over_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
     assert end.energy_wh == pytest.approx((26.0 * end.length_m + 10.0 * over_m) / 15.0 / 3600)
 
 
 def flown_share(field, solution, path, wind_deg, c1):
     """Whether the simulated aircraft completes, and the share of the field beside the lines that it really flew.
 
-    It takes a bank at once, as the ways take for granted; the physical one rolls into it in 0.3 s.
+    It banks at once, as the coverage paths assume; the physical one rolls into it in 0.3 s.
     """
-    path.write_text(plan_text(plan_of(solution)))
+    path.write_text(plan_text(build_plan(solution)))
     wind = {} if wind_deg is None else {"wind.speed_mps": 5, "wind.towards_deg": wind_deg}
     parameters = {"parameters": {"c1": c1}} if c1 < 0 else {}
     settings = {"vehicle.model": "paper", "planner.name": "static", "battery.capacity_ah": 20, **wind, **parameters}
@@ -243,7 +252,7 @@ def flown_share(field, solution, path, wind_deg, c1):
 def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
     field = FIELDS["trapezoid"]
     solution = cover(CoverageRequest(field, MOTION, pattern))
-    c1 = 0.0 if c1_at == "highest" else solution.lowest_c1
+    c1 = 0.0 if c1_at == "highest" else solution.min_c1
     completed, share = flown_share(field, solution, tmp_path / "field.plan", 110, c1)
     assert completed
     assert share >= 0.99
@@ -258,6 +267,6 @@ def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
     for pattern in (AUTO, ZAMBONI):
         solution = cover(CoverageRequest(field, MOTION, pattern))
         for wind_deg in (None, 45 * (index % 8)):
-            completed, share = flown_share(field, solution, tmp_path / "field.plan", wind_deg, solution.lowest_c1)
+            completed, share = flown_share(field, solution, tmp_path / "field.plan", wind_deg, solution.min_c1)
             assert completed
             assert share >= 0.99

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.dubins import lengths_m, times_s
 from eadp.coverage import line_order
-from eadp.coverage.line_order import best_order, exact_order, quick_order
+from eadp.coverage.line_order import best_order, quick_order
 
 unhurried = settings(deadline=None, max_examples=40)  # no test depends on the clock
 ROUNDING = 1e-9
@@ -65,12 +65,12 @@ def field(shape, count, *, spacing=30.0, radius=45.0, wind=None, home=None):
 def arbitrary(seed, count):
     """Costs without any structure: other there than back, and other the other way."""
     rng = np.random.default_rng(seed)
-    ways = 2 * count
+    directions = 2 * count
     return (
-        rng.uniform(0, 10, (ways, ways)),
-        rng.uniform(0, 10, ways),
-        rng.uniform(0, 10, ways),
-        rng.uniform(0, 10, ways),
+        rng.uniform(0, 10, (directions, directions)),
+        rng.uniform(0, 10, directions),
+        rng.uniform(0, 10, directions),
+        rng.uniform(0, 10, directions),
     )
 
 
@@ -79,7 +79,7 @@ def total(order, problem):
     costs, own, first, last = problem
     return (
         first[order[0]]
-        + sum(own[way] for way in order)
+        + sum(own[directed] for directed in order)
         + sum(costs[order[i]][order[i + 1]] for i in range(len(order) - 1))
         + last[order[-1]]
     )
@@ -87,16 +87,22 @@ def total(order, problem):
 
 def assert_sound(answer, problem):
     order, cost = answer
-    assert sorted(way // 2 for way in order) == list(range(len(problem[1]) // 2)), "each line once"
-    assert all(isinstance(way, int) for way in order)
+    assert sorted(directed // 2 for directed in order) == list(range(len(problem[1]) // 2)), "each line once"
+    assert all(isinstance(directed, int) for directed in order)
     assert cost == pytest.approx(total(order, problem), rel=ROUNDING)
 
 
-def searched(monkeypatch, problem, **options):
+def exact_order(*arguments):
+    """The order of least cost, by dynamic programming, whatever `EXACT_LINES`."""
+    problem = line_order._problem(*arguments)
+    return problem.with_cost(line_order._held_karp(problem))
+
+
+def searched(monkeypatch, problem):
     """The answer of the local search, also where there are few lines."""
     with monkeypatch.context() as patch:
         patch.setattr(line_order, "EXACT_LINES", 1)
-        answer = best_order(*problem, **options)
+        answer = best_order(*problem)
     assert_sound(answer, problem)
     return answer
 
@@ -109,19 +115,13 @@ def searched(monkeypatch, problem, **options):
 def test_exact_is_the_least_of_every_order_and_direction(count, seed):
     problem = arbitrary(seed, count)
     every = [
-        [2 * line + way for line, way in zip(lines, ways, strict=True)]
+        [2 * line + directed for line, directed in zip(lines, directions, strict=True)]
         for lines in itertools.permutations(range(count))
-        for ways in itertools.product((0, 1), repeat=count)
+        for directions in itertools.product((0, 1), repeat=count)
     ]
     answer = exact_order(*problem)
     assert_sound(answer, problem)
     assert answer[1] == pytest.approx(min(total(order, problem) for order in every), rel=ROUNDING)
-
-
-def test_exact_has_a_limit():
-    problem = arbitrary(0, line_order.EXACT_LIMIT + 1)
-    with pytest.raises(ValueError, match="16 lines are more than the 15"):
-        exact_order(*problem)
 
 
 def test_best_is_exact_where_that_is_quick():
@@ -168,7 +168,7 @@ def test_collinear_pieces_are_flown_straight_through():
     free = np.zeros(12)
     order, cost = best_order(lengths_m(ends, starts, 50.0), np.full(12, 200.0), free, free)
     assert cost == pytest.approx(6 * 200 + 3 * 20 + 2 * math.pi * 50)
-    assert [way // 4 for way in order[::2]] == [way // 4 for way in order[1::2]]
+    assert [directed // 4 for directed in order[::2]] == [directed // 4 for directed in order[1::2]]
 
 
 # --- by search --------------------------------------------------------------------------------------------------------
@@ -227,26 +227,6 @@ def test_the_search_beats_back_and_forth(wind):
     assert best[1] <= quick[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
 
 
-def test_never_worse_than_a_seed(monkeypatch):
-    problem = arbitrary(8, 40)
-    seed, least = best_order(*problem)
-    monkeypatch.setattr(line_order, "VISITS_LIMIT", 0)
-    hasty = best_order(*problem)
-    assert_sound(hasty, problem)
-    assert hasty[1] > 1.01 * least, "else the seed would prove nothing"
-    other = [way ^ 1 for way in seed]
-    for seeds in ([seed], [other, seed]):
-        answer = best_order(*problem, seeds=seeds)
-        assert_sound(answer, problem)
-        assert answer[1] <= least * (1 + ROUNDING)
-
-
-@pytest.mark.parametrize("seed", [[0, 2], [0, 1, 2], [0, 2, 4, 4], [0, 2, 6]])
-def test_a_seed_that_is_no_order(seed):
-    with pytest.raises(ValueError, match="each line once"):
-        best_order(*arbitrary(0, 3), seeds=[seed])
-
-
 def test_the_same_again():
     problem = field("two arms", 14, wind=WIND, home=(-90.0, -60.0, 0.4))
     assert len(problem[1]) // 2 > line_order.EXACT_LINES
@@ -259,8 +239,8 @@ def test_numbers_and_directions_are_names(wind):
     problem = field("triangle", 11, wind=wind)
     count = len(problem[1]) // 2
     rng = np.random.default_rng(2)
-    lines, ways = rng.permutation(count), rng.integers(0, 2, count)
-    names = np.stack([2 * lines + ways, 2 * lines + 1 - ways], axis=1).ravel()
+    lines, directions = rng.permutation(count), rng.integers(0, 2, count)
+    names = np.stack([2 * lines + directions, 2 * lines + 1 - directions], axis=1).ravel()
     renamed = problem[0][np.ix_(names, names)], *(row[names] for row in problem[1:])
     order, cost = exact_order(*renamed)
     assert cost == pytest.approx(exact_order(*problem)[1], rel=ROUNDING)
@@ -307,7 +287,7 @@ def test_without_wind_no_stretch_is_better_turned_round(seed, count):
     search = line_order._Search(line_order._problem(*problem))
     order = search.best_of([list(range(0, 2 * count, 2))])
     for begin, end in itertools.combinations(range(count + 1), 2):
-        turned = order[:begin] + [way ^ 1 for way in reversed(order[begin:end])] + order[end:]
+        turned = order[:begin] + [directed ^ 1 for directed in reversed(order[begin:end])] + order[end:]
         assert total(order, problem) <= total(turned, problem) + 1e-6
 
 
@@ -316,11 +296,11 @@ def test_without_wind_no_stretch_is_better_turned_round(seed, count):
 def test_directions_are_the_best_for_a_sequence(seed, count):
     problem = arbitrary(seed, count)
     sequences = np.stack([np.arange(count), np.arange(count)[::-1]])
-    totals, ways = line_order._directed(line_order._problem(*problem), sequences)
-    for sequence, cost, way in zip(sequences, totals, ways, strict=True):
+    totals, directions = line_order._best_directions(line_order._problem(*problem), sequences)
+    for sequence, cost, directed in zip(sequences, totals, directions, strict=True):
         every = [total((2 * sequence + np.array(w)).tolist(), problem) for w in itertools.product((0, 1), repeat=count)]
         assert cost == pytest.approx(min(every), rel=ROUNDING)
-        assert total((2 * sequence + way).tolist(), problem) == pytest.approx(cost, rel=ROUNDING)
+        assert total((2 * sequence + directed).tolist(), problem) == pytest.approx(cost, rel=ROUNDING)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 7, 12, 25, 31, 60])

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.polygons import covered_share
 from eadp.coverage.cover import ZAMBONI, CoverageRequest, cover
-from eadp.coverage.plan_builder import plan_of
+from eadp.coverage.plan_builder import build_plan
 from eadp.coverage.swaths import MotionLimits, frame_of
-from eadp.coverage.zamboni import BlockBounds, BlockLayout, block_of, shapes
+from eadp.coverage.zamboni import BlockBounds, BlockLayout, build_block, layouts
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
@@ -58,59 +58,59 @@ def flown(plan, draw):
 
 @given(st.integers(1, 4), st.integers(5, 40), st.floats(15, 30), st.floats(0, 1))
 def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
-    shape = BlockLayout(blocks, lines, pitch)
+    layout = BlockLayout(blocks, lines, pitch)
     box = np.array([(0.0, 0.0), (lines * pitch, 0.0), (lines * pitch, 300.0), (0.0, 300.0)])
-    block = block_of(frame_of(math.pi / 2), BlockBounds(box), pitch / 2, shape, MOTION)
-    c1 = share * block.lowest_c1
+    block = build_block(frame_of(math.pi / 2), BlockBounds(box), pitch / 2, layout, MOTION)
+    c1 = share * block.min_c1
     # two lines and two half circles: over by 2 r1, back by 2 r2(c1); r1 = r + x_d/2
     r2 = math.sqrt(block.radius_m**2 + c1)
     assert block.spacing_at(c1) == pytest.approx(2 * block.circle_m - 2 * r2, abs=rounding)
     assert block.spacing_at(0.0) == pytest.approx(block.spacing_m, abs=rounding)
     # at the lowest they move as far as they may, a pitch or more
-    assert block.spacing_at(block.lowest_c1) == pytest.approx(block.widest_m, abs=rounding)
-    assert block.widest_m >= pitch - rounding
+    assert block.spacing_at(block.min_c1) == pytest.approx(block.max_spacing_m, abs=rounding)
+    assert block.max_spacing_m >= pitch - rounding
     assert block.spacing_m <= 0.5 * pitch + rounding
 
 
 @given(st.floats(100, 2000))
-def test_shapes_fill_the_width_and_keep_the_radius(width):
-    for shape in shapes(width, MOTION):
-        assert shape.blocks * shape.lines * shape.pitch_m == pytest.approx(width)
-        assert shape.pitch_m <= MOTION.swath_m + rounding
-        assert shape.least_radius_m >= MOTION.min_radius_m - rounding
-        assert shape.widest_m(MOTION) <= MOTION.swath_m + rounding
-        assert shape.circle_m - shape.widest_m(MOTION) / 2 >= MOTION.min_radius_m - rounding
+def test_layouts_fill_the_width_and_keep_the_radius(width):
+    for layout in layouts(width, MOTION):
+        assert layout.blocks * layout.lines * layout.pitch_m == pytest.approx(width)
+        assert layout.pitch_m <= MOTION.swath_m + rounding
+        assert layout.second_radius_m >= MOTION.min_radius_m - rounding
+        assert layout.max_spacing_m(MOTION) <= MOTION.swath_m + rounding
+        assert layout.circle_m - layout.max_spacing_m(MOTION) / 2 >= MOTION.min_radius_m - rounding
 
 
-def test_a_width_that_needs_tighter_turns_has_no_shape():
+def test_a_width_that_needs_tighter_turns_has_no_layout():
     # six lines 30 m apart: the second turn has (3 − 1)·30/2 m
-    assert [shape.lines for shape in shapes(6 * 30, MOTION)] == [6, 7]
+    assert [layout.lines for layout in layouts(6 * 30, MOTION)] == [6, 7]
     # at 140 m five lines and six would turn with 28 m and 23.3 m
-    assert shapes(140, MOTION) == []
+    assert layouts(140, MOTION) == []
 
 
 @given(st.integers(0, 10_000), st.floats(0, 1), st.floats(0, 1))
 def test_a_smaller_parameter_never_needs_more_lines(seed, a, b):
     solution = solution_of(quadrilateral(seed))
-    low, high = (share * solution.lowest_c1 for share in (max(a, b), min(a, b)))
-    assert solution.way(low).lines <= solution.way(high).lines
+    low, high = (share * solution.min_c1 for share in (max(a, b), min(a, b)))
+    assert solution.path(low).lines <= solution.path(high).lines
 
 
-def test_laps_are_spared_one_by_one_where_it_is_said():
+def test_laps_are_saved_one_by_one_at_the_steps():
     solution = solution_of(quadrilateral(1))
-    lines = [solution.way(c1).lines for c1 in (0.0, *solution.blocks[0].steps())]
+    lines = [solution.path(c1).lines for c1 in (0.0, *solution.blocks[0].steps())]
     assert len(lines) >= 3
     assert all(later < earlier for earlier, later in itertools.pairwise(lines))
     for c1, count in zip(solution.blocks[0].steps(), lines, strict=False):
-        assert solution.way(c1 + 1e-3).lines == count  # a hair above it is a lap more
-    assert solution.way(solution.lowest_c1).lines == lines[-1]
+        assert solution.path(c1 + 1e-3).lines == count  # a hair above it is a lap more
+    assert solution.path(solution.min_c1).lines == lines[-1]
 
 
-def test_laps_are_spared_in_the_air_too():
+def test_laps_are_saved_in_flight_too():
     """A parameter lowered after the first lap still shortens what is left of the block."""
     block = solution_of(quadrilateral(1)).blocks[0]
-    ways = [block.legs(values) for values in ([0.0], [0.0, block.lowest_c1], [block.lowest_c1])]
-    lines = [sum(leg.sensing for leg in legs) for legs in ways]
+    paths = [block.legs(values) for values in ([0.0], [0.0, block.min_c1], [block.min_c1])]
+    lines = [sum(leg.sensing for leg in legs) for legs in paths]
     assert lines[0] > lines[1] >= lines[2]
 
 
@@ -123,10 +123,10 @@ def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
     solution = solution_of(field)
     legs = []
     for block in solution.blocks:
-        legs += block.legs([share * block.lowest_c1 for share in shares])
+        legs += block.legs([share * block.min_c1 for share in shares])
     assert covered(field, legs) >= 0.9999
-    for c1 in (0.0, solution.lowest_c1):
-        assert covered(field, solution.way(c1).legs) >= 0.9999
+    for c1 in (0.0, solution.min_c1):
+        assert covered(field, solution.path(c1).legs) >= 0.9999
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
@@ -134,17 +134,17 @@ def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
 
 @pytest.mark.parametrize("heading", [math.pi / 2, 0.3, 2.9])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_plan_is_the_way_at_both_ends_of_its_parameter(seed, heading):
+def test_the_plan_is_the_path_at_both_ends_of_its_parameter(seed, heading):
     solution = solution_of(quadrilateral(seed), heading)
-    plan, findings = read_plan(Text("p", plan_text(plan_of(solution))))
+    plan, findings = read_plan(Text("p", plan_text(build_plan(solution))))
     assert findings == []
-    for c1 in (0.0, solution.lowest_c1):
-        legs = nominal_legs(plan, [c1], solution.way(c1).legs[0].piece.start[:2])
-        # the plan's first line is two stages, so that the usual start is its begin
+    for c1 in (0.0, solution.min_c1):
+        legs = nominal_legs(plan, [c1], solution.path(c1).legs[0].piece.start[:2])
+        # the plan's first line is two stages, so that the default start is its start
         ends = [legs[0].start_m, *(leg.end_m for leg in legs[1:])]
-        expected = [leg.piece.end[:2] for leg in solution.way(c1).legs]
+        expected = [leg.piece.end[:2] for leg in solution.path(c1).legs]
         assert np.allclose(ends[1:], expected, atol=1e-3)
-        assert sum(leg.length_m for leg in legs) == pytest.approx(solution.way(c1).length_m, abs=1e-2)
+        assert sum(leg.length_m for leg in legs) == pytest.approx(solution.path(c1).length_m, abs=1e-2)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -152,9 +152,9 @@ def test_a_plan_flown_with_a_parameter_that_keeps_changing_is_whole(seed):
     """Position, direction and radius at every trigger, and the ground, whatever c1 is from stage to stage."""
     field = quadrilateral(seed)
     solution = solution_of(field)
-    plan = read_plan(Text("p", plan_text(plan_of(solution))))[0]
+    plan = read_plan(Text("p", plan_text(build_plan(solution))))[0]
     rng = np.random.default_rng(seed)
-    places = flown(plan, lambda: rng.choice([0.0, 1.0, rng.random()]) * solution.lowest_c1)
+    places = flown(plan, lambda: rng.choice([0.0, 1.0, rng.random()]) * solution.min_c1)
     lines = []
     before = None
     for here, after in itertools.pairwise(places):
@@ -173,20 +173,20 @@ def test_a_plan_flown_with_a_parameter_that_keeps_changing_is_whole(seed):
         before = trigger
     lines.append((before, places[-1].trigger_m()))
     first = places[0].trigger_m()
-    way = solution.way(0.0).legs[0].piece.start[:2]
-    assert covered_share(field.outline, (), [(way, first), *lines], MOTION.swath_m) >= 0.9999
+    start = solution.path(0.0).legs[0].start[:2]
+    assert covered_share(field.outline, (), [(start, first), *lines], MOTION.swath_m) >= 0.9999
 
 
 def test_a_rectangles_laps_move_by_the_letters_shift():
     """Eq. 2 with d(c1): where levels are flat, every stage of a lap is that of the lap before, moved by d(c1)."""
     field = Field(((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0)))
     solution = solution_of(field)
-    plan = read_plan(Text("p", plan_text(plan_of(solution))))[0]
+    plan = read_plan(Text("p", plan_text(build_plan(solution))))[0]
     assert plan.primitive_stages == 4
     part = next(part for part in plan.parts if part.repeats)
     block = solution.blocks[0]
     points = np.random.default_rng(0).uniform(-300, 300, (20, 2))
-    for c1 in (0.0, solution.lowest_c1, 0.4 * solution.lowest_c1):
+    for c1 in (0.0, solution.min_c1, 0.4 * solution.min_c1):
         state = part.begin([c1])
         later = part.next([c1], state)
         dx, dy = (block.spacing_at(c1) * u for u in block.frame.across)
@@ -198,20 +198,20 @@ def test_a_rectangles_laps_move_by_the_letters_shift():
             assert (moved[0] - trigger[0], moved[1] - trigger[1]) == pytest.approx((dx, dy), abs=rounding)
 
 
-def test_one_block_says_its_shift():
+def test_one_block_has_a_shift():
     field = Field(((0.0, 0.0), (230.0, 0.0), (230.0, 400.0), (0.0, 400.0)))
     solution = solution_of(field)
     assert len(solution.blocks) == 1
-    plan = read_plan(Text("p", plan_text(plan_of(solution))))[0]
+    plan = read_plan(Text("p", plan_text(build_plan(solution))))[0]
     assert plan.shift is not None
     block = solution.blocks[0]
-    for c1 in (0.0, solution.lowest_c1):
+    for c1 in (0.0, solution.min_c1):
         d = [part.at([c1]) for part in plan.shift]
         assert d == pytest.approx([block.spacing_at(c1) * u for u in block.frame.across], abs=rounding)
 
 
 def test_turns_of_a_block_are_to_one_hand():
-    plan = plan_of(solution_of(quadrilateral(3)))
+    plan = build_plan(solution_of(quadrilateral(3)))
     for part in plan.parts:
         if part.repeats:
             stages = plan.stages[part.first : part.first + part.count]

@@ -1,10 +1,10 @@
 """Results of a sweep: one SQLite file that any number of processes of one machine may write to at once.
 
-What is guaranteed. A result is in the file whole or not at all, once: a run's key, a hash of all that it depends on, is
-the table's primary key. A process that is killed, at whatever moment, leaves a file that can be read; the runs it was
-making are made by whoever works on the file next, those that it stored are not made again. Two sweeps at once do not
-make the same run: each claims runs before it makes them, and a claim holds as long as its process lives, which the
-operating system tells (a lock on a byte of `FILE.lock`), not a clock.
+Guarantees: A result is in the file whole or not at all, and once: the table's primary key is the run's key, a hash of
+all that it depends on. A process that is killed at any moment leaves a readable file; the next process makes the runs
+that were under way and does not repeat those that were stored. Two sweeps at once do not make the same run: each claims
+runs before it makes them. A claim is valid as long as its process lives, which shows in a lock on a byte of
+`FILE.lock`, not in a clock.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from eadp.errors import InputError
 from eadp.simulation.sweep.design import Result, Run
 
 APPLICATION_ID = 0x65616470
-"""`eadp` in ASCII: SQLite's own place for telling whose file it is."""
+"""`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
 SCHEMA_VERSION = 1
 BUSY_S = 60.0
-"""How long another process may hold the file before that is an error [s]."""
+"""Longest time that another process may lock the file [s]."""
 
 WAIT_S = 0.2
-"""Between two looks at what another process has made [s]."""
+"""Interval of polling for the results of other processes [s]."""
 
-AT_ONCE = 500
-"""Keys in one statement: SQLite's own limit may be 999."""
+KEYS_PER_QUERY = 500
+"""SQLite's own limit may be 999."""
 
 _TABLES = """
 CREATE TABLE runs (
@@ -52,9 +52,9 @@ COLUMNS = ("completed", "reason", "duration_s", "soc_final", "quality")
 
 
 class Results:
-    """A results file, opened; without a path a private one that is gone when it is closed.
+    """An open results file; without a path a temporary one.
 
-    `read_only` looks at a file and claims nothing.
+    With `read_only` nothing is claimed or written.
     """
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
@@ -63,7 +63,7 @@ class Results:
         self._lock: int | None = None
         self._session = 0
         try:
-            with self._told():
+            with self._sqlite_errors():
                 self._open(path, read_only)
         except BaseException:
             self.close()
@@ -76,12 +76,12 @@ class Results:
             _check_ours(self._connection, self._path)
         else:
             self._prepare(shared=path is not None)
-            self._begin(path)
+            self._start_session(path)
 
     # --- opening and closing
 
     def _prepare(self, *, shared: bool) -> None:
-        """The file's tables; another file's are refused."""
+        """Create the tables of an empty file; refuse another application's file."""
         query = self._connection.execute
         _check_ours(self._connection, self._path)
         if shared:
@@ -95,8 +95,8 @@ class Results:
             query(f"PRAGMA application_id = {APPLICATION_ID}")
             query(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
-    def _begin(self, path: str | None) -> None:
-        """A session, alive as long as it holds the lock on its byte."""
+    def _start_session(self, path: str | None) -> None:
+        """Start a session, alive as long as it holds the lock on its byte."""
         with self._transaction():
             row = self._connection.execute("INSERT INTO sessions (version) VALUES (?)", (__version__,))
             self._session = int(row.lastrowid or 0)
@@ -109,9 +109,9 @@ class Results:
                     raise InputError.at(f"{path}.lock", 1, 1, what, "a writable place") from None
 
     def close(self) -> None:
-        """Let go of what was claimed and not made; the last one out removes the lock's file."""
+        """Release the claims that are left; the last session removes the lock file."""
         with suppress(sqlite3.Error, OSError):
-            self._roll_back()  # Ctrl-C may have come just behind its begin
+            self._roll_back()  # Ctrl-C may have come just after its start
             if self._session:
                 self._release()
         with suppress(sqlite3.Error):
@@ -125,12 +125,12 @@ class Results:
             self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
             if self._lock is not None:
                 (last,) = self._connection.execute("SELECT max(id) FROM sessions").fetchone()
-                # sessions begin within a transaction, so none begins between this look and the removal
+                # sessions start within a transaction, so none starts between this check and the removal
                 if not any(self._alive(other) for other in range(1, last + 1)):
                     os.unlink(f"{self._path}.lock")
 
     def _alive(self, session: int) -> bool:
-        """Whether another session's process lives: its byte is locked."""
+        """Whether another session's process lives, which is when its byte is locked."""
         if self._lock is None or session == self._session:
             return False
         try:
@@ -140,25 +140,25 @@ class Results:
         fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, session)
         return False
 
-    # --- what is wanted, and what is there
+    # --- expected runs and their results
 
     def expect(self, keys: Iterable[str]) -> None:
-        """State the runs that are asked about, by their keys in order."""
-        with self._told():
+        """Set the runs that the other methods are about, by their keys in order."""
+        with self._sqlite_errors():
             self._connection.execute("DELETE FROM wanted")
             self._connection.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(keys))
 
     def missing(self) -> list[int]:
-        """Places of the expected runs that are not made; of several with one key, the first."""
+        """Positions of the expected runs that are not made; of several with one key, the first."""
         query = "SELECT min(place) FROM wanted WHERE key NOT IN (SELECT key FROM runs) GROUP BY key ORDER BY 1"
-        with self._told():
+        with self._sqlite_errors():
             return [place for (place,) in self._connection.execute(query)]
 
     def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
-        """The expected runs in order: figures and error of each; with `summaries`, the summary in their place."""
+        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures."""
         columns = "summary, error" if summaries else ", ".join((*COLUMNS, "error"))
         query = f"SELECT {columns} FROM wanted JOIN runs USING (key) ORDER BY place"
-        with self._told():
+        with self._sqlite_errors():
             cursor = self._connection.execute(query)
             names = [column[0] for column in cursor.description]
             for values in cursor:
@@ -167,18 +167,13 @@ class Results:
                     row["completed"] = bool(row["completed"])
                 yield row
 
-    def sessions(self) -> list[tuple[int, int]]:
-        """Of every session so far: results it stored, and results it made that were there already."""
-        with self._told():
-            return self._connection.execute("SELECT stored, repeated FROM sessions ORDER BY id").fetchall()
-
     # --- the ledger of `simulation.sweep`
 
     def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
-        """The runs that are now ours to make, and those that another is making; made ones are in neither."""
+        """Claim runs: those that are now ours, and those that another process is making; made ones are in neither."""
         mine: list[Run] = []
         theirs: list[Run] = []
-        with self._told(), self._transaction():
+        with self._sqlite_errors(), self._transaction():
             keys = [run.key for run in runs]
             made = {key for (key,) in self._select("SELECT key FROM runs", keys)}
             holders: Mapping[str, int] = dict(self._select("SELECT key, session FROM claims", keys))
@@ -191,13 +186,13 @@ class Results:
         return mine, theirs
 
     def _select(self, query: str, keys: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        for i in range(0, len(keys), AT_ONCE):
-            some = keys[i : i + AT_ONCE]
+        for i in range(0, len(keys), KEYS_PER_QUERY):
+            some = keys[i : i + KEYS_PER_QUERY]
             yield from self._connection.execute(f"{query} WHERE key IN ({', '.join('?' * len(some))})", some)
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Keep results for good, and let go of their claims."""
-        with self._told(), self._transaction():
+        """Store results and release their claims."""
+        with self._sqlite_errors(), self._transaction():
             rows = [self._row(run, result) for run, result in results]
             marks = ", ".join("?" * len(rows[0]))
             cursor = self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
@@ -217,39 +212,39 @@ class Results:
         return (run.key, files, overrides, seed, *figures, result.error, text, result.took_s, self._session)
 
     def wait(self) -> None:
-        """Wait a moment for others."""
+        """Wait a moment for other processes."""
         time.sleep(WAIT_S)
 
-    # --- other files, and failures
+    # --- other files and failures
 
     def merge(self, path: str) -> None:
-        """Take over the results of another file, as a shard on another machine has made them.
+        """Add the results of another file, such as a shard from another machine.
 
         Raises
         ------
         InputError
-            If it is no results file.
+            If it is not a results file.
         """
         other = Results(path, read_only=True)
         try:
-            with other._told():
+            with other._sqlite_errors():
                 rows = other._connection.execute("SELECT * FROM runs")
                 marks = ", ".join("?" * len(rows.description))
                 elsewhere = ((*row[:-1], 0) for row in rows)  # sessions are numbered within a file
-                with self._told(), self._transaction():
+                with self._sqlite_errors(), self._transaction():
                     self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", elsewhere)
         finally:
             other.close()
 
     def forget_failures(self) -> None:
-        """Forget the expected runs that could not be made, so that they are tried again."""
-        with self._told(), self._transaction():
+        """Delete the expected runs that could not be made, so that they are tried again."""
+        with self._sqlite_errors(), self._transaction():
             query = "DELETE FROM runs WHERE error IS NOT NULL AND key IN (SELECT key FROM wanted)"
             self._connection.execute(query)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """All or nothing; the right to write is taken at the begin, so that what is read stays true."""
+        """A transaction; the write lock is taken at its start, so that what it reads stays true."""
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             yield
@@ -259,14 +254,14 @@ class Results:
             raise
 
     def _roll_back(self) -> None:
-        """End a transaction, if there is one: a full disk has ended it already."""
+        """Roll back a transaction, if one is open: a full disk has ended it already."""
         if self._connection.in_transaction:
             with suppress(sqlite3.Error):
                 self._connection.execute("ROLLBACK")
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """SQLite's errors in our words."""
+    def _sqlite_errors(self) -> Iterator[None]:
+        """SQLite's errors as faults of the file."""
         try:
             yield
         except sqlite3.Error as error:
@@ -287,12 +282,12 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
 
 
 def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
-    """Whether a database has our tables; one that is empty may get them, another's is refused."""
+    """Whether a database has our tables; another application's is refused."""
     keys = ("application_id", "user_version")
-    mine = tuple(connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
+    found = tuple(connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    if tables and mine != (APPLICATION_ID, SCHEMA_VERSION):
-        raise InputError.at(name, 1, 1, "is a database of something else", "results of eadp sweep, or a new file")
+    if tables and found != (APPLICATION_ID, SCHEMA_VERSION):
+        raise InputError.at(name, 1, 1, "is a database of another application", "results of eadp sweep, or a new file")
     return bool(tables)
 
 
@@ -300,9 +295,11 @@ def _fault(path: str, error: sqlite3.Error) -> InputError:
     name = getattr(error, "sqlite_errorname", "") or ""
     if name.startswith("SQLITE_FULL") or name == "SQLITE_IOERR_WRITE":
         what = "the disk is full, or a limit reached"
-        return InputError.at(path, 1, 1, what, "room for the rest; results stored so far are kept, the sweep can go on")
+        return InputError.at(
+            path, 1, 1, what, "space for the rest; results stored so far are kept, the sweep can be continued"
+        )
     if name.startswith("SQLITE_NOTADB"):
-        return InputError.at(path, 1, 1, "is no SQLite database", "results of eadp sweep, or a new file")
+        return InputError.at(path, 1, 1, "is not an SQLite database", "results of eadp sweep, or a new file")
     if name.startswith("SQLITE_BUSY"):
-        return InputError.at(path, 1, 1, f"another process has held it for {BUSY_S:g} s", "a file that is let go")
+        return InputError.at(path, 1, 1, f"another process has held it for {BUSY_S:g} s", "a file that is not locked")
     return InputError.at(path, 1, 1, f"cannot be used: {error}", "a results file in a writable place")

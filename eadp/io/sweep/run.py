@@ -1,4 +1,4 @@
-"""One run of a sweep: loaded from texts that are read once, flown without a log, and summed up."""
+"""One run of a sweep: loaded from texts that are read once, flown without a log, and summarised."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from eadp.simulation.sweep.design import Result, Run
 
 UNLOGGED_S = 1e9
 CLOCKED = ("median_ms", "max_ms")
-"""Of a summary's solver, what depends on the machine and its load."""
+"""Keys of a summary's solver that depend on the machine and its load."""
 
 Read = TypeVar("Read")
 
 
 class KeptFiles(Files):
-    """Files whose texts came with the work; each is parsed once. Pickled, it is the texts alone."""
+    """Files whose texts are sent with the runs; each is parsed once. Only the texts are pickled."""
 
     def __init__(self, texts: dict[str, Text]) -> None:
         self.texts = texts
@@ -46,7 +46,7 @@ class KeptFiles(Files):
     def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
         version, self.texts = state
         self._kept = {}
-        if version != __version__:  # another version's flights may be others
+        if version != __version__:  # another version's flights may differ
             raise EadpError(f"this is eadp {__version__}")
 
     def text(self, path: str) -> Text:
@@ -54,12 +54,12 @@ class KeptFiles(Files):
         return self.texts[path]
 
     def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
-        """A plan's text, the plan, and what reading it shows."""
+        """A plan's text, the plan, and the findings of reading it."""
         plan, findings = self._once("plan", path, read_plan)
         return self.text(path), plan, findings
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
-        """A scenario with some keys set anew."""
+        """A scenario with some keys overridden."""
         if path is None:
             return read_scenario(None, overrides)
         document: Document = self._once("scenario", path, scenario_document)
@@ -92,9 +92,9 @@ class KeptFiles(Files):
 
 
 class FlyRun:
-    """Makes runs: a function of a run that can be sent to another process.
+    """A function that makes runs and can be sent to another process.
 
-    `fast` is whether flights are compiled where they can be.
+    `fast` is whether flights are compiled if possible.
     """
 
     def __init__(self, files: KeptFiles, *, fast: bool = True) -> None:
@@ -103,19 +103,19 @@ class FlyRun:
         self._warm = False
 
     def __call__(self, run: Run) -> Result:
-        """Fly; whatever goes wrong is the result's error."""
+        """Fly; any error is in the result."""
         if enable(self._fast) and not self._warm:
             self._warm = True
-            self._begin(run)
-        begun_s = time.perf_counter()
+            self._warm_up(run)
+        start_s = time.perf_counter()
         try:
-            return Result(self._summary(run), None, time.perf_counter() - begun_s)
+            return Result(self._summary(run), None, time.perf_counter() - start_s)
         except Exception as error:
-            return Result(None, _told(error), time.perf_counter() - begun_s)
+            return Result(None, _message(error), time.perf_counter() - start_s)
 
-    def _begin(self, run: Run) -> None:
-        """Fly a step, so that machine code is loaded before a run is timed: a sweep is estimated from its runs."""
-        with suppress(Exception):  # it is the run's to tell
+    def _warm_up(self, run: Run) -> None:
+        """Fly a step, so that machine code is loaded before runs are timed for the sweep's estimate."""
+        with suppress(Exception):  # the run itself reports it
             inputs = self._files.load(run)
             for _ in fly(replace(inputs.world, time_limit_s=inputs.world.step_s), inputs.planner(), Outcome()):
                 pass
@@ -130,12 +130,12 @@ class FlyRun:
             world, pilot, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
         )
         summary["solver"] = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
-        json.dumps(summary, allow_nan=False)  # a figure that cannot be kept is this run's error
+        json.dumps(summary, allow_nan=False)  # a figure that cannot be stored is this run's error
         return summary
 
 
-def _told(error: Exception) -> str:
-    """An error in one line; a fault of a key that was set is named by the key alone."""
+def _message(error: Exception) -> str:
+    """An error in one line; a fault of an overridden key without its source."""
     if isinstance(error, InputError):
         return "; ".join(_fault(fault) for fault in error.faults)
     if isinstance(error, EadpError):

@@ -1,4 +1,4 @@
-"""The sweep file: which flights to make of a plan, a profile and a scenario, checked before any of them flies."""
+"""The sweep file: the flights to make of a plan, a profile and a scenario, checked before the first of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from eadp.io.sweep.run import KeptFiles
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
-from eadp.io.text.yaml import Path as StageVisit
+from eadp.io.text.yaml import Path as KeyPath
 from eadp.simulation.sweep.design import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
 
 SCHEMA = "eadp.sweep/1"
@@ -40,7 +40,7 @@ class _Strict(BaseModel):
 
 
 class DrawKeys(_Strict):
-    """How a key is drawn: one of the three."""
+    """The distribution of a key: one of the three."""
 
     uniform: Two | None = Field(default=None, description="[low, high]")
     normal: Two | None = Field(default=None, description="[mean, standard deviation]")
@@ -77,7 +77,7 @@ def json_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep that can be made: its design, the texts of all its files, and what reading them warned about."""
+    """A checked sweep: its design, the texts of all its files, and the warnings of reading them."""
 
     name: str
     design: Design
@@ -88,7 +88,7 @@ class Sweep:
     warnings: tuple[Fault, ...] = ()
 
     def seed(self, point: DesignPoint) -> int:
-        """The seed of a run: the design's, else a varied one, else the scenario's own."""
+        """The seed of a run: the design's, else a varied one, else the scenario's."""
         if point.seed is not None:
             return point.seed
         own = self._own_seed(self._files(point).get("scenario", ""))
@@ -103,12 +103,8 @@ class Sweep:
         files = dict(self.files)
         for kind in FILES:
             if kind in point.values:
-                files[kind] = self.beside(point.values[kind])
+                files[kind] = beside(self.name, point.values[kind])
         return files
-
-    def beside(self, path: str) -> str:
-        """A path relative to the sweep file."""
-        return beside(self.name, path)
 
     def run(self, index: int) -> Run:
         """The run of an index."""
@@ -122,7 +118,7 @@ class Sweep:
         return Run(index, self._key(files, overrides), files, overrides)
 
     def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
-        """A hash of all that a run depends on: files by content, overrides with the seed, and what makes it."""
+        """A hash of all that a run depends on: files by content, overrides with the seed, and the version of eadp."""
         contents = {kind: self._digests[path] for kind, path in files.items()}
         if "profile" not in contents:
             own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
@@ -136,7 +132,7 @@ class Sweep:
 
 
 def digest(text: Text) -> str:
-    """A hash of a file's content, and of its name's ending, which may say how it is read."""
+    """A hash of a file's content and of its suffix, which may decide how it is read."""
     return hashlib.sha256(f"{Path(text.name).suffix}\0{text.body}".encode()).hexdigest()
 
 
@@ -151,7 +147,7 @@ def full_key(name: str) -> str:
 
 
 def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
-    """Read a sweep file and every file it names, and try every value it lists in the scenario's schema.
+    """Read a sweep file and every file it names, and check every value it lists by the scenario's schema.
 
     Parameters
     ----------
@@ -163,11 +159,11 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
     Raises
     ------
     InputError
-        With every fault of the first file that has any; a value that no flight could take stands among the sweep's.
+        With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
     document = read_yaml(read_text(path))
     if not isinstance(document.value, dict):
-        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {SCHEMA}"))
+        raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
     design = _design(keys)
     if len(design) > RUNS_LIMIT:
@@ -179,11 +175,11 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
     kept = KeptFiles(_texts(document, keys, files))
     scenarios = _scenarios(document, keys, files, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
-    _try_values(document, keys, sweep)
+    _check_values(document, keys, sweep)
     return replace(sweep, warnings=_read_all(document, keys, sweep))
 
 
-# --- the design, and what the schema alone cannot say
+# --- the design, and checks beyond the schema
 
 
 def _design(keys: SweepKeys) -> Design:
@@ -195,24 +191,31 @@ def _design(keys: SweepKeys) -> Design:
 
 
 def _law(keys: DrawKeys) -> Uniform | Normal | Choice:
-    if keys.uniform:
-        return Uniform(*keys.uniform)
-    if keys.normal:
-        return Normal(*keys.normal)
-    return Choice(tuple(keys.choice or ()))
+    if keys.choice:
+        return Choice(tuple(keys.choice))
+    return Uniform(*keys.uniform) if keys.uniform else Normal(*(keys.normal or ()))
 
 
-def _places(keys: SweepKeys) -> Iterator[tuple[str, StageVisit]]:
-    """Every varied key with its place in the file."""
+def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], KeyPath]]:
+    """Every varied key and its location; its listed values, of a distribution its bounds or its mean, and theirs."""
     for part in ("grid", "zip"):
-        yield from ((name, (part, name)) for name in getattr(keys, part))
-    if keys.sample:
-        yield from ((name, ("sample", "keys", name)) for name in keys.sample.keys)
+        yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        location = ("sample", "keys", name)
+        law = next((law for law in ("choice", "uniform", "normal") if getattr(drawn, law)), "choice")
+        values = getattr(drawn, law) or []
+        yield name, location, values[:1] if law == "normal" else values, (*location, law)
+
+
+def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, KeyPath]]:
+    """Every listed value of a varied key, with its location."""
+    for name, _, values, location in _varied_keys(keys):
+        yield from ((name, value, (*location, i)) for i, value in enumerate(values))
 
 
 def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = [*_name_faults(keys, document), *_zip_faults(keys, document), *_sample_faults(keys, document)]
-    names = {name for name, _ in _places(keys)}
+    names = {name for name, *_ in _varied_keys(keys)}
     if keys.plan is None and "plan" not in names:
         faults.append(document.fault((), "no plan to fly", "plan: FILE"))
     if keys.seeds is not None and "seed" in names:
@@ -221,18 +224,20 @@ def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
 
 
 def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
-    """Keys that are none, and keys that stand twice or within one another."""
+    """Unknown keys, and keys that are varied twice or contain one another."""
     faults = []
     seen: dict[str, str] = {}
-    for name, place in _places(keys):
+    for name, location, *_ in _varied_keys(keys):
         if name not in FILES and override_key(name) is None:
-            faults.append(document.fault(place, f"{printable(name)} is no key", "a scenario's, as wind.speed_mps"))
+            faults.append(
+                document.fault(location, f"{printable(name)} is not a key", "a scenario's, as wind.speed_mps")
+            )
             continue
         full = name if name in FILES else full_key(name)
         clash = next((other for other in seen if _overlap(full, other)), None)
         if clash is not None:
             message = f"{printable(name)} and {printable(seen[clash])} set the same key"
-            faults.append(document.fault(place, message, "one of them"))
+            faults.append(document.fault(location, message, "one of them"))
         seen[full] = name
     return faults
 
@@ -254,22 +259,24 @@ def _zip_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 def _sample_faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = []
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
-        place = ("sample", "keys", name)
+        location = ("sample", "keys", name)
         given = [law for law in ("uniform", "normal", "choice") if getattr(drawn, law) is not None]
         if len(given) != 1:
-            faults.append(document.fault(place, f"{name} is drawn in {len(given)} ways", "uniform, normal or choice"))
+            faults.append(
+                document.fault(location, f"{name} has {len(given)} distributions", "uniform, normal or choice")
+            )
         elif drawn.uniform and drawn.uniform[0] > drawn.uniform[1]:
-            faults.append(document.fault((*place, "uniform"), "the lower end is above the upper one", "[low, high]"))
+            faults.append(document.fault((*location, "uniform"), "the lower end is above the upper one", "[low, high]"))
         elif drawn.normal and drawn.normal[1] < 0:
             message = "a standard deviation below 0"
-            faults.append(document.fault((*place, "normal"), message, "[mean, standard deviation]"))
+            faults.append(document.fault((*location, "normal"), message, "[mean, standard deviation]"))
         elif name in FILES and not drawn.choice:
-            faults.append(document.fault(place, f"{name} is a file", "choice: [FILE, …]"))
+            faults.append(document.fault(location, f"{name} is a file", "choice: [FILE, …]"))
     return faults
 
 
 def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
-    """What is set in every run is no file, and not varied."""
+    """Refuse a key set in every run that is a file or varied."""
     for key in overrides:
         if key in FILES:
             raise InputError.at("--set", 1, 1, f"{key} is a file", "it in the sweep file", key)
@@ -279,40 +286,25 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
             raise InputError.at("--set", 1, 1, "the sweep has seeds", "a key that it does not vary", key)
 
 
-# --- files, and values tried in them
-
-
-def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, StageVisit]]:
-    """Every value that the file gives for a key, with its place; of a range, what stands for it."""
-    for part in ("grid", "zip"):
-        for name, values in getattr(keys, part).items():
-            yield from ((name, value, (part, name, i)) for i, value in enumerate(values))
-    for name, drawn in keys.sample.keys.items() if keys.sample else ():
-        place = ("sample", "keys", name)
-        if drawn.choice:
-            yield from ((name, value, (*place, "choice", i)) for i, value in enumerate(drawn.choice))
-        elif drawn.uniform:
-            yield from ((name, float(value), (*place, "uniform", i)) for i, value in enumerate(drawn.uniform))
-        elif drawn.normal:
-            yield name, float(drawn.normal[0]), (*place, "normal", 0)
+# --- files, and values checked in them
 
 
 def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
     """The texts of all files that the sweep file names, by path."""
-    named: list[tuple[Any, StageVisit]] = [(getattr(keys, kind), (kind,)) for kind in files]
-    named += [(value, place) for name, value, place in _listed(keys) if name in FILES]
+    named: list[tuple[Any, KeyPath]] = [(getattr(keys, kind), (kind,)) for kind in files]
+    named += [(value, location) for name, value, location in _listed(keys) if name in FILES]
     texts: dict[str, Text] = {}
     faults = []
-    for value, place in named:
+    for value, location in named:
         if not isinstance(value, str):
-            faults.append(document.fault(place, "no file's name", "a path relative to this file"))
+            faults.append(document.fault(location, "not a file name", "a path relative to this file"))
             continue
         path = beside(document.name, value)
         try:
             texts.setdefault(path, texts.get(path) or read_text(path))
         except InputError as error:
             fault = error.faults[0]
-            faults.append(document.fault(place, f"{printable(path)} {fault.message}", fault.expected))
+            faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
     if faults:
         raise capped(faults)
     return texts
@@ -321,39 +313,39 @@ def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dic
 def _scenarios(
     document: Document, keys: SweepKeys, files: Mapping[str, str], kept: KeptFiles, overrides: Mapping[str, Any]
 ) -> dict[str, Scenario]:
-    """Every scenario that may be flown, by path; the profiles that they name are added to the texts."""
+    """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
     paths = [beside(document.name, value) for name, value, _ in _listed(keys) if name == "scenario"]
     if not paths and "scenario" in files:
         paths = [files["scenario"]]
     scenarios = {path: kept.scenario(path, overrides) for path in dict.fromkeys(paths)}
     for scenario in scenarios.values():
         own = scenario.profile_path
-        replaced = "profile" in files or any(name == "profile" for name, _ in _places(keys))
+        replaced = "profile" in files or any(name == "profile" for name, *_ in _varied_keys(keys))
         if own is not None and own not in kept.texts and not replaced:
             kept.texts[own] = read_text(own)
     return scenarios
 
 
-def _try_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
-    """Read the scenario with each listed value set: what its schema refuses is a fault of the sweep file."""
+def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
+    """Read the scenario with each listed value: what its schema refuses is a fault of the sweep file."""
     scenario = next(iter(sweep.scenarios), None)
     faults: list[Fault] = []
-    tried: set[str] = set()
-    for name, value, place in _listed(keys):
+    checked: set[str] = set()
+    for name, value, location in _listed(keys):
         token = f"{name}={json.dumps(value, sort_keys=True)}"
-        if name in FILES or token in tried:
+        if name in FILES or token in checked:
             continue
-        tried.add(token)
+        checked.add(token)
         try:
             sweep.kept.scenario(scenario, {**sweep.overrides, full_key(name): value})
         except InputError as error:
-            faults += [document.fault(place, fault.message, fault.expected) for fault in error.faults]
+            faults += [document.fault(location, fault.message, fault.expected) for fault in error.faults]
     if faults:
         raise capped(list(dict.fromkeys(faults)))
 
 
 def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
-    """Read every plan, profile and energy model once; what the first run is warned about."""
+    """Read every plan, profile and energy model once; the warnings of the first run."""
     read: dict[str, Callable[[str], Any]] = {
         "plan": sweep.kept.plan,
         "profile": sweep.kept.profile,

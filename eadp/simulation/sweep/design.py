@@ -1,6 +1,6 @@
-"""Many flights: which runs there are, in which order they are made, and the loop that hands them to an engine.
+"""The design of a sweep: its runs, their order, and the loop that passes them to an engine.
 
-Pure but for what it is handed: an engine that makes runs, and a ledger that knows which are made and keeps them.
+The loop depends on an engine, which makes runs, and on a ledger, which keeps their results.
 """
 
 from __future__ import annotations
@@ -21,50 +21,50 @@ _STANDARD = NormalDist()
 DIED = "the process that made it died, alone and twice (out of memory?)"
 
 
-# --- which runs
+# --- runs
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Evenly between two numbers."""
+    """A uniform distribution between two numbers."""
 
     low: float
     high: float
 
     def at(self, share: float) -> float:
-        """The value below which a share in (0, 1) of all draws lies."""
+        """The quantile of a share in (0, 1)."""
         return self.low + (self.high - self.low) * share
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal with a mean and a standard deviation."""
+    """A normal distribution."""
 
     mean: float
     std: float
 
     def at(self, share: float) -> float:
-        """The value below which a share in (0, 1) of all draws lies."""
+        """The quantile of a share in (0, 1)."""
         return self.mean + self.std * _STANDARD.inv_cdf(share)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One of several values, each as likely."""
+    """One of several values with equal probability."""
 
     values: tuple[Any, ...]
 
     def at(self, share: float) -> Any:
-        """The value that a share in (0, 1) falls on."""
+        """The quantile of a share in (0, 1)."""
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
 
 @dataclass(frozen=True)
 class SampleDesign:
-    """Keys drawn at random together, `runs` times: independently, or as a Latin hypercube.
+    """Keys drawn at random, `runs` times: independently, or as a Latin hypercube.
 
-    Every key has a generator of its own, so that one key more leaves the draws of the keys before it as they are; so
-    do more runs of method random.
+    Every key has a generator of its own: another key does not change the draws of the keys before it, nor do more runs
+    of method random.
     """
 
     runs: int
@@ -78,11 +78,11 @@ class SampleDesign:
         return {name: [law.at(u) for u in self._shares(j)] for j, (name, law) in enumerate(self.keys.items())}
 
     def _shares(self, column: int) -> list[float]:
-        """Numbers in (0, 1), one a run; of a Latin hypercube, one in each of `runs` equal parts, in random order."""
+        """A number in (0, 1) for each run; of a Latin hypercube, one in each of `runs` equal parts, in random order."""
         generator = np.random.default_rng([self.seed, column])
         if self.method == LATIN:
-            places = generator.permutation(self.runs)
-            shares = (places + generator.random(self.runs)) / self.runs
+            parts = generator.permutation(self.runs)
+            shares = (parts + generator.random(self.runs)) / self.runs
         else:
             shares = generator.random(self.runs)
         # a normal's quantiles are infinite at 0 and 1
@@ -92,7 +92,7 @@ class SampleDesign:
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """One run's place in a design: the varied keys' values, and the seed where the design sets one."""
+    """One run of a design: the varied keys' values, and the seed if the design sets one."""
 
     index: int
     values: Mapping[str, Any]
@@ -101,9 +101,9 @@ class DesignPoint:
 
 @dataclass(frozen=True)
 class Design:
-    """The product of a grid, of values that go together, of a sample, and of seeds; the last changes fastest.
+    """The product of a grid, of zipped values, of a sample, and of seeds; the last changes fastest.
 
-    Runs are made when they are asked for: a design of a million of them takes no room.
+    Its points are computed on demand: a design of a million takes no memory.
     """
 
     grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
@@ -126,37 +126,32 @@ class Design:
         return math.prod(self._sizes)
 
     def point(self, index: int) -> DesignPoint:
-        """The run of an index, from 0."""
-        places = []
-        rest = index
-        for size in reversed(self._sizes):
-            rest, place = divmod(rest, size)
-            places.append(place)
-        seed, drawn, together, *axes = places
-        values = {name: choices[i] for (name, choices), i in zip(self.grid.items(), reversed(axes), strict=True)}
+        """The point of an index, from 0."""
+        *axes, together, drawn, seed = (int(i) for i in np.unravel_index(index, self._sizes))
+        values = {name: choices[i] for (name, choices), i in zip(self.grid.items(), axes, strict=True)}
         values |= {name: choices[together] for name, choices in self.zipped.items()}
         if self.sample:
             values |= {name: draws[drawn] for name, draws in self.sample.draws.items()}
         return DesignPoint(index, values, None if self.seeds is None else seed)
 
     def listed(self, name: str) -> tuple[Any, ...]:
-        """The values that a key is given by name; none where it is drawn from a range."""
+        """The values that are listed for a key; none if it is drawn from a distribution."""
         law = self.sample.keys.get(name) if self.sample else None
         if isinstance(law, Choice):
             return law.values
         return tuple(self.grid.get(name, ()) or self.zipped.get(name, ()))
 
 
-# --- in which order
+# --- order
 
 
-def spread(items: Sequence[int]) -> Iterator[int]:
-    """All items, each once, any few in a row spread over the whole.
+def interleaved(items: Sequence[int]) -> Iterator[int]:
+    """All items, each once, in an order whose every part is distributed over the whole.
 
-    What a sweep has made when it is stopped, or when it estimates how long it takes, is then no corner of its grid.
+    The first runs of a sweep, from which its time is estimated, are then no corner of its grid.
     """
     count = len(items)
-    # steps of the golden ratio, made coprime to the count so that every item is met
+    # steps of the golden ratio, made coprime to the count so that every item is reached
     stride = max(1, round(count * (math.sqrt(5) - 1) / 2))
     while math.gcd(stride, count) > 1:
         stride += 1
@@ -164,18 +159,18 @@ def spread(items: Sequence[int]) -> Iterator[int]:
 
 
 def shard(count: int, part: int, parts: int) -> Sequence[int]:
-    """The indices of part `part` (from 1) of `parts`, in order; each part is spread over the whole."""
+    """The indices of part `part` (from 1) of `parts`, in order; each part is distributed over the whole."""
     if parts == 1:
         return range(count)
-    return sorted(islice(spread(range(count)), count * (part - 1) // parts, count * part // parts))
+    return sorted(islice(interleaved(range(count)), count * (part - 1) // parts, count * part // parts))
 
 
-# --- on which engine
+# --- engines
 
 
 @dataclass(frozen=True)
 class Run:
-    """One flight to make: files by kind, overrides of the scenario's keys, and the key of all that it depends on."""
+    """One flight to make: files by kind, overrides of the scenario's keys, and a hash of all that it depends on."""
 
     index: int
     key: str
@@ -185,7 +180,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a run: its summary, or why there is none; and the time it took [s]."""
+    """The summary of a run, or the error that prevented it, and the time it took [s]."""
 
     summary: Mapping[str, Any] | None
     error: str | None = None
@@ -196,38 +191,45 @@ class Engine(Protocol):
     """Makes runs somewhere."""
 
     @property
+    def workers(self) -> int:
+        """The number of runs made at a time."""
+
+    @property
     def room(self) -> int:
-        """How many runs it would take now."""
+        """The number of runs that it takes now."""
 
     @property
     def busy(self) -> int:
-        """How many runs it has and has not given back."""
+        """The number of runs taken and not given back."""
 
     def submit(self, run: Run) -> None:
         """Take a run."""
 
     def finished(self) -> list[tuple[Run, Result | None]]:
-        """Wait until something has happened; the runs that are made since, None for one that its process died of."""
+        """Wait for results, maybe in vain; None for a run whose process died twice."""
+
+    def close(self) -> None:
+        """End the work at once."""
 
 
 class Ledger(Protocol):
-    """Knows which runs are made, which are being made, and keeps results."""
+    """Keeps results, and which runs are made and by whom."""
 
     def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
-        """The runs that are now ours to make, and those that another is making; made ones are in neither."""
+        """Claim runs: those that are now ours, and those that another process is making; made ones are in neither."""
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Keep results for good."""
+        """Store results."""
 
     def wait(self) -> None:
-        """Wait a moment for others."""
+        """Wait a moment for other processes."""
 
 
 def make_runs(runs: Iterable[Run], engine: Engine, ledger: Ledger) -> Iterator[tuple[Run, Result]]:
-    """Make every run that is not made, storing each result before it is yielded.
+    """Make every run that is not made yet; each result is stored before it is yielded.
 
-    Ends when every run is made, here or by another process that works on the same ledger: runs that it claims are
-    waited for, and made here if it dies.
+    Ends when every run is made, here or by another process with the same ledger: runs that it has claimed are waited
+    for, and made here if it dies.
     """
     pending = iter(runs)
     others: deque[Run] = deque()
@@ -246,7 +248,7 @@ def make_runs(runs: Iterable[Run], engine: Engine, ledger: Ledger) -> Iterator[t
 
 
 def _fill(engine: Engine, ledger: Ledger, pending: Iterator[Run]) -> list[Run]:
-    """Give an engine the runs it has room for; return the ones met that another process is making."""
+    """Give an engine the runs it has room for; return those that another process is making."""
     others: list[Run] = []
     while (room := engine.room) > 0:
         batch = [run for _, run in zip(range(room), pending, strict=False)]

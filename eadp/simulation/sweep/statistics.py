@@ -1,4 +1,4 @@
-"""What a sweep says: how many flights complete, and what each varied key has to do with it."""
+"""Statistics of a sweep: the share of flights that complete, and its dependence on each varied key."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ import numpy as np
 Z_95 = 1.959963984540054
 """The normal distribution's quantile of 0.975."""
 
-LISTED = 12
-"""Most values of a key that are told apart; more numbers than that are put into bins."""
+MAX_LABELS = 12
+"""Largest number of values of a key that are listed one by one; more numbers than that are binned."""
 
 BINS = 5
 
 
 def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float, float]:
-    """Interval of a share that was observed as `successes` of `trials`: where a test of it would not refuse.
+    """Wilson score interval of a share that was observed as `successes` of `trials`.
 
     Parameters
     ----------
     successes, trials : int
         Counts; one trial or more.
     z : float
-        Standard deviations to either side: 95 % unless given.
+        Standard deviations to either side; 95 % by default.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
 
 @dataclass(frozen=True)
 class SweepFlight:
-    """What is told of one run: the varied keys' values, and what came of it; `error` where nothing did."""
+    """One run of a sweep: the varied keys' values and the figures of its flight; `error` if it could not be made."""
 
     index: int
     values: Mapping[str, Any]
@@ -61,7 +61,7 @@ class SweepFlight:
 
 @dataclass(frozen=True)
 class Group:
-    """Flights alike in one key: how many, the share that completed, medians of duration [s] and charge at the end."""
+    """Flights with one value of a key: their number, the share completed, medians of duration [s] and final charge."""
 
     label: str
     flights: int
@@ -72,7 +72,7 @@ class Group:
 
 @dataclass(frozen=True)
 class SweepTotals:
-    """All flights of a sweep; runs that could not be made are counted apart."""
+    """Counts of a sweep's runs; `interval` is that of the share that completes, None if none was flown."""
 
     runs: int
     failed: int
@@ -81,12 +81,12 @@ class SweepTotals:
 
     @property
     def flights(self) -> int:
-        """Runs that were made."""
+        """The number of runs that were made."""
         return self.runs - self.failed
 
 
 def totals(flights: Sequence[SweepFlight]) -> SweepTotals:
-    """Counts, and the interval of the share that completes; None where none was flown."""
+    """The totals of all flights of a sweep."""
     failed = sum(flight.error is not None for flight in flights)
     completed = sum(bool(flight.completed) for flight in flights)
     made = len(flights) - failed
@@ -94,34 +94,34 @@ def totals(flights: Sequence[SweepFlight]) -> SweepTotals:
 
 
 class KeyBins:
-    """The values of one key in order, or bins of alike many flights where they are many numbers.
+    """The values of one key in order, or quantile bins if they are many numbers.
 
     Parameters
     ----------
     values : sequence
         The key's value in every flight.
     listed : sequence, optional
-        The values it may have, where they are given by name: each is then told apart, in this order.
+        The values that it may have, if they are listed: each has its own label, in this order.
     """
 
     def __init__(self, values: Sequence[Any], listed: Sequence[Any] = ()) -> None:
         self.labels = tuple(dict.fromkeys(map(label_of, listed or values)))
         self._edges: np.ndarray[Any, Any] | None = None
-        if not listed and len(self.labels) > LISTED and all(map(_is_number, values)):
+        if not listed and len(self.labels) > MAX_LABELS and all(map(_is_number, values)):
             edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
             self.labels = tuple(f"{low:.4g} to {high:.4g}" for low, high in itertools.pairwise(edges))
             self._edges = edges[1:-1]
-        self._places = {label: place for place, label in enumerate(self.labels)}
+        self._indices = {label: i for i, label in enumerate(self.labels)}
 
-    def place(self, value: Any) -> int:
-        """Which of `labels` a value belongs to."""
+    def index(self, value: Any) -> int:
+        """The index in `labels` of a value."""
         if self._edges is None:
-            return self._places[label_of(value)]
+            return self._indices[label_of(value)]
         return int(np.searchsorted(self._edges, value, side="right"))
 
 
 def label_of(value: Any) -> str:
-    """A value as it is told: text as it stands, all else as JSON has it."""
+    """A value as text: text unchanged, all else as JSON."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
@@ -135,12 +135,12 @@ def value_of(flight: SweepFlight, key: str) -> Any:
 
 
 def marginal(flights: Sequence[SweepFlight], key: str, listed: Sequence[Any] = ()) -> list[Group]:
-    """Flights grouped by one key, over all values of the others; `listed` are its values where they are given."""
+    """Flights grouped by one key, over all values of the others; `listed` are the values it may have, if listed."""
     bins = KeyBins([value_of(flight, key) for flight in flights], listed)
     groups: list[list[SweepFlight]] = [[] for _ in bins.labels]
     for flight in flights:
         if flight.error is None:
-            groups[bins.place(value_of(flight, key))].append(flight)
+            groups[bins.index(value_of(flight, key))].append(flight)
     return [_group(label, members) for label, members in zip(bins.labels, groups, strict=True)]
 
 
@@ -148,14 +148,16 @@ def _group(label: str, members: Sequence[SweepFlight]) -> Group:
     if not members:
         return Group(label, 0, math.nan, math.nan, math.nan)
     share = sum(bool(flight.completed) for flight in members) / len(members)
-    duration = float(np.median([flight.duration_s for flight in members if flight.duration_s is not None]))
-    charge = float(np.median([flight.soc_final for flight in members if flight.soc_final is not None]))
+    duration, charge = (
+        float(np.median([value for flight in members if (value := getattr(flight, name)) is not None]))
+        for name in ("duration_s", "soc_final")
+    )
     return Group(label, len(members), share, duration, charge)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Means of one figure for each pair of values of two keys, over all else; None where there is no such flight."""
+    """Means of one figure for each pair of values of two keys, over all else; None where no flight has that pair."""
 
     keys: tuple[str, str]
     value: str
@@ -171,16 +173,15 @@ def table(
     """Means of `completed`, `duration_s`, `soc_final` or `quality` by two keys."""
     bins = [KeyBins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
     rows, columns = (axis.labels for axis in bins)
-    sums = np.zeros((len(rows), len(columns)))
-    counts = np.zeros((len(rows), len(columns)), dtype=int)
+    sums, counts = np.zeros((2, len(rows), len(columns)))
     for flight in flights:
         figure = getattr(flight, value)
         if flight.error is None and figure is not None:
-            place = tuple(axis.place(value_of(flight, key)) for axis, key in zip(bins, keys, strict=True))
-            sums[place] += figure
-            counts[place] += 1
+            cell = tuple(axis.index(value_of(flight, key)) for axis, key in zip(bins, keys, strict=True))
+            sums[cell] += figure
+            counts[cell] += 1
     means = tuple(
-        tuple(float(total / n) if n else None for total, n in zip(line, ns, strict=True))
-        for line, ns in zip(sums, counts, strict=True)
+        tuple(float(total / n) if n else None for total, n in zip(*line, strict=True))
+        for line in zip(sums, counts, strict=True)
     )
-    return Table(keys, value, rows, columns, means, tuple(tuple(map(int, ns)) for ns in counts))
+    return Table(keys, value, rows, columns, means, tuple(tuple(map(int, line)) for line in counts))

@@ -48,7 +48,7 @@ sys.stdin.readline()
 
 @pytest.fixture
 def other(path, root):
-    """Another process that has claimed the first three runs, and stores one when it is told to; killed at the end."""
+    """Another process that has claimed the first three runs, and stores one when asked to; killed at the end."""
     Results(path).close()
     command = [sys.executable, "-c", OTHER, path]
     with subprocess.Popen(command, cwd=root, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
@@ -89,7 +89,8 @@ def test_a_result_that_is_there_stays(path):
         results.store([(RUNS[0], Result(None, "first"))])
         results.store([(RUNS[0], Result(None, "second"))])
         assert [row["error"] for row in results.rows()] == ["first"]
-        assert results.sessions() == [(1, 1)]
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT stored, repeated FROM sessions").fetchall() == [(1, 1)]
 
 
 def test_what_a_living_process_has_claimed_is_not_ours(path, other):
@@ -138,7 +139,7 @@ def test_a_merge_takes_what_is_missing(path, tmp_path):
         assert [row["error"] for row in results.rows()] == [path] * 3 + [second] * 2
 
 
-def test_a_full_disk_is_told_and_leaves_a_file_that_goes_on(path):
+def test_a_full_disk_is_an_error_and_leaves_a_file_that_can_be_continued(path):
     large = Result({**SUMMARY, "more": "x" * 3000})
     stored = []
     with closing(Results(path)) as results:
@@ -161,7 +162,7 @@ def test_a_full_disk_is_told_and_leaves_a_file_that_goes_on(path):
 
 
 @pytest.mark.parametrize("kind", ["text", "database", "folder"])
-def test_another_file_is_refused_and_stays_as_it_is(tmp_path, kind):
+def test_another_file_is_refused_and_unchanged(tmp_path, kind):
     path = tmp_path / "results.db"
     if kind == "folder":
         path.mkdir()

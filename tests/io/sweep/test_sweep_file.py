@@ -158,12 +158,12 @@ BAD = {
     "unknown key": ("plan: line.plan\nplam: x\n", "3:1", "unknown key plam"),
     "missing plan": ("plan: none.plan\n", "2:1", "none.plan cannot be read"),
     "missing file of many": ("grid: {plan: [line.plan, none.plan]}\n", "2:26", "none.plan cannot be read"),
-    "file no name": ("grid: {plan: [3]}\n", "2:15", "no file's name"),
+    "file no name": ("grid: {plan: [3]}\n", "2:15", "not a file name"),
     "no such scenario key": (HEAD + "grid:\n  wind.speed: [1]\n", "5:16", "unknown key wind.speed"),
     "value refused": (HEAD + "grid:\n  wind.speed_mps: [1, -1, x]\n", "5:23", "wind.speed_mps cannot be -1"),
     "second value refused": (HEAD + "grid:\n  wind.speed_mps: [1, -1, x]\n", "5:27", "a number"),
     "unknown planner": (HEAD + "grid: {planner: [static, best]}\n", "4:26", "unknown planner best"),
-    "no key": (HEAD + "grid: {wind speed: [1]}\n", "4:8", "wind speed is no key"),
+    "no key": (HEAD + "grid: {wind speed: [1]}\n", "4:8", "wind speed is not a key"),
     "no values": (HEAD + "grid: {wind.speed_mps: []}\n", "4:8", "cannot be a list of 0"),
     "no list": (HEAD + "grid: {wind.speed_mps: 3}\n", "4:8", "a list"),
     "zip lengths": (HEAD + "zip: {battery.soc: [1, 1], wind.speed_mps: [1]}\n", "4:28", "has 1 values"),
@@ -174,7 +174,7 @@ BAD = {
     "drawn twice": (
         HEAD + "sample: {runs: 2, keys: {battery.soc: {uniform: [0.5, 1], choice: [1]}}}\n",
         "4:26",
-        "drawn in 2 ways",
+        "has 2 distributions",
     ),
     "drawn out of range": (
         HEAD + "sample: {runs: 2, keys: {battery.soc: {uniform: [0.5, 1.5]}}}\n",

@@ -20,9 +20,9 @@ from eadp.simulation.sweep.design import (
     Run,
     SampleDesign,
     Uniform,
+    interleaved,
     make_runs,
     shard,
-    spread,
 )
 
 LAWS = {"u": Uniform(2.0, 4.0), "n": Normal(10.0, 3.0), "c": Choice(("a", "b", "c"))}
@@ -82,7 +82,7 @@ def test_draws_are_the_seeds_and_stay_when_keys_or_runs_are_added():
 
 @given(st.lists(st.integers(), unique=True, max_size=300))
 def test_spread_meets_every_item_once(items):
-    assert sorted(spread(items)) == sorted(items)
+    assert sorted(interleaved(items)) == sorted(items)
 
 
 @given(st.integers(0, 300), st.integers(1, 12))

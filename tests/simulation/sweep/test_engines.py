@@ -11,7 +11,11 @@ import signal
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.simulation.sweep.engines import DaskEngine, PoolEngine, SerialEngine, cores
+from eadp.simulation.sweep.engines.base import EngineOptions
+from eadp.simulation.sweep.engines.dask import DaskEngine
+from eadp.simulation.sweep.engines.pool import PoolEngine, cores
+from eadp.simulation.sweep.engines.registry import ENGINES, open_engine
+from eadp.simulation.sweep.engines.serial import SerialEngine
 
 DEATH = functools.partial(os._exit, 3)
 
@@ -78,13 +82,25 @@ def test_a_pool_closes_in_the_middle_of_a_run():
     assert not alive(pid)
 
 
+def test_the_options_choose_the_engine(monkeypatch):
+    assert list(ENGINES) == ["dask", "pool", "serial"]
+    assert isinstance(open_engine(operator.call, EngineOptions(runs=9, jobs=1)), SerialEngine)
+    assert isinstance(open_engine(operator.call, EngineOptions(runs=1)), SerialEngine)
+    pool = open_engine(operator.call, EngineOptions(runs=2, jobs=9))
+    assert isinstance(pool, PoolEngine)
+    assert pool.workers == 2
+    pool.close()
+    monkeypatch.setattr(DaskEngine, "__init__", lambda engine, make, address: None)
+    assert isinstance(open_engine(operator.call, EngineOptions(runs=1, scheduler="tcp://host:1")), DaskEngine)
+
+
 def test_there_are_cores():
     assert 1 <= cores() <= (os.cpu_count() or 1)
 
 
 def test_no_scheduler_is_an_error_at_the_option(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("eadp.simulation.sweep.engines.CLUSTER_WAIT_S", 0.2)
+    monkeypatch.setattr("eadp.simulation.sweep.engines.dask.CLUSTER_WAIT_S", 0.2)
     with pytest.raises(InputError, match="--scheduler:1:1: error: no scheduler answers"):
         DaskEngine(operator.call, "tcp://127.0.0.1:1")
 

@@ -91,7 +91,7 @@ def test_many_numbers_are_put_into_bins_of_alike_many(values):
 def test_texts_and_lists_are_values_too():
     bins = KeyBins([[1, 2], "x", [1, 2], None])
     assert bins.labels == ("[1, 2]", "x", "null")
-    assert bins.place("x") == 1
+    assert bins.index("x") == 1
 
 
 def test_a_table_of_means():

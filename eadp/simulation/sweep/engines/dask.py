@@ -1,0 +1,95 @@
+"""Workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from eadp import __version__
+from eadp.errors import EadpError, InputError
+from eadp.simulation.sweep.design import Result, Run
+from eadp.simulation.sweep.engines.base import EngineOptions, Make, QueueEngine, first_line
+
+CLUSTER_WAIT_S = 10
+"""Longest time for a Dask scheduler to answer [s]."""
+
+
+class DaskEngine(QueueEngine):
+    """Workers of a running Dask scheduler; each needs eadp of this version, and no files.
+
+    Dask gives up a run that was held when several workers died, whether or not it was the one they died of: it is made
+    again with no other under way.
+    """
+
+    def __init__(self, make: Make, address: str) -> None:
+        super().__init__()
+        try:
+            from distributed import Client
+        except ImportError:
+            what = "Dask is not installed"
+            raise InputError.at("--scheduler", 1, 1, what, "pip install 'eadp[cluster]'", address) from None
+        try:
+            self._client = Client(address, timeout=CLUSTER_WAIT_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            what = f"no scheduler answers: {first_line(error)}"
+            raise InputError.at("--scheduler", 1, 1, what, "the address of a running dask scheduler", address) from None
+        self._address = address
+        with self._connection_errors():
+            # the result of a task and not scattered data: computed anew where the worker that holds it is lost
+            self._make = self._client.submit(_same, make, pure=False)
+
+    @classmethod
+    def chosen(cls, make: Make, options: EngineOptions) -> DaskEngine | None:
+        """The engine, if there is a scheduler's address."""
+        return None if options.scheduler is None else cls(make, options.scheduler)
+
+    @property
+    def workers(self) -> int:  # type: ignore[override]
+        """The number of threads of all workers that the scheduler has now, 1 or more."""
+        with self._connection_errors():
+            return max(1, int(sum(self._client.nthreads().values())))
+
+    def _send(self, run: Run) -> Any:
+        with self._connection_errors():
+            return self._client.submit(_call, self._make, run, pure=False)
+
+    def _result(self, future: Any) -> Result | None:
+        from distributed import KilledWorker
+
+        with self._connection_errors():
+            try:
+                result: Result = future.result()
+                return result
+            except KilledWorker:
+                return None
+            except (OSError, CancelledError):
+                raise
+            except Exception as error:  # errors of `make` itself are in its result
+                what = f"a worker of {self._address} makes no runs: {type(error).__name__}: {first_line(error)}"
+                raise EadpError(f"{what}; it needs eadp {__version__}") from None
+
+    def close(self) -> None:
+        """Drop the runs under way and leave the scheduler."""
+        with suppress(Exception):
+            self._client.cancel(list(self._under_way))
+        self._under_way.clear()
+        self._client.close()
+
+    @contextmanager
+    def _connection_errors(self) -> Iterator[None]:
+        """A lost scheduler is an error of its own."""
+        try:
+            yield
+        except (OSError, CancelledError) as error:
+            what = f"the scheduler at {self._address} is gone: {first_line(error)}"
+            raise EadpError(f"{what}; the results so far are kept") from None
+
+
+def _same(make: Make) -> Make:
+    return make
+
+
+def _call(make: Make, run: Run) -> Result:
+    return make(run)

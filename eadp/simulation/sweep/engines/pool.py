@@ -1,0 +1,115 @@
+"""A pool of processes on this machine."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from eadp.simulation.sweep.design import Result, Run
+from eadp.simulation.sweep.engines.base import EngineOptions, Make, QueueEngine
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+
+def cores() -> int:
+    """The number of cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on macOS
+        return os.cpu_count() or 1
+
+
+class PoolEngine(QueueEngine):
+    """A pool of processes. They end with this one, however it ends."""
+
+    def __init__(self, make: Make, jobs: int) -> None:
+        super().__init__()
+        self.workers = jobs
+        self._make = make
+        self._start()
+
+    @classmethod
+    def chosen(cls, make: Make, options: EngineOptions) -> PoolEngine | None:
+        """The engine, if there is work for more than one process."""
+        processes = min(options.jobs or cores(), options.runs)
+        return cls(make, processes) if processes > 1 else None
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._worker_end, self._line = context.Pipe(duplex=False)
+        self._broken = False
+        self._executor = ProcessPoolExecutor(
+            self.workers, mp_context=context, initializer=_start_worker, initargs=(self._make, self._worker_end)
+        )
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+        try:
+            # processes are started here, and inherit the mask: Ctrl-C is this process's to handle
+            with _signals_held():
+                super().submit(run)
+        except BrokenProcessPool:
+            self._broken = True
+            self._suspects.append(run)
+
+    def _send(self, run: Run) -> Future[Result]:
+        return self._executor.submit(_work, run)
+
+    def _result(self, future: Future[Result]) -> Result | None:
+        try:
+            return future.result()
+        except BrokenProcessPool:  # a broken pool gives back all its runs at once
+            self._broken = True
+            return None
+
+    def _recover(self) -> None:
+        if self._broken:
+            self.close()
+            self._start()
+
+    def close(self) -> None:
+        """End the processes at once; runs under way are dropped."""
+        with _signals_held():
+            self._line.close()  # processes in the middle of a run end too
+            self._worker_end.close()
+            self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait; a process started meanwhile never sees them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_make: Make | None = None
+
+
+def _start_worker(make: Make, line: Connection) -> None:
+    """Start a worker process: it keeps the function that makes runs, and watches the line to its parent."""
+    global _make
+    _make = make
+    threading.Thread(target=_end_with, args=(line,), daemon=True).start()
+
+
+def _end_with(line: Connection) -> None:
+    """End this process when the parent's end of the line closes, as it does when the parent is killed."""
+    with suppress(EOFError, OSError):
+        line.recv_bytes()
+    os._exit(0)
+
+
+def _work(run: Run) -> Result:
+    assert _make is not None
+    return _make(run)
