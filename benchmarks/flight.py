@@ -25,7 +25,7 @@ import numpy as np
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.executor import Vector
-from eadp.planning.registry import Decision, Observation, SolverReport
+from eadp.planning.base import Decision, Observation, SolverReport
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -28,7 +28,7 @@ def main(path: str) -> None:
     for bank, colour in ((0, "#3b6fb6"), (30, "#d1752b"), (45, "#a2437c")):
         powers = [
             wing.level_power_w(v, math.radians(bank))
-            if wing.lift_coefficient(v, math.radians(bank)) <= wing.highest_lift
+            if wing.lift_coefficient(v, math.radians(bank)) <= wing.max_lift_coefficient
             else math.nan
             for v in speeds
         ]

@@ -93,7 +93,7 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
     overrides = {
         "step_s": STEP_S,
         "log_every_s": STEP_S,
-        "battery.crate_per_h": 1000,
+        "battery.letter_crate_per_h": 1000,
         "time_limit_s": 20_000,
         **keys,
         **more,
@@ -109,7 +109,7 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
         itertools.islice(itertools.cycle(itertools.product(found, ("paper", "fixed-wing"))), count)
     ):
         keys: dict[str, Any] = {
-            "vehicle.model": vehicle,
+            "vehicle.airframe.model": vehicle,
             "guidance.k_d": 1.0,
             "wind.speed_mps": float(rng.uniform(0, 8)),
             "wind.towards_deg": float(rng.uniform(0, 360)),
@@ -396,7 +396,7 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
 def _windy(rng: np.random.Generator) -> dict[str, Any]:
     """The survey by the joint planner, in some wind."""
     return {
-        "vehicle.model": "fixed-wing",
+        "vehicle.airframe.model": "fixed-wing",
         "planner.name": "joint",
         "wind.speed_mps": float(rng.uniform(0, 8)),
         "wind.towards_deg": float(rng.uniform(0, 360)),
@@ -412,7 +412,7 @@ def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
             **_windy(rng),
             "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
             "battery.capacity_ah": float(rng.uniform(0.45, 0.62)),
-            "planner.reserve_probability": probability,
+            "planner.joint.reserve_probability": probability,
             "seed": int(rng.integers(1 << 30)),
         }
         tasks.append(keys)
@@ -502,7 +502,7 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
                 **_windy(rng),
                 "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
                 "battery.capacity_ah": 1.2,
-                "planner.keep_gain": 1.0,
+                "planner.joint.min_gain": 1.0,
                 "planner.levels": {"c2": [10.0]},
                 "parameters": {"c1": float(rng.uniform(-950, -50))},
                 "seed": int(rng.integers(1 << 30)),

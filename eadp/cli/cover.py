@@ -236,7 +236,7 @@ def _motion(
 
     ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
-    speed = setting.vehicle.airspeed_mps if airspeed is None else airspeed
+    speed = setting.vehicle.airframe.airspeed_mps if airspeed is None else airspeed
     for option, value, least, most in (
         ("--min-radius", min_radius, LEAST_RADIUS_M, 1e5),
         ("--swath", swath, 0.0, 1e5),
@@ -248,7 +248,7 @@ def _motion(
         if not ((least <= value if closed else least < value) and value <= most):
             expected = f"from {least:g} to {most:g}" if closed else f"above {least:g}, at most {most:g}"
             raise usage_fault(option, f"{value:g}", f"{value:g} cannot stand here", expected)
-    blowing = setting.wind.steady_mps if wind is None else _wind_mps(wind)
+    blowing = setting.keys.wind.steady_mps if wind is None else _wind_mps(wind)
     speed_of_wind = (blowing[0] ** 2 + blowing[1] ** 2) ** 0.5
     if speed_of_wind >= speed:
         message = f"a wind of {speed_of_wind:g} m/s, no slower than the aircraft"
@@ -328,7 +328,7 @@ def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: F
         drawn = [computing.power_w(highest, [*path, *sensors.sets_for(sensing)]) for sensing in (True, False)]
     except EadpError as error:
         raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
-    return PowerDraw(setting.vehicle.cruise_power_w, *drawn)
+    return PowerDraw(setting.vehicle.airframe.cruise_power_w, *drawn)
 
 
 # --- what is printed --------------------------------------------------------------------------------------------------

@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eadp.cli.output import Format, Progress, emit, emit_json, warn
+from eadp.planning.registry import PLANNERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-class PlannerName(enum.StrEnum):
-    """Planners by name."""
-
-    static = "static"
-    paper = "paper"
-    joint = "joint"
+PlannerName = enum.StrEnum("PlannerName", {name: name for name in PLANNERS})  # type: ignore[misc]
+"""Planners by name."""
 
 
 def command(
@@ -89,11 +86,11 @@ def command(
     if format_ is Format.json:
         emit_json(summary)
     else:
-        emit(_text(summary, out))
+        emit(_text(summary, out, decided=bool(outcome.records)))
     return 0 if outcome.completed and (summary["reserve_kept"] or not require_reserve) else 1
 
 
-def _text(summary: Mapping[str, Any], out: str | None) -> str:
+def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
     """The summary for people."""
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
@@ -119,7 +116,7 @@ def _text(summary: Mapping[str, Any], out: str | None) -> str:
         f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"
     )
     if out is not None:
-        decisions = "decisions.jsonl, " if summary["planner"] == "joint" else ""
+        decisions = "decisions.jsonl, " if decided else ""
         lines.append(f"written    {out}/flight.csv, summary.json, {decisions}flight.svg, flight.png")
     return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""What planners share: what they see and decide, their settings, and a planner that keeps its parameters.
+"""What planners share: observations, decisions, settings, and the base class that tracks laps and power.
 
 A planner sees Observations and returns Decisions; it knows the plan, the models and its settings, and nothing of the
 world it flies in, so that the same object serves a simulation and a telemetry stream.
@@ -9,8 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
+from annotated_types import Ge, Le, Len
+
+from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
@@ -29,10 +32,9 @@ from eadp.planning.estimation.estimator import (
     ExactEstimator,
     PublishedEstimator,
 )
-from eadp.planning.paper.horizon import CONTROL
 
-STATIC, PAPER, JOINT = "static", "paper", "joint"
 SOC_JUMP = 0.01
+Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
 class Observation(NamedTuple):
@@ -147,38 +149,34 @@ class DecisionRecord:
 
 
 @dataclass(frozen=True)
+class TradeOff:
+    """One row R c − r ≥ 0 that the parameters keep to."""
+
+    coefficients: Mapping[str, float]
+    """R: coefficients by the parameters' names."""
+
+    at_least: float
+    """r: the least value of the weighted sum."""
+
+
+@dataclass(frozen=True)
 class PlannerSettings:
-    """Settings of every planner; each uses those that concern it. Times in seconds.
+    """Settings that planners share; each planner's own settings stand beside it."""
 
-    `reserve_probability` is how surely `joint` keeps the reserve, `keep_gain` the quality U that a change of a
-    parameter has to gain. `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is
-    proven, else QPs. `trade_offs` are rows (coefficient per parameter name, least value). `objective` is what
-    `joint` maximises: `quality`, or `total`, the sum of the computations over time.
-    """
+    name: str = ""
+    """Name of the planner in the registry."""
 
-    name: str = JOINT
-    every_s: float = 1.0
-    horizon_s: float | None = 6.0
-    weights: Mapping[str, float] = field(default_factory=dict)
-    delta: Mapping[str, float] = field(default_factory=dict)
-    levels: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    cost: str = CONTROL
-    cost_weights: tuple[float, float] = (1.0, 1.0)
-    solver: str = "auto"
-    constraint_at: str = "worst"
-    remaining_time: str = "corrected"
-    path_search: str = "delta"
-    raise_path: bool = True
-    path_every_s: float | None = None
-    start_after_s: float = 0.0
-    min_periods: int = 2
-    longest_s: float | None = None
-    shortest_s: float | None = None
-    trade_offs: tuple[tuple[Mapping[str, float], float], ...] = ()
-    reserve_soc: float = 0.05
-    reserve_probability: float = 0.95
-    keep_gain: float = 0.01
-    objective: str = "quality"
+    every_s: Annotated[float, Ge(1e-3), Le(1e6)] = 1.0
+    """Time between re-plannings [s]."""
+
+    weights: Mapping[str, NotNegative] = field(default_factory=dict)
+    """Weight of each parameter in the quality U, by name; equal if none is given."""
+
+    levels: Mapping[str, Levels] = field(default_factory=dict)
+    """Values that a computation may take, by name; by default those of the profile."""
+
+    reserve_soc: Reserve = 0.05
+    """State of charge to keep at the end of the flight, as a share of the full charge."""
 
 
 @dataclass
@@ -247,7 +245,15 @@ class TrackingPlanner:
     One that decides is made of this one; it is shown every reading, unless it says otherwise.
     """
 
-    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+    own_settings: ClassVar[type | None] = None
+    """Dataclass of this planner's own settings, if it has any."""
+
+    optimises_to_end: ClassVar[bool] = False
+    """Whether the planner chooses its parameters so that they last to the end of the mission."""
+
+    def __init__(
+        self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission, own: Any = None
+    ) -> None:
         self.report = SolverReport()
         self._settings = settings
         self._mission = mission
@@ -321,18 +327,6 @@ class TrackingPlanner:
         motion = None if o.power_w is None else o.power_w - self._computing_w
         expected = self._estimator.observe(o.time_s, motion) + self._computing_w
         self._decision = self._decision._replace(power_forecast_w=expected)
-
-
-class StaticPlanner(TrackingPlanner):
-    """Keeps the parameters of take-off; estimates all the same, so that its flights tell a forecast.
-
-    Source: flights I and II of the letter.
-    """
-
-    @property
-    def next_look_s(self) -> float:
-        """Never: there is nothing to decide."""
-        return math.inf
 
 
 def next_multiple(time_s: float, every_s: float) -> float:

@@ -18,9 +18,9 @@ from eadp.models.computing import Computing
 from eadp.models.plan.executor import PlanExecutor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
-from eadp.models.vehicle import Guidance, Vehicle
+from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.registry import DecisionRecord, Observation, Planner, Readings
+from eadp.planning.base import DecisionRecord, Observation, Planner, Readings
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, InnerLoop
 from eadp.simulation.metrics import FlightTotals, ParameterLog
@@ -38,7 +38,7 @@ class World:
 
     plan: Plan
     computing: Computing
-    vehicle: Vehicle
+    vehicle: Airframe
     guidance: Guidance
     wind: Wind
     battery: Battery

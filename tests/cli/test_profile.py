@@ -192,7 +192,7 @@ def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_
     plan = tmp_path / "two.plan"
     first, second = stage.format(y=400, fps="10,10", keysize="32,32"), stage.format(y=800, fps="10,10", keysize="0,0")
     plan.write_text(f"%: computations fps, keysize\n{first}{second}", encoding="utf-8")
-    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.model=paper"]
+    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.airframe.model=paper"]
     code, out, err = run(*flown, "-o", str(tmp_path / "flight"), "--format", "json")
     assert (code, json.loads(out)["completed"]) == (0, True), err
     rows = [line.split(",") for line in (tmp_path / "flight" / "flight.csv").read_text().splitlines()]

@@ -98,7 +98,7 @@ DRAINED = {
     "towards 0": {},
     "towards 90": {"wind.towards_deg": 90},
 }
-CORRECTED = {"planner.remaining_time": "corrected", "planner.delta": (("c1", 250.0), ("c2", 2.0))}
+CORRECTED = {"planner.paper.remaining_time": "corrected", "planner.paper.delta": (("c1", 250.0), ("c2", 2.0))}
 
 
 def drained(case, rules=()):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eadp.models.sensors import Sensors
-from eadp.planning.registry import Observation
+from eadp.planning.base import Observation
 from eadp.simulation.sensors import SensorSuite
 
 STEP_S = 0.01

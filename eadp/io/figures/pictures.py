@@ -19,8 +19,8 @@ from eadp.io.text.streams import write_bytes
 from eadp.models.field import Field
 from eadp.models.plan.plan import COMPUTATION, Plan, point_at
 from eadp.models.plan.trace import Leg, leg_points, nominal_legs
+from eadp.planning.base import DecisionRecord
 from eadp.planning.joint.program import INFEASIBLE
-from eadp.planning.registry import DecisionRecord
 from eadp.simulation.loop import Step, World
 
 if TYPE_CHECKING:

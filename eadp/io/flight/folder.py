@@ -14,8 +14,8 @@ from typing import Any
 from eadp.io.figures.pictures import draw_flight
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
+from eadp.planning.base import DecisionRecord, Planner
 from eadp.planning.joint.preflight import Preflight
-from eadp.planning.registry import DecisionRecord, Planner
 from eadp.simulation.loop import Outcome, Step, World
 
 SCHEMA = "eadp.flight/1"

@@ -17,8 +17,8 @@ from eadp.io.flight.folder import summarise
 from eadp.io.flight.inputs import Files, FlightInputs, load_flight
 from eadp.io.plan.text import read_plan
 from eadp.io.profile.model_file import ends_as_model, parse_profile
-from eadp.io.scenario.scenario_file import Scenario, read_scenario, scenario_document, scenario_of
-from eadp.io.text.streams import Text
+from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Finding, Plan
@@ -60,10 +60,18 @@ class KeptFiles(Files):
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys set anew."""
-        if path is None:
-            return read_scenario(None, overrides)
-        document: Document = self._once("scenario", path, scenario_document)
-        return scenario_of(document, overrides)
+        document = self.scenario_document(path)
+        return scenario_of(document, overrides, self.vehicle_text)
+
+    def scenario_document(self, path: str | None) -> Document:
+        """A scenario's document, or that of the defaults."""
+        return Document("scenario", {}) if path is None else self._once("scenario", path, scenario_document)
+
+    def vehicle_text(self, path: str) -> Text:
+        """A vehicle file's text: its path shows only in a scenario, so it is read when that is first read."""
+        if path not in self.texts:
+            self.texts[path] = read_text(path)
+        return self.texts[path]
 
     def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
         """A profile and its warnings."""

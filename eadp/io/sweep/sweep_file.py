@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from eadp import __version__
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
-from eadp.io.scenario.scenario_file import Scenario, override_key
+from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
 from eadp.io.sweep.run import KeptFiles
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
@@ -127,6 +127,9 @@ class Sweep:
         if "profile" not in contents:
             own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
             contents["profile"] = self._digests[own] if own else ""
+        vehicle = vehicle_path(self.kept.scenario_document(files.get("scenario")), overrides)
+        if vehicle is not None:
+            contents["vehicle"] = digest(self.kept.vehicle_text(vehicle))
         whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
 
@@ -138,11 +141,6 @@ class Sweep:
 def digest(text: Text) -> str:
     """A hash of a file's content, and of its name's ending, which may say how it is read."""
     return hashlib.sha256(f"{Path(text.name).suffix}\0{text.body}".encode()).hexdigest()
-
-
-def beside(name: str, path: str) -> str:
-    """A path relative to the file of a name."""
-    return path if name == "<stdin>" else str(Path(name).parent / path)
 
 
 def full_key(name: str) -> str:

@@ -23,6 +23,7 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor, left_m
 from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
+from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
 
 FloatArray = NDArray[np.float64]
@@ -79,8 +80,10 @@ class Forecaster:
     Parameters
     ----------
     settings : PlannerSettings
-        Reserve and its probability, weights, levels, trade-offs and objective count here.
+        The reserve, weights and levels are used here.
     mission : Mission
+    own : JointSettings, optional
+        Probability of the reserve, trade-offs and objective. Default: its defaults.
     margin_m : float
         By how much the end of the plan has to be passed to be counted on [m], at least.
 
@@ -94,7 +97,14 @@ class Forecaster:
         Whether the plan could not be followed on: there is nothing more to forecast.
     """
 
-    def __init__(self, settings: PlannerSettings, mission: Mission, margin_m: float = MARGIN_M) -> None:
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        mission: Mission,
+        own: JointSettings | None = None,
+        margin_m: float = MARGIN_M,
+    ) -> None:
+        own = own or JointSettings()
         plan = mission.plan
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
@@ -105,10 +115,10 @@ class Forecaster:
             mission.battery,
             settings.weights,
             settings.levels,
-            settings.trade_offs,
-            settings.objective,
+            own.trade_offs,
+            own.objective,
         )
-        self._z = NormalDist().inv_cdf(settings.reserve_probability)
+        self._z = NormalDist().inv_cdf(own.reserve_probability)
         self._speed = mission.cruise_mps
         self._follower = RoutePredictor(plan, mission.parameters, mission.start_m or (0.0, 0.0), mission.rules)
         self._least_margin_m = self._margin_m = margin_m

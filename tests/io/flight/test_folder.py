@@ -9,7 +9,7 @@ import pytest
 
 from eadp.io.flight.folder import record_row, summarise, write_flight
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.registry import DecisionRecord
+from eadp.planning.base import DecisionRecord
 from eadp.simulation.loop import Outcome, fly
 
 

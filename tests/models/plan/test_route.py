@@ -31,8 +31,9 @@ from eadp.models.plan.route import Route, RoutePredictor, left_m
 from eadp.models.plan.trace import default_start, first_beyond_m, leg_points, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
+from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.registry import Mission, PlannerSettings, StaticPlanner
+from eadp.planning.static import StaticPlanner
 from eadp.simulation.loop import Outcome, World, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
