@@ -50,11 +50,10 @@ def command(
     from eadp.io.text.streams import check_new_folder
     from eadp.simulation.loop import Outcome, fly
 
-    overrides = dict(read_override(raw) for raw in set_ or [])
-    if planner is not None:
-        overrides["planner.name"] = planner.value
-    if seed is not None:
-        overrides["seed"] = seed
+    given = [*(set_ or [])]
+    given += [f"planner.name={planner.value}"] if planner is not None else []
+    given += [f"seed={seed}"] if seed is not None else []
+    overrides = dict(map(read_override, given))
     if out is not None:
         check_new_folder(out, force=force)
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
@@ -66,23 +65,9 @@ def command(
         steps.append(step)
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
     progress.close()
-    settings = inputs.scenario.planner
-    summary = summarise(
-        world,
-        pilot,
-        outcome,
-        reserve_soc=settings.reserve_soc,
-        weights=settings.weights,
-        name=settings.name,
-        expected=expected,
-    )
+    summary = summarise(world, pilot, outcome, inputs.scenario.planner, expected)
     if out is not None:
-        used = [
-            *(set_ or []),
-            *([f"planner.name={planner.value}"] if planner else []),
-            *([f"seed={seed}"] if seed else []),
-        ]
-        write_flight(out, world, steps, summary, inputs.texts, used, force=force, records=outcome.records)
+        write_flight(out, world, steps, summary, inputs.texts, given, force=force, records=outcome.records)
     if format_ is Format.json:
         emit_json(summary)
     else:

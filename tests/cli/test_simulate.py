@@ -322,3 +322,15 @@ def test_a_mission_that_never_ends_meets_the_time_limit(eadp, tmp_path):
 
 def test_unknown_planner_on_the_command_line(eadp):
     assert refused(eadp("simulate", PLAN, "--planner", "greedy"), "greedy")
+
+
+def test_a_vehicle_file_is_flown_and_copied(eadp, line_plan, tmp_path):
+    (tmp_path / "aircraft").mkdir()
+    (tmp_path / "aircraft" / "s.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 20}\n")
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("schema: eadp.scenario/1\nvehicle: aircraft/s.yaml\n")
+    out = tmp_path / "out"
+    assert eadp("simulate", line_plan, "--scenario", scenario, "-o", out).code == 0
+    assert json.loads((out / "summary.json").read_text())["duration_s"] == pytest.approx(80 / 20, abs=0.02)
+    assert (out / "inputs" / "s.yaml").read_text() == scenario.read_text(), "names of copies are kept apart"
+    assert "airspeed_mps: 20" in (out / "inputs" / "vehicle-s.yaml").read_text()

@@ -35,10 +35,7 @@ def flown(scenario, overrides=()):
     )
     planner, outcome = inputs.planner(), Outcome()
     steps = list(fly(inputs.world, planner, outcome))
-    settings = inputs.scenario.planner
-    summary = summarise(
-        inputs.world, planner, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
-    )
+    summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner)
     shares = [outcome.parameters.mean_share(i) for i in range(2)]
     return summary, shares, steps
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
-from eadp.io.energy.model_file import read_energy
+from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.text import read_plan
-from eadp.io.profile.model_file import read_profile
-from eadp.io.scenario.scenario_file import Scenario, read_scenario
+from eadp.io.profile.model_file import ends_as_model, parse_profile
+from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
-from eadp.models.energy import EnergyModel
 from eadp.models.plan.executor import Vector
-from eadp.models.plan.plan import Finding, Plan, Stage
+from eadp.models.plan.plan import Plan, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
 from eadp.planning.base import Mission, Planner
@@ -27,36 +27,38 @@ from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
 
 CORNERS_LIMIT = 6
+Content = TypeVar("Content")
 
 
 class Files:
-    """Where the files of a flight come from: each is read where it stands."""
+    """Where the files of a flight come from: here, from their paths."""
 
     def text(self, path: str) -> Text:
         """A file's text."""
         return read_text(path)
 
-    def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
-        """A plan's text, the plan, and what reading it shows."""
+    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
+        """A file's text and content."""
         text = self.text(path)
-        return text, *read_plan(text)
+        return text, parse(text)
+
+    def document(self, path: str | None) -> Document:
+        """A scenario's document, or that of the defaults."""
+        return Document("scenario", {}) if path is None else self.read(path, scenario_document)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
-        """A scenario with some keys set anew."""
-        return read_scenario(path, overrides)
+        """A scenario with some keys overridden."""
+        return scenario_of(self.document(path), overrides, self.text)
 
-    def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
-        """A profile and its warnings."""
-        return read_profile(path)
 
-    def energy(self, path: str) -> EnergyModel:
-        """An energy model."""
-        return read_energy(path)
+def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
+    """A profile and its warnings: a model, or measurements."""
+    return parse_profile(text, is_model=ends_as_model(text.name))
 
 
 @dataclass(frozen=True)
 class FlightInputs:
-    """A flight ready to be flown: the world, what the planner is told, and the texts that it was read from."""
+    """A flight ready to be flown: the world, the planner's mission, and the texts that they were read from."""
 
     world: World
     mission: Mission
@@ -92,19 +94,25 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    plan_text, plan, findings = files.plan(plan_path)
+    plan_text, (plan, findings) = files.read(plan_path, read_plan)
+    texts = {"plan": plan_text}
     warnings = [
         Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
     ]
     scenario = files.scenario(scenario_path, overrides)
-    texts = {"plan": plan_text}
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()
-    computing = _computing(plan, plan_text, scenario, profile_path, files, warnings, texts)
-    energy = _energy(energy_path, files, texts)
+    profile, energy = None, None
+    profile_path = profile_path or scenario.profile_path
+    if profile_path is not None:
+        texts["profile"], (profile, found) = files.read(profile_path, profile_of)
+        warnings += found
+    computing = _computing(plan, plan_text, profile, profile_path)
+    if energy_path is not None:
+        texts["energy"], energy = files.read(energy_path, parse_energy)
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
@@ -172,22 +180,7 @@ def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(
-    plan: Plan,
-    text: Text,
-    scenario: Scenario,
-    profile_path: str | None,
-    files: Files,
-    warnings: list[Fault],
-    texts: dict[str, Text],
-) -> Computing:
-    path = profile_path or scenario.profile_path
-    profile = None
-    if path is not None:
-        profile, found = files.profile(path)
-        warnings += found
-        if path != "-":
-            texts["profile"] = files.text(path)
+def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | None) -> Computing:
     try:
         return join_profile(plan, profile)
     except EadpError as error:
@@ -196,15 +189,6 @@ def _computing(
                 text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
             ) from None
         raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
-
-
-def _energy(path: str | None, files: Files, texts: dict[str, Text]) -> EnergyModel | None:
-    if path is None:
-        return None
-    model = files.energy(path)
-    if path != "-":
-        texts["energy"] = files.text(path)
-    return model
 
 
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
@@ -279,7 +263,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 
 
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
-    """Where the flight begins, and heading where."""
+    """Position and heading at the start of the flight."""
     stage = plan.stages[0]
     start, heading = scenario.keys.start.position_m, scenario.keys.start.heading_rad
     try:

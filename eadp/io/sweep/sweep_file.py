@@ -14,7 +14,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from eadp import __version__
 from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
+from eadp.io.flight.inputs import profile_of
+from eadp.io.plan.text import read_plan
 from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
 from eadp.io.sweep.run import KeptFiles
 from eadp.io.text.schema_faults import validated
@@ -127,9 +130,9 @@ class Sweep:
         if "profile" not in contents:
             own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
             contents["profile"] = self._digests[own] if own else ""
-        vehicle = vehicle_path(self.kept.scenario_document(files.get("scenario")), overrides)
+        vehicle = vehicle_path(self.kept.document(files.get("scenario")), overrides)
         if vehicle is not None:
-            contents["vehicle"] = digest(self.kept.vehicle_text(vehicle))
+            contents["vehicle"] = digest(self.kept.text(vehicle))
         whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
 
@@ -352,16 +355,12 @@ def _try_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
 
 def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
-    read: dict[str, Callable[[str], Any]] = {
-        "plan": sweep.kept.plan,
-        "profile": sweep.kept.profile,
-        "energy": sweep.kept.energy,
-    }
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
     named = [*sweep.files.items()]
     named += [(name, beside(document.name, value)) for name, value, _ in _listed(keys) if name in FILES]
     for kind, path in named:
-        if kind in read:
-            read[kind](path)
+        if kind in parsers:
+            sweep.kept.read(path, parsers[kind])
     try:
         return sweep.kept.load(sweep.run(0)).warnings
     except InputError:
