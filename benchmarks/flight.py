@@ -49,14 +49,14 @@ class Nobody:
     def __init__(self, parameters: Vector) -> None:
         self.report = SolverReport()
         self.period_s = None
-        self.reading_every_s = self.next_look_s = math.inf
+        self.reading_every_s = self.next_update_s = math.inf
         self._decision = Decision(parameters, 0.0)
 
     def update(self, _observation: Observation) -> Decision:
         """Keep the parameters."""
         return self._decision
 
-    listen = None
+    ingest = None
 
 
 def alone(*, fast: bool) -> tuple[float, float]:

@@ -229,7 +229,7 @@ class LapBudget(TrackingPlanner):
         self._lap = -1
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every step."""
         return 0.0
 
@@ -293,7 +293,7 @@ class Lowest(TrackingPlanner):
         return float(self._inner.reading_every_s)
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every step."""
         return 0.0
 

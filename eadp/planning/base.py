@@ -38,11 +38,11 @@ Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
 class Observation(NamedTuple):
-    """What is known in flight at one moment.
+    """What is known in flight at one time.
 
     `stage` counts from 1 within the plan's stages and `stages_begun` over the whole flight; `power_w` is None where the
     sensor has no reading; `parameters` are those in force. Velocity is over ground [m/s], the heading where the nose
-    points [rad]; either is None where nothing tells it.
+    points [rad]; either is None where it is not measured.
     """
 
     time_s: float
@@ -59,9 +59,9 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What sensors have told one after the other, one or more of each: place, power, charge, and motion.
+    """Consecutive readings of the sensors, one or more: position, power, charge and motion.
 
-    Velocities and headings are as `Observation` has them, no number where nothing tells them; no wind is told.
+    Velocities and headings are as in `Observation`, NaN where they are not measured; there is no wind among them.
     """
 
     times_s: Sequence[float]
@@ -94,7 +94,7 @@ class DecisionRecord:
     ----------
     time_s : float
     why : str
-        What has brought it about.
+        Cause of the re-planning.
     stage, lap : int
         Where in the plan, from 1 and from 0.
     parameters : tuple of float
@@ -118,7 +118,7 @@ class DecisionRecord:
     status : str
         `solved`, `closed form`, `scanned` or `infeasible`.
     reason : str
-        What has been decided and why, in words.
+        The decision and its cause, in words.
     home_reachable : bool or None
         Whether home could be reached from here with the reserve kept; None where there is none.
     point_of_no_return_s : float or None
@@ -197,10 +197,10 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class Mission:
-    """What a planner is told before take-off.
+    """What a planner knows before take-off.
 
-    `motion_w` is the power of straight level flight [W], where the maker or an earlier flight tells it; `home_m`
-    is where to be able to return to [m].
+    `motion_w` is the power of straight level flight [W], if it is known; `home_m` is where the aircraft can return
+    to [m].
     """
 
     plan: Plan
@@ -216,7 +216,7 @@ class Mission:
 
 
 class Planner(Protocol):
-    """What a flight needs of a planner."""
+    """The interface of a planner."""
 
     report: SolverReport
 
@@ -226,23 +226,23 @@ class Planner(Protocol):
 
     @property
     def reading_every_s(self) -> float:
-        """How often it wants the power sensor read [s]; infinite for never."""
+        """Time between readings of the power sensor [s]; infinite for none."""
 
     @property
-    def next_look_s(self) -> float:
-        """The time [s] before which `update` would decide nothing, but for a new stage or a drop of charge."""
+    def next_update_s(self) -> float:
+        """Time [s] before which `update` decides nothing, except at a new stage or a drop of charge."""
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation and decide."""
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings since the last observation, of its stage and parameters."""
 
 
 class TrackingPlanner:
-    """What every planner does: it follows laps and power with its estimator, and keeps the parameters of take-off.
+    """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
 
-    One that decides is made of this one; it is shown every reading, unless it says otherwise.
+    It takes every reading, unless a subclass overrides `next_update_s`.
     """
 
     own_settings: ClassVar[type | None] = None
@@ -278,15 +278,15 @@ class TrackingPlanner:
 
     @property
     def reading_every_s(self) -> float:
-        """As the estimator's settings say [s]."""
+        """Time between readings of the estimator [s]."""
         return self._sensor_every_s
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every reading."""
         return self._next_reading_s
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once; the parameters stay."""
         motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
         expected = self._estimator.observe_all(readings.times_s, motion) + self._computing_w
@@ -300,7 +300,7 @@ class TrackingPlanner:
         return self._decision
 
     def _count_laps(self, o: Observation) -> None:
-        """A stage has begun: whether a lap has ended with it, or the way into laps."""
+        """Count a lap if it ended with the start of this stage, or start the first."""
         before, self._stage = self._stage, o.stage
         if self._mission.plan.parts:
             ended = self._lap_ends.get(o.stage) == before
@@ -344,7 +344,7 @@ def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | 
 
 
 def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator that starts from what a log has told: its noise takes the place of the settings'."""
+    """An estimator that starts from a model fitted to a log, whose noise replaces the settings'."""
     std_s, disturbance = None, fitted.disturbance
     if fitted.period_s is not None and fitted.period_std_s is not None:
         std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # it was another flight's
@@ -365,6 +365,6 @@ def _nominal_lap_s(mission: Mission) -> float | None:
         legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
     except PathUndefined:
         return None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first begins anywhere
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first starts anywhere
     length = sum(leg.length_m for leg in legs if leg.lap == whole)
     return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None

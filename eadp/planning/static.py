@@ -14,6 +14,6 @@ class StaticPlanner(TrackingPlanner):
     """
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """Infinity: there is nothing to decide."""
         return math.inf

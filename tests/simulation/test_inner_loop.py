@@ -45,7 +45,7 @@ class EveryStep:
         self.asked = 0
 
     reading_every_s = math.inf
-    next_look_s = 0.0
+    next_update_s = 0.0
 
     @property
     def period_s(self):
@@ -55,7 +55,7 @@ class EveryStep:
         self.asked += 1
         return self._planner.update(observation)
 
-    def listen(self, readings):
+    def ingest(self, readings):
         raise AssertionError("readings are seen in observations")
 
 

@@ -88,17 +88,17 @@ class JointPlanner(TrackingPlanner):
         self._looked_s, self._in_doubt = 0.0, False
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """When it re-plans next; soon, and at the next reading where the charge may have jumped."""
         if self._ahead.lost:
             return math.inf
         seen_s = self._next_reading_s if self._in_doubt else self._looked_s + LOOK_EVERY_S
         return min(self._next_s, seen_s)
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once; a jump of the charge among them is answered at the next look."""
         self._jumped |= self._ahead.read_all(readings, self._computing_w)
-        return super().listen(readings)
+        return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, at a new stage, and at once when the charge jumps."""

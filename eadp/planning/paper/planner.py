@@ -116,14 +116,14 @@ class PaperPlanner(TrackingPlanner):
         self._instants_s: FloatArray = np.zeros(0)
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """When it re-plans next, if it has begun to."""
         return self._next_s if self._laps_known() else math.inf
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once, and the charge: what it falls from one to the next is no jump."""
         self._soc = readings.charges[-1]
-        return super().listen(readings)
+        return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
