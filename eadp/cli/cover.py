@@ -236,7 +236,7 @@ def _motion(
 
     ideal = min(RADIUS_SHARE * min_radius, 1e5) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
-    speed = setting.vehicle.airframe.airspeed_mps if airspeed is None else airspeed
+    speed = setting.keys.vehicle.airframe.airspeed_mps if airspeed is None else airspeed
     for option, value, least, most in (
         ("--min-radius", min_radius, LEAST_RADIUS_M, 1e5),
         ("--swath", swath, 0.0, 1e5),
@@ -328,7 +328,7 @@ def _power(plan: Plan, profile: AnyProfile | None, setting: Scenario, sensors: F
         drawn = [computing.power_w(highest, [*path, *sensors.sets_for(sensing)]) for sensing in (True, False)]
     except EadpError as error:
         raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
-    return PowerDraw(setting.vehicle.airframe.cruise_power_w, *drawn)
+    return PowerDraw(setting.keys.vehicle.airframe.cruise_power_w, *drawn)
 
 
 # --- what is printed --------------------------------------------------------------------------------------------------

@@ -116,7 +116,7 @@ def load_flight(
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
-    keys, vehicle = scenario.keys, scenario.vehicle.airframe
+    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
     if faults := vehicle.faults():
         expected = "an aeroplane that can fly so"
         raise InputError(*(scenario.fault("vehicle.airframe", fault, expected) for fault in faults))

@@ -22,7 +22,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
 from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
-from eadp.io.vehicle.vehicle_file import VehicleFile, vehicle_of
+from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.executor import Rules
 from eadp.models.plan.plan import Box
@@ -49,6 +49,11 @@ def _shared_keys(schema: dict[str, Any]) -> None:
     shared = TypeAdapter(list[PlannerSettings], config=STRICT).json_schema()["$defs"]["PlannerSettings"]["properties"]
     for name, node in schema["properties"].items():
         node.setdefault("description", shared.get(name, {}).get("description"))
+
+
+def _or_path(node: dict[str, Any]) -> None:
+    """Complete the vehicle's schema: the path of a file stands for its content."""
+    node["anyOf"] = [{"type": "string"}, {"$ref": node.pop("$ref")}]
 
 
 def _planner_section() -> type[PlannerSettings]:
@@ -111,7 +116,7 @@ class ScenarioFile:
     profile: str | None = None
     """Computation profile: path of a model or of measurements, relative to this file."""
 
-    vehicle: str | VehicleFile = field(default_factory=VehicleFile)
+    vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
     """The aircraft: path of a vehicle file, relative to this file, or its content."""
 
     wind: Wind = field(default_factory=Wind)
@@ -173,10 +178,9 @@ def json_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario that was read: its keys, its vehicle, and the document for faults that show later."""
+    """A scenario that was read: its keys, and the document for faults that show later."""
 
     keys: ScenarioFile
-    vehicle: VehicleFile
     document: Document = field(repr=False)
     vehicle_text: Text | None = field(default=None, repr=False)
     """Text of the vehicle file, if the vehicle is one."""
@@ -189,7 +193,7 @@ class Scenario:
     @property
     def rules(self) -> Rules:
         """How stages follow one another."""
-        return Rules(self.keys.parameter_changes, self.vehicle.airframe.published_triggers)
+        return Rules(self.keys.parameter_changes, self.keys.vehicle.airframe.published_triggers)
 
     @property
     def estimator(self) -> EstimatorSettings:
@@ -265,21 +269,19 @@ def scenario_of(
     if path is not None:
         vehicle_text = _vehicle_text(document, path, text)
         found = keys_document(vehicle_text, VEHICLE_SCHEMA)
-        vehicle_of(found, found.value)
+        vehicle_of(found)
         document.value["vehicle"] = copy.deepcopy(found.value)
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
-    value = document.value
-    if value.get("vehicle") is None:
-        value["vehicle"] = {}
-    vehicle = vehicle_of(document, value["vehicle"], ("vehicle",))
-    if isinstance(value.get("battery"), dict | None):
-        value["battery"] = {**(value["vehicle"].get("battery") or {}), **(value.get("battery") or {})}
-    value = without_nulls(value)
+    own, value = document.value.get("battery"), without_nulls(document.value)
     if faults := _raw_faults(value, document):
         raise capped(faults)
-    keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), renamed=RENAMED)
-    return Scenario(keys, vehicle, document, vehicle_text)
+    keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
+    # null restores a default, which is what the key has in a battery of its own
+    battery = replace(keys.vehicle.battery, **{key: getattr(keys.battery, key) for key in own or ()})
+    if faults := battery_faults(document, battery):
+        raise capped(faults)
+    return Scenario(replace(keys, battery=battery), document, vehicle_text)
 
 
 def _vehicle_text(document: Document, path: str, text: TextSource) -> Text:
@@ -342,7 +344,7 @@ _WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_de
 
 def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     """What shows in the keys given, and no longer in the settings."""
-    faults = []
+    faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
     wind, planner = value.get("wind"), value.get("planner")
     if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
         message = "wind.from_deg and wind.towards_deg are both given"
@@ -359,7 +361,7 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
 
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     """What the schema alone cannot express."""
-    faults = [document.fault(("battery", key), f"battery.{message}") for key, message in keys.battery.faults()]
+    faults = []
     if keys.planner.name not in PLANNERS:
         message = f"unknown planner {printable(keys.planner.name, 60)}"
         faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))

@@ -79,8 +79,6 @@ def validated(
     document: Document,
     value: Any,
     check: Callable[[Model], list[Fault]] | None = None,
-    *,
-    at: Path = (),
     renamed: Mapping[str, str] | None = None,
 ) -> Model:
     """A value of a document as a schema's dataclass or model.
@@ -92,8 +90,6 @@ def validated(
         What is validated, made of mappings, lists, strings and numbers.
     check : function, optional
         Finds what the schema alone cannot express.
-    at : path
-        Where the value stands in the document.
     renamed : mapping, optional
         New names by old ones, for the message on an unknown key.
 
@@ -107,7 +103,7 @@ def validated(
         # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
         content: Model = _adapter(schema).validate_json(json.dumps(value))
     except ValidationError as error:
-        found = [schema_fault(document, problem, model, value, at, renamed) for problem in error.errors()]
+        found = [_schema_fault(document, problem, model, value, renamed or {}) for problem in error.errors()]
         raise capped(_merged(found)) from None
     faults = check(content) if check is not None else []
     if faults:
@@ -126,23 +122,15 @@ def _merged(faults: list[Fault]) -> list[Fault]:
     return list(merged.values())
 
 
-def schema_fault(
-    document: Document,
-    problem: Any,
-    model: Any,
-    value: Any,
-    at: Path = (),
-    renamed: Mapping[str, str] | None = None,
-) -> Fault:
-    """One of pydantic's complaints about a value at a path of a document."""
+def _schema_fault(document: Document, problem: Any, model: Any, value: Any, renamed: Mapping[str, str]) -> Fault:
+    """One of pydantic's complaints about a value."""
     kind, wrong = problem["type"], problem["input"]
-    inner = _path_in(value, problem["loc"])
-    path = (*at, *inner)
+    path = _path_in(value, problem["loc"])
     key = ".".join(printable(str(part), 80) for part in path)
     if kind in ("missing", "missing_argument"):
         return document.fault(path, f"the key {key} is missing")
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return document.fault(path, f"unknown key {key}", _instead(model, inner, at, renamed or {}))
+        return document.fault(path, f"unknown key {key}", _instead(model, path, renamed))
     message = printable(str(problem["msg"]).removeprefix("Value error, "))
     if kind == "value_error":
         return document.fault(path, f"{key}: {message}" if key else message)
@@ -178,16 +166,14 @@ def _at(value: Any, path: Path) -> Any:
     return value
 
 
-def _instead(model: Any, path: Path, at: Path, renamed: Mapping[str, str]) -> str:
+def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
     """What to write for an unknown key: the paths of the key of its name, or of its new name; else the known keys."""
     schema = schema_of(model)
     nodes = [schema]
     for part in path[:-1]:
         nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part]
     wanted = renamed.get(str(path[-1]), str(path[-1]))
-    found = [
-        ".".join(map(str, (*at, *path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)
-    ]
+    found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
     if found:
         return " or ".join(found)
     known = ", ".join(dict.fromkeys(name for node in nodes for name, _ in properties(schema, node)))

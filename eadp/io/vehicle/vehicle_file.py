@@ -65,28 +65,28 @@ def json_schema() -> dict[str, Any]:
     return schema_of(VehicleFile)
 
 
-def vehicle_of(document: Document, value: Any, at: Path = ()) -> VehicleFile:
-    """The vehicle that a value at a path of a document describes.
+def vehicle_of(document: Document) -> VehicleFile:
+    """The vehicle that a document describes.
 
     Raises
     ------
     InputError
         With every fault found.
     """
-    value = without_nulls(value)
-    if faults := _airframe_faults(document, value.get("airframe") if isinstance(value, dict) else None, at):
+    value = without_nulls(document.value)
+    if faults := airframe_faults(document, value):
         raise capped(faults)
-
-    def check(vehicle: VehicleFile) -> list[Fault]:
-        return [
-            document.fault((*at, "battery", key), f"battery.{message}") for key, message in vehicle.battery.faults()
-        ]
-
-    return validated(VehicleFile, document, value, check, at=at, renamed=RENAMED)
+    return validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery), RENAMED)
 
 
-def _airframe_faults(document: Document, airframe: Any, at: Path) -> list[Fault]:
-    """An unknown model, or keys of another model than the airframe's."""
+def battery_faults(document: Document, battery: Battery) -> list[Fault]:
+    """Settings of a battery that contradict each other."""
+    return [document.fault(("battery", key), f"battery.{message}") for key, message in battery.faults()]
+
+
+def airframe_faults(document: Document, vehicle: Any, at: Path = ()) -> list[Fault]:
+    """An unknown model of the airframe, or keys of another model, of a vehicle at a path."""
+    airframe = vehicle.get("airframe") if isinstance(vehicle, dict) else None
     if not isinstance(airframe, dict):
         return []
     model, place = _model_of(airframe), (*at, "airframe")

@@ -24,7 +24,7 @@ battery: {capacity_ah: 5, resistance_ohm: 0.03}
 
 def read(text):
     document = read_yaml(Text("v.yaml", text))
-    return vehicle_of(document, document.value)
+    return vehicle_of(document)
 
 
 @pytest.fixture
@@ -44,19 +44,19 @@ def test_the_shipped_vehicle_is_the_default_aircraft():
     shipped = read(read_text(str(WING)).body)
     assert shipped.airframe == FixedWing()
     assert shipped.battery == Battery()
-    assert read_scenario(None).vehicle == VehicleFile()
+    assert read_scenario(None).keys.vehicle == VehicleFile()
 
 
 def test_every_airframe_model_is_read():
     for model, airframe in AIRFRAMES.items():
-        found = vehicle_of(Document("v", {}), {"airframe": {"model": model, "mass_kg": 3}}).airframe
+        found = vehicle_of(Document("v", {"airframe": {"model": model, "mass_kg": 3}})).airframe
         assert found == airframe(mass_kg=3.0)
 
 
 def test_a_scenario_takes_its_vehicle_from_a_file_beside_it(scenario):
     found = scenario()
-    assert found.vehicle.name == "2 kg survey wing"
-    assert found.vehicle.airframe == FixedWing(mass_kg=2.0, wing_area_m2=0.45)
+    assert found.keys.vehicle.name == "2 kg survey wing"
+    assert found.keys.vehicle.airframe == FixedWing(mass_kg=2.0, wing_area_m2=0.45)
     assert found.keys.battery == Battery(capacity_ah=5.0, resistance_ohm=0.03)
     assert found.vehicle_text is not None
     assert found.vehicle_text.body == VEHICLE
@@ -64,20 +64,20 @@ def test_a_scenario_takes_its_vehicle_from_a_file_beside_it(scenario):
 
 def test_the_scenario_overrides_the_vehicle_key_by_key(scenario):
     found = scenario("battery: {capacity_ah: 1}\n", **{"vehicle.airframe.mass_kg": 2.5, "battery.soc": 0.9})
-    assert found.vehicle.airframe == FixedWing(mass_kg=2.5, wing_area_m2=0.45)
+    assert found.keys.vehicle.airframe == FixedWing(mass_kg=2.5, wing_area_m2=0.45)
     assert found.keys.battery == Battery(capacity_ah=1.0, resistance_ohm=0.03, soc=0.9)
 
 
 def test_null_restores_a_default(scenario):
     found = scenario("battery: {capacity_ah: null}\n", **{"vehicle.airframe.mass_kg": None})
     assert found.keys.battery.capacity_ah == Battery().capacity_ah
-    assert found.vehicle.airframe.mass_kg == FixedWing().mass_kg
+    assert found.keys.vehicle.airframe.mass_kg == FixedWing().mass_kg
 
 
 def test_a_vehicle_may_be_set_and_stand_inline(scenario):
-    assert scenario(vehicle=str(WING)).vehicle.airframe == FixedWing()
+    assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing()
     inline = read_scenario(None, {"vehicle": {"airframe": {"model": "paper"}, "battery": {"capacity_ah": 1}}})
-    assert inline.vehicle.airframe == PaperVehicle()
+    assert inline.keys.vehicle.airframe == PaperVehicle()
     assert inline.keys.battery.capacity_ah == 1
 
 

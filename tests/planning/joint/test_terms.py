@@ -352,7 +352,7 @@ def test_the_crate_bounds_every_configuration():
         assert menu.powers_w[-1] == pytest.approx(max(allowed, default=it.choices(i)[0][1]))
 
 
-@pytest.mark.parametrize("crate_per_h", [2.5, 6.0, 20.0])
+@pytest.mark.parametrize("letter_crate_per_h", [2.5, 6.0, 20.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(letter_crate_per_h, seed):
     """Found by trying: ends from which the cheapest, flown backwards, is within b Q V crate at every leg's end."""
