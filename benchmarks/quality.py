@@ -446,7 +446,7 @@ def programs(count: int, seed: int) -> None:
         }
         inputs = load(str(ROOT / "plans/survey.plan"), keys)
         world = inputs.world
-        ahead = Forecaster(inputs.scenario.planner, inputs.mission)
+        ahead = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
         ahead.assume(world.wind.steady_mps, 0.0, 1.0)
         ahead.at(0.0, world.start_m, 0.0)
         prospects = [ahead.prospect((share,)) for share in np.linspace(0, 1, 2001).tolist()]

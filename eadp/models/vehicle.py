@@ -16,7 +16,6 @@ from eadp.core.flight.aerodynamics import (
     induced_drag_factor,
     lift_coefficient,
     load_factor,
-    speed_of_least_power_mps,
 )
 
 Mass = Annotated[float, Ge(1e-3), Le(1e4)]
@@ -179,14 +178,6 @@ class FixedWing:
     def stall_mps(self) -> float:
         """Airspeed at which the wing stalls in straight flight [m/s]."""
         return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.max_lift_coefficient))
-
-    @property
-    def least_power_mps(self) -> float:
-        """Airspeed of least power [m/s], the avionics' left out."""
-        area, density = self.wing_area_m2, self.air_density_kgpm3
-        return speed_of_least_power_mps(
-            self.weight_n, area, density, self.zero_lift_drag_coefficient, self.induced_drag
-        )
 
     def lift_coefficient(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
         """C_L in level flight."""
