@@ -573,7 +573,7 @@ def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
     assert not np.isnan(times).any()
 
 
-@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, 90.0), Wind(6.0, 200.0)])
+@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
 def test_a_simulated_flight_takes_the_times_told(wind):
     plan, parameters = survey(), (-1000.0, 10.0)
     start, heading = default_start(plan, parameters)
