@@ -25,7 +25,7 @@ import numpy as np
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.cursor import Vector
-from eadp.planning.registry import Decision, Observation, SolverReport
+from eadp.planning.base import Decision, Observation, SolverReport
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -49,14 +49,14 @@ class Nobody:
     def __init__(self, parameters: Vector) -> None:
         self.report = SolverReport()
         self.period_s = None
-        self.reading_every_s = self.next_look_s = math.inf
+        self.reading_every_s = self.next_update_s = math.inf
         self._decision = Decision(parameters, 0.0)
 
     def update(self, _observation: Observation) -> Decision:
         """Keep the parameters."""
         return self._decision
 
-    listen = None
+    ingest = None
 
 
 def alone(*, fast: bool) -> tuple[float, float]:

@@ -352,7 +352,6 @@ def flown(seed: int, gust_std_mps: float) -> Log:
     overrides = {
         "planner.name": "static",
         "battery.capacity_ah": 3.2,
-        "vehicle.wind_in_lift": True,
         "wind.gust_std_mps": gust_std_mps,
         "faults": [],
         "seed": seed,

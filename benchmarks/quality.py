@@ -93,7 +93,7 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
     overrides = {
         "step_s": STEP_S,
         "log_every_s": STEP_S,
-        "battery.crate_per_h": 1000,
+        "battery.letter_crate_per_h": 1000,
         "time_limit_s": 20_000,
         **keys,
         **more,
@@ -109,7 +109,7 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
         itertools.islice(itertools.cycle(itertools.product(found, ("paper", "fixed-wing"))), count)
     ):
         keys: dict[str, Any] = {
-            "vehicle.model": vehicle,
+            "vehicle.airframe.model": vehicle,
             "guidance.k_d": 1.0,
             "wind.speed_mps": float(rng.uniform(0, 8)),
             "wind.towards_deg": float(rng.uniform(0, 360)),
@@ -229,7 +229,7 @@ class LapBudget(TrackingPlanner):
         self._lap = -1
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every step."""
         return 0.0
 
@@ -290,7 +290,7 @@ class Lowest(TrackingPlanner):
         return float(self._inner.reading_every_s)
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every step."""
         return 0.0
 
@@ -393,7 +393,7 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
 def _windy(rng: np.random.Generator) -> dict[str, Any]:
     """The survey by the joint planner, in some wind."""
     return {
-        "vehicle.model": "fixed-wing",
+        "vehicle.airframe.model": "fixed-wing",
         "planner.name": "joint",
         "wind.speed_mps": float(rng.uniform(0, 8)),
         "wind.towards_deg": float(rng.uniform(0, 360)),
@@ -409,7 +409,7 @@ def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
             **_windy(rng),
             "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
             "battery.capacity_ah": float(rng.uniform(0.45, 0.62)),
-            "planner.reserve_probability": probability,
+            "planner.joint.reserve_probability": probability,
             "seed": int(rng.integers(1 << 30)),
         }
         tasks.append(keys)
@@ -443,7 +443,7 @@ def programs(count: int, seed: int) -> None:
         }
         inputs = load(str(ROOT / "plans/survey.plan"), keys)
         world = inputs.world
-        ahead = Forecaster(inputs.scenario.planner, inputs.mission)
+        ahead = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
         ahead.assume(world.wind.steady_mps, 0.0, 1.0)
         ahead.at(0.0, world.start_m, 0.0)
         prospects = [ahead.prospect((share,)) for share in np.linspace(0, 1, 2001).tolist()]
@@ -499,7 +499,7 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
                 **_windy(rng),
                 "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
                 "battery.capacity_ah": 1.2,
-                "planner.keep_gain": 1.0,
+                "planner.joint.min_gain": 1.0,
                 "planner.levels": {"c2": [10.0]},
                 "parameters": {"c1": float(rng.uniform(-950, -50))},
                 "seed": int(rng.integers(1 << 30)),

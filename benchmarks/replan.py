@@ -31,9 +31,10 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
+from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper.horizon import HorizonForecast, HorizonSolution
-from eadp.planning.registry import Mission, Observation, PaperPlanner, PlannerSettings
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings
 
 try:
     import casadi
@@ -105,11 +106,12 @@ class Ours:
         plan, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
         profile = Profile(("fps",), ("",), np.array([[LOW], [HIGH]]), np.array([LOW_W, HIGH_W]))
         mission = Mission(plan, join_profile(plan, profile), BATTERY, 15.0, (0.0, HIGH), (-100.0, 220.0))
-        settings = PlannerSettings(horizon_s=float(steps), constraint_at="end", solver=solver)
-        self._planner = PaperPlanner(settings, EstimatorSettings(), mission)
+        settings = PaperSettings(horizon_s=float(steps), constraint_at="end")
+        self._planner = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission, settings)
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
         self._horizon = self._planner._horizon(self._observation, [1], steps)
+        self._horizon._closed_form = solver == "auto"
         self._steps = steps
 
     def prepare(self, instance: Instance) -> Observation:
@@ -283,7 +285,7 @@ def excess_w(c: np.ndarray, outlook: HorizonForecast) -> float:
         outlook.limit_motion_w, outlook.mean_motion_w, LOW_W + SLOPE_W * (c - LOW), strict=True
     ):
         soc -= SOC_PER_A * current_a(mean + power)
-        most = max(most, limit + power - BATTERY.capacity_ah * BATTERY.voltage_v * BATTERY.crate_per_h * soc)
+        most = max(most, limit + power - BATTERY.capacity_ah * BATTERY.voltage_v * BATTERY.letter_crate_per_h * soc)
     return float(most)
 
 

@@ -65,7 +65,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
 plan: {root}/plans/survey.plan
 scenario: {root}/scenarios/survey.yaml
-grid: {{vehicle.model: [fixed-wing], planner: [{planner}]}}
+grid: {{vehicle.airframe.model: [fixed-wing], planner: [{planner}]}}
 sample:
   runs: {runs}
   seed: {seed}
@@ -283,7 +283,7 @@ def compiling(planner: str) -> None:
         "from eadp.core import compiled; from eadp.io.flight.inputs import load_flight;"
         "from eadp.simulation.loop import Outcome, fly; compiled.enable();"
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
-        f"overrides={{'planner.name': {planner!r}, 'vehicle.model': 'fixed-wing', 'log_every_s': 1e9}});"
+        f"overrides={{'planner.name': {planner!r}, 'vehicle.airframe.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome())); a = time.process_time() - t;"
         "p = i.planner(); t = time.process_time(); list(fly(i.world, p, Outcome()));"
         "print(n, a, time.process_time() - t)"
@@ -312,7 +312,7 @@ def growth(planner: str) -> None:
             file.flush()
             # a battery that lasts, and whose charge falls as far in each flight
             overrides = {
-                "vehicle.model": "fixed-wing",
+                "vehicle.airframe.model": "fixed-wing",
                 "planner.name": planner,
                 "battery.capacity_ah": 1.0 * times,
                 "log_every_s": 1e9,

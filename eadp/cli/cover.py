@@ -134,7 +134,7 @@ def command(
             request,
             text.name,
             profile=measured,
-            cruise_power_w=setting.vehicle.cruise_power_w,
+            cruise_power_w=setting.keys.vehicle.airframe.cruise_power_w,
             off_on_turns=turns_off,
         )
     except Infeasible as error:
@@ -196,7 +196,7 @@ def _motion(
 
     ideal = min(RADIUS_SHARE * min_radius, MAX_LENGTH_M) if radius is None else radius
     apart = SPACING_SHARE * swath if spacing is None else spacing
-    speed = setting.vehicle.airspeed_mps if airspeed is None else airspeed
+    speed = setting.keys.vehicle.airframe.airspeed_mps if airspeed is None else airspeed
     for option, value, low, high, closed in (
         ("--min-radius", min_radius, MIN_RADIUS_M, MAX_LENGTH_M, True),
         ("--swath", swath, 0.0, MAX_LENGTH_M, False),
@@ -207,7 +207,7 @@ def _motion(
         if not (low < value <= high or (closed and value == low)):
             expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}, at most {high:g}"
             raise usage_fault(option, f"{value:g}", f"{value:g} is out of range", expected)
-    wind_mps = setting.wind.steady_mps if wind is None else _wind_mps(wind)
+    wind_mps = setting.keys.wind.steady_mps if wind is None else _wind_mps(wind)
     if math.hypot(*wind_mps) >= speed:
         message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
         raise usage_fault("--wind", wind or "", message, f"less than its {speed:g} m/s")

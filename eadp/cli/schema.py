@@ -14,6 +14,7 @@ _MODULES = {
     "profile": "eadp.io.profile.model_file",
     "energy": "eadp.io.energy.model_file",
     "scenario": "eadp.io.scenario.scenario_file",
+    "vehicle": "eadp.io.vehicle.vehicle_file",
     "sweep": "eadp.io.sweep.sweep_file",
     "telemetry": "eadp.io.telemetry.reader",
     "decision": "eadp.io.telemetry.decisions",

@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eadp.cli.output import Format, Progress, emit, emit_json, warn
+from eadp.planning.registry import PLANNERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-class PlannerName(enum.StrEnum):
-    """Planners by name."""
-
-    static = "static"
-    paper = "paper"
-    joint = "joint"
+PlannerName = enum.StrEnum("PlannerName", {name: name for name in PLANNERS})  # type: ignore[misc]
+"""Planners by name."""
 
 
 def command(
@@ -53,11 +50,10 @@ def command(
     from eadp.io.text.streams import check_new_folder
     from eadp.simulation.loop import Outcome, fly
 
-    overrides = dict(read_override(raw) for raw in set_ or [])
-    if planner is not None:
-        overrides["planner.name"] = planner.value
-    if seed is not None:
-        overrides["seed"] = seed
+    given = [*(set_ or [])]
+    given += [f"planner.name={planner.value}"] if planner is not None else []
+    given += [f"seed={seed}"] if seed is not None else []
+    overrides = dict(map(read_override, given))
     if out is not None:
         check_new_folder(out, force=force)
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
@@ -69,31 +65,17 @@ def command(
         steps.append(step)
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
     progress.close()
-    settings = inputs.scenario.planner
-    summary = summarise(
-        world,
-        pilot,
-        outcome,
-        reserve_soc=settings.reserve_soc,
-        weights=settings.weights,
-        name=settings.name,
-        expected=expected,
-    )
+    summary = summarise(world, pilot, outcome, inputs.scenario.planner, expected)
     if out is not None:
-        used = [
-            *(set_ or []),
-            *([f"planner.name={planner.value}"] if planner else []),
-            *([f"seed={seed}"] if seed else []),
-        ]
-        write_flight(out, world, steps, summary, inputs.texts, used, force=force, records=outcome.records)
+        write_flight(out, world, steps, summary, inputs.texts, given, force=force, records=outcome.records)
     if format_ is Format.json:
         emit_json(summary)
     else:
-        emit(_text(summary, out))
+        emit(_text(summary, out, decided=bool(outcome.records)))
     return 0 if outcome.completed and (summary["reserve_kept"] or not require_reserve) else 1
 
 
-def _text(summary: Mapping[str, Any], out: str | None) -> str:
+def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
     """The summary for people."""
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
@@ -119,7 +101,7 @@ def _text(summary: Mapping[str, Any], out: str | None) -> str:
         f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"
     )
     if out is not None:
-        decisions = "decisions.jsonl, " if summary["planner"] == "joint" else ""
+        decisions = "decisions.jsonl, " if decided else ""
         lines.append(f"written    {out}/flight.csv, summary.json, {decisions}flight.svg, flight.png")
     return "\n".join(lines)
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
+from annotated_types import Ge, Gt, Le, MinLen
+
+from eadp.core.bounds import Efficiency, Seconds, Share
 from eadp.core.flight.battery import current_a, drains_per_s, soc_rate_per_s
 
 VOLTAGE_STEP_V = 0.05
@@ -14,20 +18,40 @@ VOLTAGE_STEP_V = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """A Rint battery. `crate_per_h` bounds the power by b Q_c V crate (letter, Def. III.3, with its missing unit).
+    """A Rint battery, drained by the power it delivers, or a replayed state of charge."""
 
-    `voltage_v` is the open-circuit voltage [V] at full charge, and at any charge where `voltage_empty_v`, that of the
-    empty battery, is None; else it is linear in the state of charge.
-    """
+    voltage_v: Annotated[float, Gt(0), Le(1e4)] = 14.8
+    """Open-circuit voltage at full charge; at every charge if `voltage_empty_v` is not given [V]."""
 
-    voltage_v: float = 14.8
-    resistance_ohm: float = 0.05
-    capacity_ah: float = 3.2
-    k_b_per_s: float = 1 / 3600
-    soc: float = 1.0
-    crate_per_h: float = 10.0
-    prescribed: tuple[tuple[float, float], ...] = ()
-    voltage_empty_v: float | None = None
+    resistance_ohm: Annotated[float, Ge(0), Le(1e3)] = 0.05
+    """Inner resistance [Ω]."""
+
+    capacity_ah: Annotated[float, Ge(1e-6), Le(1e6)] = 3.2
+    """Charge of the full battery [Ah]."""
+
+    k_b_per_s: Annotated[float, Ge(1e-9), Le(1e3)] = 1 / 3600
+    """The letter's battery constant: the charge falls by k_b I / Q_c in a second [1/s]. An ideal battery has 1/3600."""
+
+    soc: Efficiency = 1.0
+    """State of charge at take-off, as a share of the full charge."""
+
+    letter_crate_per_h: Annotated[float, Gt(0), Le(1e12)] = 10.0
+    """Limit of the power to b Q_c V times this, at a state of charge b [1/h]: the letter's Def. III.3."""
+
+    prescribed: Annotated[tuple[tuple[Seconds, Share], ...], MinLen(1)] = ()
+    """A trace [[time in s, state of charge], …] that is replayed instead: linear between points, held at its ends."""
+
+    voltage_empty_v: Annotated[float, Gt(0), Le(1e4)] | None = None
+    """Open-circuit voltage of the empty battery; the voltage is linear in the charge then [V]."""
+
+    def faults(self) -> list[tuple[str, str]]:
+        """Settings that contradict each other: the key, and what is wrong."""
+        found = []
+        if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
+            found.append(("voltage_empty_v", f"voltage_empty_v: {self.voltage_empty_v:g} V is above voltage_v"))
+        if any(later < earlier for (earlier, _), (later, _) in itertools.pairwise(self.prescribed)):
+            found.append(("prescribed", "prescribed: times that go back"))
+        return found
 
     def voltage_at(self, soc: float) -> float:
         """Open-circuit voltage [V] at a state of charge."""
@@ -70,7 +94,7 @@ class Battery:
     @property
     def power_per_soc_w(self) -> float:
         """Q_c V crate [W]: times b, the largest power allowed."""
-        return self.capacity_ah * self.voltage_v * self.crate_per_h
+        return self.capacity_ah * self.voltage_v * self.letter_crate_per_h
 
     def prescribed_soc(self, time_s: float) -> float:
         """The replayed state of charge: linear between points, the last of two at one time, held at the ends."""
@@ -89,5 +113,8 @@ class Battery:
 class BatteryFault:
     """A sudden loss of charge."""
 
-    at_s: float
-    soc_drop: float
+    at_s: Seconds
+    """Time of the loss [s]."""
+
+    soc_drop: Share
+    """Charge lost, as a share of the full charge."""

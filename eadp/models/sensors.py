@@ -1,28 +1,39 @@
-"""What the simulated aircraft's sensors make of the truth."""
+"""Errors of the simulated aircraft's sensors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from eadp.core.bounds import Duration, Share, Watts
 
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Noise, delay and drop-outs of what a planner is told. By default there are none.
+    """Noise, delay and drop-outs of the sensors. The noise is white; by default there is none."""
 
-    `power_noise_w`, `position_noise_m` (each axis) and `soc_noise` are standard deviations of white noise on each
-    observation; `delay_s` is how old what is told is; `drop_out_share` is the share of the time in which the power has
-    no reading, in spells of `drop_out_s` on average.
-    """
+    power_noise_w: Watts = 0.0
+    """Standard deviation of the power reading's noise [W]."""
 
-    power_noise_w: float = 0.0
-    position_noise_m: float = 0.0
-    soc_noise: float = 0.0
-    delay_s: float = 0.0
-    drop_out_share: float = 0.0
-    drop_out_s: float = 2.0
+    position_noise_m: Annotated[float, Ge(0), Le(1e4)] = 0.0
+    """Standard deviation of the position's noise on each axis [m]."""
+
+    soc_noise: Share = 0.0
+    """Standard deviation of the noise of the state of charge, as a share of the full charge."""
+
+    delay_s: Annotated[float, Ge(0), Le(60)] = 0.0
+    """Age of every reading when the planner gets it [s]."""
+
+    drop_out_share: Share = 0.0
+    """Share of the time without a power reading."""
+
+    drop_out_s: Duration = 2.0
+    """Mean length of a drop-out of the power reading [s]."""
 
     @property
     def ideal(self) -> bool:
-        """Whether what is told is the truth."""
+        """Whether the readings are exact."""
         noise = self.power_noise_w or self.position_noise_m or self.soc_noise
         return not (noise or self.delay_s or self.drop_out_share)

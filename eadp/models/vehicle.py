@@ -1,40 +1,73 @@
-"""Constants of the simulated aircraft."""
+"""Airframe models of the simulated aircraft: their constants, and what follows from them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, ClassVar, Literal
 
+from annotated_types import Ge, Gt, Le
+
+from eadp.core.bounds import Coordinate, Duration, Efficiency, NotNegative, Watts
 from eadp.core.flight.aerodynamics import (
     GRAVITY_MPS2,
     drag_n,
     induced_drag_factor,
     lift_coefficient,
     load_factor,
-    speed_of_least_power_mps,
 )
 
+Mass = Annotated[float, Ge(1e-3), Le(1e4)]
+Airspeed = Annotated[float, Ge(0.1), Le(1e3)]
+Rate = Annotated[float, Gt(0), Le(1e3)]
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class PaperVehicle:
     """The aircraft of the published flights: a heading, a throttle that holds the altitude, and power from throttle.
 
     Source: the letter's published flights (docs/reproduction.md); `wind_in_lift` and `published_triggers` are theirs.
     """
 
-    mass_kg: float = 1.0
-    weight_n: float = 9.8
-    lift_coefficient: float = 9.8 / 15**2
-    speed_per_throttle_mps: float = 15 / 50
-    nominal_throttle: float = 50.0
-    altitude_gain: float = 5.0
-    climb_gain: float = 5.0
-    cruise_altitude_m: float = 25.0
-    idle_power_w: float = 16.0
-    throttle_power_w: float = 20.0
+    model: Literal["paper"] = "paper"
+    """Name of this airframe model."""
+
+    mass_kg: Mass = 1.0
+    """Mass [kg]."""
+
+    weight_n: Annotated[float, Ge(1e-2), Le(1e5)] = 9.8
+    """Weight [N]."""
+
+    lift_coefficient: Annotated[float, Gt(0), Le(1e5)] = 9.8 / 15**2
+    """Lift over the square of the airspeed [N s²/m²]."""
+
+    speed_per_throttle_mps: Annotated[float, Ge(1e-3), Le(1e3)] = 15 / 50
+    """Airspeed of a unit of throttle [m/s]."""
+
+    nominal_throttle: Annotated[float, Ge(1e-3), Le(1e3)] = 50.0
+    """Throttle in level flight, of 0 to 100."""
+
+    altitude_gain: NotNegative = 5.0
+    """Throttle for an error of altitude [1/m]."""
+
+    climb_gain: NotNegative = 5.0
+    """Throttle against climbing [s/m]."""
+
+    cruise_altitude_m: Coordinate = 25.0
+    """Altitude held [m]."""
+
+    idle_power_w: Watts = 16.0
+    """Power at throttle 0 [W]."""
+
+    throttle_power_w: Watts = 20.0
+    """Power that throttle 100 adds [W]."""
+
     wind_in_lift: bool = False
+    """Add the wind along the heading to the speed that lifts. Unphysical; the published flights do."""
+
     published_triggers: bool = False
+    """Triggers fire in a box of 20 m, neither armed nor passed, and the flight ends by position, as published."""
 
     @property
     def airspeed_mps(self) -> float:
@@ -46,6 +79,10 @@ class PaperVehicle:
         """Motion power in level flight [W]."""
         return self.idle_power_w + self.throttle_power_w * self.nominal_throttle / 100
 
+    def faults(self) -> list[str]:
+        """Why the aircraft cannot hold its airspeed and bank: it has no limits of either."""
+        return []
+
 
 @dataclass(frozen=True)
 class FixedWing:
@@ -53,40 +90,63 @@ class FixedWing:
 
     The defaults are those of a flying wing of 1.2 m span for surveys: 36 W at 15 m/s, of which the published survey
     flight of such a wing drew 30 to 40 W (docs/fixed-wing.md).
-
-    Attributes
-    ----------
-    mass_kg, wing_area_m2, aspect_ratio, oswald_efficiency, zero_lift_drag : float
-        Mass [kg], wing area [m²], aspect ratio A, Oswald's e and C_D0 of the polar C_D = C_D0 + C_L²/(π e A).
-    highest_lift : float
-        C_L at which the wing stalls.
-    propulsive_efficiency, avionics_w, most_power_w : float
-        From electrical to thrust power; what flies along whatever the throttle [W]; the motor's limit [W].
-    airspeed_mps, cruise_altitude_m : float
-        What is held [m/s, m].
-    most_bank_deg, roll_time_s, most_climb_mps : float
-        Limits of bank [°] and climb [m/s], and how fast a bank is reached [s].
-    speed_gain_per_s, altitude_gain_per_s : float
-        How fast errors of airspeed and altitude are taken out [1/s].
     """
 
-    mass_kg: float = 1.2
-    wing_area_m2: float = 0.32
-    aspect_ratio: float = 4.5
-    oswald_efficiency: float = 0.8
-    zero_lift_drag: float = 0.022
-    highest_lift: float = 1.1
-    air_density_kgpm3: float = 1.225
-    propulsive_efficiency: float = 0.55
-    avionics_w: float = 2.0
-    most_power_w: float = 200.0
-    airspeed_mps: float = 15.0
-    cruise_altitude_m: float = 25.0
-    most_bank_deg: float = 45.0
-    roll_time_s: float = 0.3
-    most_climb_mps: float = 3.0
-    speed_gain_per_s: float = 1.0
-    altitude_gain_per_s: float = 0.5
+    model: Literal["fixed-wing"] = "fixed-wing"
+    """Name of this airframe model."""
+
+    mass_kg: Mass = 1.2
+    """Mass [kg]."""
+
+    wing_area_m2: Annotated[float, Ge(1e-3), Le(1e4)] = 0.32
+    """Wing area [m²]."""
+
+    aspect_ratio: Annotated[float, Ge(0.1), Le(100)] = 4.5
+    """Aspect ratio A of the wing: span² / area."""
+
+    oswald_efficiency: Efficiency = 0.8
+    """Oswald's efficiency e of the drag polar C_D = C_D0 + C_L² / (π e A)."""
+
+    zero_lift_drag_coefficient: Annotated[float, Ge(1e-4), Le(10)] = 0.022
+    """Drag coefficient without lift, C_D0 of the drag polar."""
+
+    max_lift_coefficient: Annotated[float, Ge(1e-2), Le(10)] = 1.1
+    """Lift coefficient at which the wing stalls."""
+
+    air_density_kgpm3: Annotated[float, Ge(1e-3), Le(100)] = 1.225
+    """Air density [kg/m³]."""
+
+    propulsive_efficiency: Efficiency = 0.55
+    """Efficiency of the propulsion: thrust power over the motor's electrical power."""
+
+    avionics_w: Watts = 2.0
+    """Power of the avionics at any throttle [W]."""
+
+    max_power_w: Annotated[float, Gt(0), Le(1e6)] = 200.0
+    """The motor's greatest electrical power [W]."""
+
+    airspeed_mps: Airspeed = 15.0
+    """Airspeed that the throttle holds [m/s]."""
+
+    cruise_altitude_m: Coordinate = 25.0
+    """Altitude held [m]."""
+
+    max_bank_deg: Annotated[float, Gt(0), Le(80)] = 45.0
+    """Greatest bank [°]."""
+
+    roll_time_constant_s: Duration = 0.3
+    """Time constant of the roll to a bank [s]."""
+
+    max_climb_rate_mps: Annotated[float, Gt(0), Le(1e3)] = 3.0
+    """Greatest rate of climb and descent [m/s]."""
+
+    speed_gain_per_s: Rate = 1.0
+    """Rate at which the throttle corrects an error of airspeed [1/s]."""
+
+    altitude_gain_per_s: Rate = 0.5
+    """Rate at which climbing corrects an error of altitude [1/s]."""
+
+    published_triggers: ClassVar[bool] = False
 
     @cached_property
     def weight_n(self) -> float:
@@ -102,7 +162,7 @@ class FixedWing:
         """Drag in level flight [N], in a bank with its load factor."""
         load = self.weight_n * load_factor(bank_rad)
         area, density = self.wing_area_m2, self.air_density_kgpm3
-        return drag_n(load, airspeed_mps, area, density, self.zero_lift_drag, self.induced_drag)
+        return drag_n(load, airspeed_mps, area, density, self.zero_lift_drag_coefficient, self.induced_drag)
 
     def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
         """Electrical power in level flight [W]: D V/η and the avionics'."""
@@ -117,13 +177,7 @@ class FixedWing:
     @property
     def stall_mps(self) -> float:
         """Airspeed at which the wing stalls in straight flight [m/s]."""
-        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.highest_lift))
-
-    @property
-    def least_power_mps(self) -> float:
-        """Airspeed of least power [m/s], the avionics' left out."""
-        area, density = self.wing_area_m2, self.air_density_kgpm3
-        return speed_of_least_power_mps(self.weight_n, area, density, self.zero_lift_drag, self.induced_drag)
+        return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.max_lift_coefficient))
 
     def lift_coefficient(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
         """C_L in level flight."""
@@ -131,30 +185,35 @@ class FixedWing:
         return lift_coefficient(load, airspeed_mps, self.wing_area_m2, self.air_density_kgpm3)
 
     def faults(self) -> list[str]:
-        """Why it cannot fly as it is meant to, if it cannot."""
+        """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
         found = []
         if self.airspeed_mps <= self.stall_mps:
             found.append(f"an airspeed of {self.airspeed_mps:g} m/s is below the stall's {self.stall_mps:.1f} m/s")
-        elif self.lift_coefficient(self.airspeed_mps, math.radians(self.most_bank_deg)) > self.highest_lift:
-            found.append(f"at a bank of {self.most_bank_deg:g}° and {self.airspeed_mps:g} m/s the wing stalls")
+        elif self.lift_coefficient(self.airspeed_mps, math.radians(self.max_bank_deg)) > self.max_lift_coefficient:
+            found.append(f"at a bank of {self.max_bank_deg:g}° and {self.airspeed_mps:g} m/s the wing stalls")
         motor_w = self.cruise_power_w - self.avionics_w
-        if motor_w > self.most_power_w:
-            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.most_power_w:g} W")
+        if motor_w > self.max_power_w:
+            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.max_power_w:g} W")
         return found
 
 
-Vehicle = PaperVehicle | FixedWing
+Airframe = PaperVehicle | FixedWing
+AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in (FixedWing, PaperVehicle)}
+"""Every airframe model by its name: the first is the default."""
 
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
-    """How the vehicle follows a path. k_e is the plan's gain per stage.
+    """How the aircraft follows a path. The gains k_e stand in the plan, one for each stage."""
 
-    `normalised` follows φ/‖∇φ‖ with the one gain `gain_per_m` instead; `wind_corrected` turns the heading as much
-    faster as the course needs in wind.
-    """
+    k_d: Annotated[float, Ge(-1e6), Le(1e6)] = 1.0
+    """Gain k_d of the guiding vector field's turn; the published flights' code has its sign reversed."""
 
-    k_d: float = 1.0
     wind_corrected: bool = True
+    """Turn the heading by as much more as the course needs in wind."""
+
     normalised: bool = False
-    gain_per_m: float = 0.05
+    """Follow φ/‖∇φ‖ with the one gain `gain_per_m`, instead of φ with the plan's."""
+
+    gain_per_m: Annotated[float, Gt(0), Le(1e3)] = 0.05
+    """Gain of the normalised path function [1/m]."""

@@ -1,4 +1,4 @@
-"""What planners share: what they see and decide, their settings, and a planner that keeps its parameters.
+"""What planners share: observations, decisions, settings, and the base class that tracks laps and power.
 
 A planner sees Observations and returns Decisions; it knows the plan, the models and its settings, and nothing of the
 world it flies in, so that the same object serves a simulation and a telemetry stream.
@@ -9,8 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
+from annotated_types import Ge, Le, Len
+
+from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
@@ -29,14 +32,13 @@ from eadp.planning.estimation.estimator import (
     ExactEstimator,
     PublishedEstimator,
 )
-from eadp.planning.paper.horizon import CONTROL
 
-STATIC, PAPER, JOINT = "static", "paper", "joint"
 SOC_JUMP = 0.01
+Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
 class Observation(NamedTuple):
-    """What is known in flight at one moment.
+    """What is known in flight at one time.
 
     Attributes
     ----------
@@ -84,9 +86,9 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What sensors have told one after the other, one or more of each: place, power, charge, and motion.
+    """Consecutive readings of the sensors, one or more: position, power, charge and motion.
 
-    Velocities and headings are as `Observation` has them, no number where nothing tells them; no wind is told.
+    Velocities and headings are as in `Observation`, NaN where they are not measured; there is no wind among them.
     """
 
     times_s: Sequence[float]
@@ -119,7 +121,7 @@ class DecisionRecord:
     ----------
     time_s : float
     why : str
-        What has brought it about.
+        Cause of the re-planning.
     stage, lap : int
         Where in the plan, from 1 and from 0.
     parameters : tuple of float
@@ -143,7 +145,7 @@ class DecisionRecord:
     status : str
         `solved`, `closed form`, `scanned` or `infeasible`.
     reason : str
-        What has been decided and why, in words.
+        The decision and its cause, in words.
     home_reachable : bool or None
         Whether home could be reached from here with the reserve kept; None where there is none.
     point_of_no_return_s : float or None
@@ -174,38 +176,34 @@ class DecisionRecord:
 
 
 @dataclass(frozen=True)
+class TradeOff:
+    """One row R c − r ≥ 0 that the parameters keep to."""
+
+    coefficients: Mapping[str, float]
+    """R: coefficients by the parameters' names."""
+
+    at_least: float
+    """r: the least value of the weighted sum."""
+
+
+@dataclass(frozen=True)
 class PlannerSettings:
-    """Settings of every planner; each uses those that concern it. Times in seconds.
+    """Settings that planners share; each planner's own settings stand beside it."""
 
-    `reserve_probability` is how surely `joint` keeps the reserve, `keep_gain` the quality U that a change of a
-    parameter has to gain. `horizon_s` None is one period. `solver` is `qp`, or `auto`: a closed form where it is
-    proven, else QPs. `trade_offs` are rows (coefficient per parameter name, least value). `objective` is what
-    `joint` maximises: `quality`, or `total`, the sum of the computations over time.
-    """
+    name: str = ""
+    """Name of the planner in the registry."""
 
-    name: str = JOINT
-    every_s: float = 1.0
-    horizon_s: float | None = 6.0
-    weights: Mapping[str, float] = field(default_factory=dict)
-    delta: Mapping[str, float] = field(default_factory=dict)
-    levels: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    cost: str = CONTROL
-    cost_weights: tuple[float, float] = (1.0, 1.0)
-    solver: str = "auto"
-    constraint_at: str = "worst"
-    remaining_time: str = "corrected"
-    path_search: str = "delta"
-    raise_path: bool = True
-    path_every_s: float | None = None
-    start_after_s: float = 0.0
-    min_periods: int = 2
-    longest_s: float | None = None
-    shortest_s: float | None = None
-    trade_offs: tuple[tuple[Mapping[str, float], float], ...] = ()
-    reserve_soc: float = 0.05
-    reserve_probability: float = 0.95
-    keep_gain: float = 0.01
-    objective: str = "quality"
+    every_s: Annotated[float, Ge(1e-3), Le(1e6)] = 1.0
+    """Time between re-plannings [s]."""
+
+    weights: Mapping[str, NotNegative] = field(default_factory=dict)
+    """Weight of each parameter in the quality U, by name; equal if none is given."""
+
+    levels: Mapping[str, Levels] = field(default_factory=dict)
+    """Values that a computation may take, by name; by default those of the profile."""
+
+    reserve_soc: Reserve = 0.05
+    """State of charge to keep at the end of the flight, as a share of the full charge."""
 
 
 @dataclass
@@ -226,10 +224,10 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class Mission:
-    """What a planner is told before take-off.
+    """What a planner knows before take-off.
 
-    `motion_w` is the power of straight level flight [W], where the maker or an earlier flight tells it; `home_m`
-    is where to be able to return to [m].
+    `motion_w` is the power of straight level flight [W], if it is known; `home_m` is where the aircraft can return
+    to [m].
     """
 
     plan: Plan
@@ -245,7 +243,7 @@ class Mission:
 
 
 class Planner(Protocol):
-    """What a flight needs of a planner."""
+    """The interface of a planner."""
 
     report: SolverReport
 
@@ -255,26 +253,34 @@ class Planner(Protocol):
 
     @property
     def reading_every_s(self) -> float:
-        """How often it wants the power sensor read [s]; infinite for never."""
+        """Time between readings of the power sensor [s]; infinite for none."""
 
     @property
-    def next_look_s(self) -> float:
-        """The time [s] before which `update` would decide nothing, but for a new stage or a drop of charge."""
+    def next_update_s(self) -> float:
+        """Time [s] before which `update` decides nothing, except at a new stage or a drop of charge."""
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation and decide."""
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings since the last observation, of its stage and parameters."""
 
 
 class TrackingPlanner:
-    """What every planner does: it follows laps and power with its estimator, and keeps the parameters of take-off.
+    """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
 
-    One that decides is made of this one; it is shown every reading, unless it says otherwise.
+    It takes every reading, unless a subclass overrides `next_update_s`.
     """
 
-    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+    own_settings: ClassVar[type | None] = None
+    """Dataclass of this planner's own settings, if it has any."""
+
+    optimises_to_end: ClassVar[bool] = False
+    """Whether the planner chooses its parameters so that they last to the end of the mission."""
+
+    def __init__(
+        self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission, own: Any = None
+    ) -> None:
         self.report = SolverReport()
         self._settings = settings
         self._mission = mission
@@ -296,15 +302,15 @@ class TrackingPlanner:
 
     @property
     def reading_every_s(self) -> float:
-        """As the estimator's settings say [s]."""
+        """Time between readings of the estimator [s]."""
         return self._sensor_every_s
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """At every reading."""
         return self._next_reading_s
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once; the parameters stay."""
         motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
         expected = self._estimator.observe_batch(readings.times_s, motion) + self._computing_w
@@ -348,18 +354,6 @@ class TrackingPlanner:
         self._decision = self._decision._replace(power_forecast_w=expected)
 
 
-class StaticPlanner(TrackingPlanner):
-    """Keeps the parameters of take-off; estimates all the same, so that its flights tell a forecast.
-
-    Source: flights I and II of the letter.
-    """
-
-    @property
-    def next_look_s(self) -> float:
-        """Never: there is nothing to decide."""
-        return math.inf
-
-
 def next_multiple(time_s: float, every_s: float) -> float:
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s
 
@@ -375,7 +369,7 @@ def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | 
 
 
 def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator that starts from what a log has told: its noise takes the place of the settings'."""
+    """An estimator that starts from a model fitted to a log, whose noise replaces the settings'."""
     std_s, disturbance = None, fitted.disturbance
     if fitted.period_s is not None and fitted.period_std_s is not None:
         std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # it was another flight's
@@ -396,6 +390,6 @@ def _nominal_lap_s(mission: Mission) -> float | None:
         legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
     except PathUndefined:
         return None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first begins anywhere
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first starts anywhere
     length = sum(leg.length_m for leg in legs if leg.lap == whole)
     return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None

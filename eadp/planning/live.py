@@ -19,7 +19,8 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
-from eadp.planning.registry import Forecast, HeldForecast
+from eadp.planning.joint.forecaster import Forecast
+from eadp.planning.joint.held import HeldForecast
 
 GAP_S, GAP_STEPS = 5.0, 3.0
 """A gap: this long [s], and so many times as long as the step before."""

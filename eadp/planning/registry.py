@@ -1,58 +1,47 @@
-"""Every planner by its name, and what a flight needs of one."""
+"""Every planner by its name."""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from eadp.errors import EadpError
-from eadp.planning.base import (
-    JOINT,
-    PAPER,
-    STATIC,
-    Decision,
-    DecisionRecord,
-    Mission,
-    Observation,
-    Planner,
-    PlannerSettings,
-    Readings,
-    SolverReport,
-    StaticPlanner,
-)
-from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.joint.forecaster import Forecast
-from eadp.planning.joint.held import HeldForecast
-from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.paper.planner import PaperPlanner
 
-__all__ = [
-    "NAMES",
-    "Decision",
-    "DecisionRecord",
-    "Forecast",
-    "HeldForecast",
-    "JointPlanner",
-    "Mission",
-    "Observation",
-    "PaperPlanner",
-    "Planner",
-    "PlannerSettings",
-    "Readings",
-    "SolverReport",
-    "StaticPlanner",
-    "make_planner",
-]
+if TYPE_CHECKING:
+    from eadp.planning.base import Mission, Planner, PlannerSettings, TrackingPlanner
+    from eadp.planning.estimation.estimator import EstimatorSettings
 
-NAMES = (STATIC, PAPER, JOINT)
+PLANNERS = {
+    "static": "eadp.planning.static:StaticPlanner",
+    "paper": "eadp.planning.paper.planner:PaperPlanner",
+    "joint": "eadp.planning.joint.planner:JointPlanner",
+}
+"""The class of each planner, imported when it is needed. Its settings are a section of its name."""
+
+DEFAULT = "joint"
 
 
-def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
-    """The planner that the settings name.
+def planner_class(name: str) -> type[TrackingPlanner]:
+    """The class of a planner.
 
     Raises
     ------
     EadpError
         On an unknown name.
     """
-    planners = {STATIC: StaticPlanner, PAPER: PaperPlanner, JOINT: JointPlanner}
-    if settings.name not in planners:
-        raise EadpError(f"unknown planner {settings.name}; expected one of {', '.join(NAMES)}")
-    return planners[settings.name](settings, estimator, mission)
+    if name not in PLANNERS:
+        raise EadpError(f"unknown planner {name}; expected one of {', '.join(PLANNERS)}")
+    module, _, attribute = PLANNERS[name].partition(":")
+    planner: type[TrackingPlanner] = getattr(import_module(module), attribute)
+    return planner
+
+
+def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
+    """A new planner for one flight: the one that the settings name, with its own section of them, if they have it.
+
+    Raises
+    ------
+    EadpError
+        On an unknown name.
+    """
+    return planner_class(settings.name)(settings, estimator, mission, getattr(settings, settings.name, None))

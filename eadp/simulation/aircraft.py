@@ -7,20 +7,21 @@ change in place: they are the inner loop, and run as they stand or as machine co
 from __future__ import annotations
 
 import math
-from collections.abc import MutableSequence, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
+from typing import Any
 
 from eadp.core.expressions.derivatives import Jet
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.guidance import heading_rate_radps, normalised_jet, wind_factor
 from eadp.core.geometry.curves import Point
-from eadp.models.vehicle import FixedWing, Guidance, Vehicle
+from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle
 from eadp.models.weather import Wind
 
 State = MutableSequence[float]
-"""What changes from step to step, at the places below."""
+"""The variables that change from step to step, at the indices below."""
 
 Constants = Sequence[float]
-"""What stays over a flight, at the places below."""
+"""The constants of a flight, at the indices below."""
 
 X, Y, ALTITUDE, HEADING, CLIMB, VX, VY, AIR_X, AIR_Y = range(9)
 BANK, AIRSPEED, WIND_X, WIND_Y, GUST_X, GUST_Y, NOISE_LEFT = range(9, 16)
@@ -31,14 +32,14 @@ random numbers are left."""
 MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(11)
 MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
 LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
-PARASITIC, INDUCED, SLOWEST, MOST_BANK, ROLLED, MOST_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MOST_W = range(16, 26)
+PARASITIC, INDUCED, SLOWEST, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
 AIRCRAFT_CONSTANTS = 26
 """Of every vehicle, then of the papers' or of a fixed wing."""
 
 PAPER_MODEL, FIXED_WING_MODEL = 0.0, 1.0
 
 
-def constants_of(vehicle: Vehicle, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
+def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
     """The constants of a flight.
 
     Gusts are first-order coloured wind on each axis, exact for any step: w⁺ = a w + σ√(1 − a²) n, a = exp(−Δt/τ).
@@ -58,44 +59,58 @@ def constants_of(vehicle: Vehicle, guidance: Guidance, wind: Wind, step_s: float
         kept,
         wind.gust_std_mps * math.sqrt(1 - kept**2),
     ]
-    c[MASS : CRUISE_M + 1] = [vehicle.mass_kg, vehicle.weight_n, vehicle.cruise_altitude_m]
-    c[SPEED_HELD] = vehicle.airspeed_mps
-    if isinstance(vehicle, FixedWing):
-        c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, vehicle.altitude_gain_per_s
-        density_area = 0.5 * vehicle.air_density_kgpm3 * vehicle.wing_area_m2
-        c[PARASITIC : MOST_W + 1] = [
-            # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
-            density_area * vehicle.zero_lift_drag,
-            vehicle.induced_drag * vehicle.weight_n**2 / density_area,
-            0.5 * vehicle.stall_mps,
-            math.radians(vehicle.most_bank_deg),
-            1 - math.exp(-step_s / vehicle.roll_time_s),
-            vehicle.most_climb_mps,
-            vehicle.speed_gain_per_s,
-            vehicle.propulsive_efficiency,
-            vehicle.avionics_w,
-            vehicle.most_power_w,
-        ]
-    else:
-        c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, vehicle.altitude_gain
-        c[LIFT : WIND_LIFTS + 1] = [
-            vehicle.lift_coefficient,
-            vehicle.speed_per_throttle_mps,
-            vehicle.nominal_throttle,
-            vehicle.climb_gain,
-            vehicle.idle_power_w,
-            vehicle.throttle_power_w,
-            float(vehicle.wind_in_lift),
-        ]
+    c[MASS : CRUISE_M + 1] = [airframe.mass_kg, airframe.weight_n, airframe.cruise_altitude_m]
+    c[SPEED_HELD] = airframe.airspeed_mps
+    _OWN_CONSTANTS[airframe.model](c, airframe, step_s)
     return c
 
 
-def state_of(vehicle: Vehicle, wind_mps: Point, position: Point, heading_rad: float, altitude_m: float) -> list[float]:
-    """The state at take-off: straight and level at the airspeed held, in a wind [m/s]."""
+def _paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
+    c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, airframe.altitude_gain
+    c[LIFT : WIND_LIFTS + 1] = [
+        airframe.lift_coefficient,
+        airframe.speed_per_throttle_mps,
+        airframe.nominal_throttle,
+        airframe.climb_gain,
+        airframe.idle_power_w,
+        airframe.throttle_power_w,
+        float(airframe.wind_in_lift),
+    ]
+
+
+def _fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
+    c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, airframe.altitude_gain_per_s
+    density_area = 0.5 * airframe.air_density_kgpm3 * airframe.wing_area_m2
+    c[PARASITIC : MAX_W + 1] = [
+        # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
+        density_area * airframe.zero_lift_drag_coefficient,
+        airframe.induced_drag * airframe.weight_n**2 / density_area,
+        0.5 * airframe.stall_mps,
+        math.radians(airframe.max_bank_deg),
+        1 - math.exp(-step_s / airframe.roll_time_constant_s),
+        airframe.max_climb_rate_mps,
+        airframe.speed_gain_per_s,
+        airframe.propulsive_efficiency,
+        airframe.avionics_w,
+        airframe.max_power_w,
+    ]
+
+
+_OWN_CONSTANTS: dict[str, Callable[[State, Any, float], None]] = {
+    "paper": _paper_constants,
+    "fixed-wing": _fixed_wing_constants,
+}
+"""Constants by the airframe's model."""
+
+
+def state_of(
+    airframe: Airframe, wind_mps: Point, position: Point, heading_rad: float, altitude_m: float
+) -> list[float]:
+    """The state at take-off: straight and level at the cruise airspeed, in a wind [m/s]."""
     s = [0.0] * AIRCRAFT_STATE
     s[X], s[Y] = position
-    s[ALTITUDE], s[HEADING], s[AIRSPEED] = altitude_m, heading_rad, vehicle.airspeed_mps
-    s[AIR_X], s[AIR_Y] = vehicle.airspeed_mps * math.cos(heading_rad), vehicle.airspeed_mps * math.sin(heading_rad)
+    s[ALTITUDE], s[HEADING], s[AIRSPEED] = altitude_m, heading_rad, airframe.airspeed_mps
+    s[AIR_X], s[AIR_Y] = airframe.airspeed_mps * math.cos(heading_rad), airframe.airspeed_mps * math.sin(heading_rad)
     s[VX], s[VY] = s[AIR_X] + wind_mps[0], s[AIR_Y] + wind_mps[1]
     s[WIND_X], s[WIND_Y] = wind_mps
     return s
@@ -157,7 +172,7 @@ def _paper_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, win
 def _fixed_wing_step(
     s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float
 ) -> float:
-    """A fixed-wing aircraft: bank for the heading rate that is asked for, throttle for airspeed and climb.
+    """A fixed-wing aircraft: bank for the heading rate that the guidance commands, throttle for airspeed and climb.
 
     Point-mass dynamics with first-order roll; the wind is the air's motion, and a gust changes the airspeed before it
     changes the aircraft's motion.
@@ -169,20 +184,20 @@ def _fixed_wing_step(
     cosine, sine = math.cos(heading), math.sin(heading)
     # 1. guidance: the heading rate that follows the path, held by a bank within its limit
     rate = _guided_radps(s, c, jet, gain, sense, speed * cosine, speed * sine)
-    wanted = _within(math.atan(rate * speed / GRAVITY_MPS2), c[MOST_BANK])
-    s[BANK] += (wanted - s[BANK]) * c[ROLLED]
+    bank = _within(math.atan(rate * speed / GRAVITY_MPS2), c[MAX_BANK])
+    s[BANK] += (bank - s[BANK]) * c[ROLLED]
     level = math.cos(s[BANK])
     turn = GRAVITY_MPS2 * math.sin(s[BANK]) / (level * speed)  # g tan φ / V
     # 2. climb, at once but within its limit; airspeed by the throttle, which knows drag and climb
-    climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MOST_CLIMB])
+    climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MAX_CLIMB])
     square = speed * speed
     drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
     needed = drag + weight * climb / speed + mass * c[SPEED_GAIN] * (c[SPEED_HELD] - speed)
     motor_w = needed * speed / c[EFFICIENCY]  # P = T V / η
     if motor_w < 0.0:
         motor_w = 0.0
-    elif motor_w > c[MOST_W]:
-        motor_w = c[MOST_W]
+    elif motor_w > c[MAX_W]:
+        motor_w = c[MAX_W]
     thrust = motor_w * c[EFFICIENCY] / speed
     gust = ((wind_x - s[WIND_X]) * cosine + (wind_y - s[WIND_Y]) * sine) / step_s
     s[WIND_X], s[WIND_Y] = wind_x, wind_y
@@ -202,7 +217,7 @@ def _fixed_wing_step(
 
 
 def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, air_x: float, air_y: float) -> float:
-    """The heading rate that is asked for [rad/s]."""
+    """The heading rate that the guidance commands [rad/s]."""
     if c[NORMALISED] != 0.0:
         jet, gain = normalised_jet(jet), c[GAIN_PER_M]
     rate = heading_rate_radps(jet, s[VX], s[VY], gain, c[K_D], sense)
@@ -211,15 +226,15 @@ def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, a
     return rate
 
 
-def _within(value: float, most: float) -> float:
-    """A value held within ±most; one that is no number stays."""
-    if value > most:
-        return most
-    return -most if value < -most else value
+def _within(value: float, limit: float) -> float:
+    """A value held within ±limit; NaN stays."""
+    if value > limit:
+        return limit
+    return -limit if value < -limit else value
 
 
 def _wrapped(heading: float) -> float:
-    """The same direction within ±π, exactly; what is not finite stays."""
+    """The same direction within ±π, exactly; a value that is not finite stays."""
     if -math.pi < heading <= math.pi or not math.isfinite(heading):
         return heading
     turned = heading % (2 * math.pi)

@@ -19,9 +19,9 @@ from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
-from eadp.models.vehicle import Guidance, Vehicle
+from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.registry import DecisionRecord, Observation, Planner, Readings
+from eadp.planning.base import DecisionRecord, Observation, Planner, Readings
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, InnerLoop
 from eadp.simulation.metrics import FlightTotals, ParameterLog
@@ -39,7 +39,7 @@ class World:
 
     plan: Plan
     computing: Computing
-    vehicle: Vehicle
+    vehicle: Airframe
     guidance: Guidance
     wind: Wind
     battery: Battery
@@ -145,7 +145,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
                 if recorded is not None:
                     outcome.records.append(recorded)
         if k % log_every == 0:
-            watcher.listen(k)
+            watcher.ingest(k)
             last_logged = k
             yield logged()
         try:
@@ -168,9 +168,9 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             log.change(time_s, parameters, stage.sets)
             look = k + 1  # a new stage, or what has been decided, is told at once
         elif looks:
-            look = max(k + 1, step_at(planner.next_look_s, step_s, steps))
+            look = max(k + 1, step_at(planner.next_update_s, step_s, steps))
     if k != last_logged:
-        watcher.listen(k)
+        watcher.ingest(k)
         yield logged()
     totals = outcome.totals
     totals.energy_j, totals.distance_m = number(ENERGY) * step_s, number(DISTANCE) * step_s
@@ -197,7 +197,7 @@ class _SensorBridge:
 
     def look(self, k: int, itinerary: PlanExecutor) -> None:
         """Show the planner what is known after step `k`."""
-        self.listen(k - 1)
+        self.ingest(k - 1)
         x, y, power_w, soc, vx, vy, heading = self._stretches.told(k)
         observation = Observation(
             k * self._step_s,
@@ -215,7 +215,7 @@ class _SensorBridge:
         decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
         self.forecast_w, self.parameters, self.record = decision.power_forecast_w, decision.parameters, decision.record
 
-    def listen(self, k: int) -> None:
+    def ingest(self, k: int) -> None:
         """Give the planner the readings up to step `k` that it has not been shown; a later one it sees itself."""
         steps, moments = self._stretches.readings()
         if steps and steps[-1] > k:
@@ -234,7 +234,7 @@ class _SensorBridge:
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
         readings = Readings([n * step_s for n in steps], x, y, powers_w, charges, vx, vy, headings)
-        self.forecast_w = self._planner.listen(readings).power_forecast_w
+        self.forecast_w = self._planner.ingest(readings).power_forecast_w
 
 
 def step_at(time_s: float, step_s: float, most: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eadp.models.sensors import Sensors
-from eadp.planning.registry import Observation
+from eadp.planning.base import Observation
 
 BATCH = 2000
 CHANNELS = 4

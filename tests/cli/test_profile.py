@@ -192,7 +192,7 @@ def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_
     plan = tmp_path / "two.plan"
     first, second = stage.format(y=400, fps="10,10", keysize="32,32"), stage.format(y=800, fps="10,10", keysize="0,0")
     plan.write_text(f"%: computations fps, keysize\n{first}{second}", encoding="utf-8")
-    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.model=paper"]
+    flown = ["simulate", str(plan), "--profile", model, "--planner", "static", "--set", "vehicle.airframe.model=paper"]
     code, out, err = run(*flown, "-o", str(tmp_path / "flight"), "--format", "json")
     assert (code, json.loads(out)["completed"]) == (0, True), err
     rows = [line.split(",") for line in (tmp_path / "flight" / "flight.csv").read_text().splitlines()]
@@ -328,6 +328,5 @@ def test_schema_of_a_profile(run: Run) -> None:
 def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
     code, out, err = run("schema", "plans")
     assert (code, out) == (2, "")
-    assert err.startswith(
-        "NAME:1:1: error: no such file format; expected profile, energy, scenario, sweep, telemetry, decision\n"
-    )
+    known = "profile, energy, scenario, vehicle, sweep, telemetry, decision"
+    assert err.startswith(f"NAME:1:1: error: no such file format; expected {known}\n")

@@ -158,7 +158,19 @@ BAD_SETS = [
     ("wind.speed=3", "unknown key wind.speed"),
     ("nosuch=1", "unknown key nosuch"),
     ("planner.name=greedy", "unknown planner greedy"),
-    ("vehicle.model=balloon", "vehicle.model"),
+    ("vehicle.airframe.model=balloon", "unknown vehicle.airframe.model balloon; expected one of fixed-wing, paper"),
+    ("vehicle.model=paper", "unknown key vehicle.model; expected vehicle.airframe.model"),
+    ("vehicle.most_bank_deg=30", "unknown key vehicle.most_bank_deg; expected vehicle.airframe.max_bank_deg"),
+    ("vehicle.airframe.aspect_ratio=9", "vehicle.airframe.aspect_ratio is a key of model fixed-wing, not of paper"),
+    ("vehicle.airframe.most_climb_mps=3", "expected vehicle.airframe.max_climb_rate_mps"),
+    ("battery.crate_per_h=1", "unknown key battery.crate_per_h; expected battery.letter_crate_per_h"),
+    ("planner.horizon_s=6", "unknown key planner.horizon_s; expected planner.paper.horizon_s"),
+    ("planner.keep_gain=0.1", "unknown key planner.keep_gain; expected planner.joint.min_gain"),
+    ("planner.path_search=largest", "unknown key planner.path_search; expected planner.paper.path_rule"),
+    ("planner.start_after_s=9", "expected planner.paper.start_after_s or planner.joint.start_after_s"),
+    ("planner.solver=qp", "planner.solver is no longer a key"),
+    ("planner.reserve_soc=0.1", "unknown key planner.reserve_soc; expected reserve_soc"),
+    ("wind={from_deg: 3, towards_deg: 4}", "wind.from_deg and wind.towards_deg are both given"),
     ("step_s=0", "step_s"),
     ("parameters.c7=1", "no parameter c7"),
     ("c1=-2000", "outside its set"),
@@ -167,14 +179,14 @@ BAD_SETS = [
     ("faults=[{at_s: 3}]", "faults.0.soc_drop"),
     ("seed=1.5", "a whole number"),
     ("battery.prescribed=[[5, 1], [4, 1]]", "times that go back"),
-    ("battery.prescribed=[]", "an empty trace"),
+    ("battery.prescribed=[]", "battery.prescribed cannot be a list of 0"),
     ("planner.weights={c5: 1}", "no parameter c5"),
     ("=3", "--set:1:1"),
     ("wind", "--set:1:1"),
     ("wind.speed_mps=[1", "--set:1:"),
     ("wind.speed_mps=*x", "alias"),
     ("time_limit_s=1e9", "steps"),
-    ("planner.delta={c1: 0}", "planner.delta.c1"),
+    ("planner.paper.delta={c1: 0}", "planner.paper.delta.c1"),
 ]
 
 
@@ -296,10 +308,29 @@ def test_a_plan_without_sets_needs_bounds(eadp, tmp_path):
 def test_a_mission_that_never_ends_meets_the_time_limit(eadp, tmp_path):
     path = tmp_path / "endless.plan"
     path.write_text("0.006; 90; x^2+y^2-100^2\n500, 0\n%: trigger-radius 5\n")
-    answer = eadp("simulate", path, "--set", "time_limit_s=100", "--set", "vehicle.published_triggers=true")
+    answer = eadp(
+        "simulate",
+        path,
+        "--set",
+        "time_limit_s=100",
+        "--set",
+        "vehicle.airframe={model: paper, published_triggers: true}",
+    )
     assert answer.code == 1
     assert "time limit" in answer.out
 
 
 def test_unknown_planner_on_the_command_line(eadp):
     assert refused(eadp("simulate", PLAN, "--planner", "greedy"), "greedy")
+
+
+def test_a_vehicle_file_is_flown_and_copied(eadp, line_plan, tmp_path):
+    (tmp_path / "aircraft").mkdir()
+    (tmp_path / "aircraft" / "s.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 20}\n")
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("schema: eadp.scenario/1\nvehicle: aircraft/s.yaml\n")
+    out = tmp_path / "out"
+    assert eadp("simulate", line_plan, "--scenario", scenario, "-o", out).code == 0
+    assert json.loads((out / "summary.json").read_text())["duration_s"] == pytest.approx(80 / 20, abs=0.02)
+    assert (out / "inputs" / "s.yaml").read_text() == scenario.read_text(), "names of copies are kept apart"
+    assert "airspeed_mps: 20" in (out / "inputs" / "vehicle-s.yaml").read_text()

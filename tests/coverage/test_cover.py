@@ -235,7 +235,13 @@ def flown_share(field, solution, path, wind_deg, c1):
     path.write_text(plan_text(build_plan(solution)))
     wind = {} if wind_deg is None else {"wind.speed_mps": 5, "wind.towards_deg": wind_deg}
     parameters = {"parameters": {"c1": c1}} if c1 < 0 else {}
-    settings = {"vehicle.model": "paper", "planner.name": "static", "battery.capacity_ah": 20, **wind, **parameters}
+    settings = {
+        "vehicle.airframe.model": "paper",
+        "planner.name": "static",
+        "battery.capacity_ah": 20,
+        **wind,
+        **parameters,
+    }
     inputs = load_flight(str(path), overrides=settings)
     outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
     kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}

@@ -185,9 +185,9 @@ def test_search_against_the_exact_order(monkeypatch, shape, wind, count, spacing
     least = exact_order(*problem)[1]
     _, cost = searched(monkeypatch, problem)
     assert least * (1 - ROUNDING) <= cost <= WELL * least
-    quick = quick_order(*problem)
-    assert_sound(quick, problem)
-    assert least * (1 - ROUNDING) <= quick[1] <= QUICK * least
+    jitted = quick_order(*problem)
+    assert_sound(jitted, problem)
+    assert least * (1 - ROUNDING) <= jitted[1] <= QUICK * least
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -222,9 +222,9 @@ def test_it_finds_a_cheap_order_that_is_hidden():
 def test_the_search_beats_back_and_forth(wind):
     problem = field("trapezoid", 24, radius=60.0, wind=wind)
     in_turn = [2 * line + line % 2 for line in range(24)]
-    best, quick = best_order(*problem), quick_order(*problem)
+    best, jitted = best_order(*problem), quick_order(*problem)
     assert_sound(best, problem)
-    assert best[1] <= quick[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
+    assert best[1] <= jitted[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
 
 
 def test_the_same_again():

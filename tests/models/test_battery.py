@@ -19,7 +19,7 @@ def test_a_trace_is_linear_with_steps_and_held_after_its_end(time_s, soc):
 
 
 def test_the_largest_power_allowed_has_its_unit():
-    battery = Battery(voltage_v=14.8, capacity_ah=3.2, crate_per_h=1)
+    battery = Battery(voltage_v=14.8, capacity_ah=3.2, letter_crate_per_h=1)
     assert 0.77 * battery.power_per_soc_w == pytest.approx(36.47, abs=0.01), "36 W is forbidden below b = 0.77"
 
 

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import load_flight
+from eadp.planning.joint.held import HeldForecast
 from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, LiveFlight, OutlierGate, Sample
-from eadp.planning.registry import HeldForecast, make_planner
+from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
 EPOCH_S = 1.7e9

@@ -121,7 +121,7 @@ def test_a_smaller_step_flies_the_same_path():
 
 
 def test_gusts_have_their_spread_and_their_time():
-    wind = Wind(4.0, 90.0, gust_std_mps=1.5, gust_time_s=2.0)
+    wind = Wind(4.0, 180.0, gust_std_mps=1.5, gust_time_s=2.0)
     s, c = state_of(PaperVehicle(), STILL, (0.0, 0.0), 0.0, 25.0), constants_of(PaperVehicle(), Guidance(), wind, 0.1)
     count = 200_000
     noise = np.random.default_rng(3).standard_normal(2 * count).tolist()
@@ -140,4 +140,4 @@ def test_gusts_have_their_spread_and_their_time():
 
 
 def test_the_steady_wind_blows_where_it_is_said_to():
-    assert Wind(5.0, 90.0).steady_mps == pytest.approx((0, 5), abs=1e-12)
+    assert Wind(5.0, 180.0).steady_mps == pytest.approx((0, 5), abs=1e-12)

@@ -9,9 +9,10 @@ import pytest
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
-from eadp.models.vehicle import FixedWing, Guidance
+from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
+    _OWN_CONSTANTS,
     AIRSPEED,
     ALTITUDE,
     BANK,
@@ -114,7 +115,7 @@ def test_energy_is_conserved_when_the_motor_is_off():
 
 
 def test_a_motor_at_its_limit_does_not_hold_the_speed():
-    vehicle = FixedWing(most_power_w=20.0)
+    vehicle = FixedWing(max_power_w=20.0)
     plane = Plane(vehicle=vehicle)
     powers = fly(plane, path("-y"), 60)
     assert max(powers) <= 20.0 + vehicle.avionics_w
@@ -157,5 +158,9 @@ def test_half_the_step_flies_the_same_way():
 def test_what_cannot_fly_says_why():
     assert FixedWing().faults() == []
     assert "stall" in FixedWing(airspeed_mps=6.0).faults()[0]
-    assert "stalls" in FixedWing(airspeed_mps=9.5, most_bank_deg=60).faults()[0]
-    assert "motor" in FixedWing(most_power_w=20).faults()[0]
+    assert "stalls" in FixedWing(airspeed_mps=9.5, max_bank_deg=60).faults()[0]
+    assert "motor" in FixedWing(max_power_w=20).faults()[0]
+
+
+def test_every_airframe_model_has_its_constants():
+    assert set(AIRFRAMES) == set(_OWN_CONSTANTS)

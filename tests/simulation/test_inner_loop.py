@@ -45,7 +45,7 @@ class EveryStep:
         self.asked = 0
 
     reading_every_s = math.inf
-    next_look_s = 0.0
+    next_update_s = 0.0
 
     @property
     def period_s(self):
@@ -55,7 +55,7 @@ class EveryStep:
         self.asked += 1
         return self._planner.update(observation)
 
-    def listen(self, readings):
+    def ingest(self, readings):
         raise AssertionError("readings are seen in observations")
 
 
@@ -94,7 +94,7 @@ def drawn(seed):
     }
     return {
         **(sensors if rng.random() < 0.6 else {}),
-        "vehicle.model": str(rng.choice(["paper", "fixed-wing"])),
+        "vehicle.airframe.model": str(rng.choice(["paper", "fixed-wing"])),
         "wind.speed_mps": float(rng.uniform(0, 9)),
         "wind.towards_deg": float(rng.uniform(0, 360)),
         "wind.gust_std_mps": float(rng.choice([0, 0.7])),
@@ -107,7 +107,7 @@ def drawn(seed):
         "estimator.every_s": float(rng.choice([0.03, 0.1, 0.25])),
         "planner.name": str(rng.choice(["static", "paper", "joint"])),
         "planner.every_s": float(rng.choice([0.5, 1.0, 1.7])),
-        "planner.min_periods": 1,
+        "planner.paper.min_periods": 1,
         "log_every_s": float(rng.choice([0.1, 3.0, 1e9])),
         "time_limit_s": 260.0,
         "step_s": float(rng.choice([0.01, 0.02, 0.05])),
@@ -134,7 +134,7 @@ def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_c
 def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compiled):
     path = tmp_path / "a.plan"
     path.write_text(text)
-    overrides = {"vehicle.model": vehicle, "wind.gust_std_mps": 0.5, "battery.capacity_ah": 3.0, "faults": []}
+    overrides = {"vehicle.airframe.model": vehicle, "wind.gust_std_mps": 0.5, "battery.capacity_ah": 3.0, "faults": []}
     one, other = (flown(overrides, str(path), on=on) for on in (True, False))
     assert one[0].completed
     same(one, other)
@@ -166,7 +166,7 @@ def test_what_is_logged_does_not_change_the_flight():
 def test_a_path_without_a_value_ends_the_flight(tmp_path):
     path = tmp_path / "a.plan"
     path.write_text("0.05; 270; y - 5*sqrt(x)\n400, 100\n")
-    overrides = {"planner.name": "static", "start.position_m": [5, 60], "start.heading_deg": 180}
+    overrides = {"planner.name": "static", "start.position_m": [5, 60], "start.heading_deg": 270}
     outcome, steps = flown(overrides, str(path))
     assert "has no value at" in outcome.reason
     assert steps[-1].time_s == outcome.duration_s

@@ -35,10 +35,7 @@ def flown(scenario, overrides=()):
     )
     planner, outcome = inputs.planner(), Outcome()
     steps = list(fly(inputs.world, planner, outcome))
-    settings = inputs.scenario.planner
-    summary = summarise(
-        inputs.world, planner, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
-    )
+    summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner)
     shares = [outcome.parameters.mean_share(i) for i in range(2)]
     return summary, shares, steps
 
@@ -98,7 +95,7 @@ DRAINED = {
     "towards 0": {},
     "towards 90": {"wind.towards_deg": 90},
 }
-CORRECTED = {"planner.remaining_time": "corrected", "planner.delta": (("c1", 250.0), ("c2", 2.0))}
+CORRECTED = {"planner.paper.remaining_time": "corrected", "planner.paper.delta": (("c1", 250.0), ("c2", 2.0))}
 
 
 def drained(case, rules=()):

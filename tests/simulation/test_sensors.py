@@ -11,7 +11,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.sensors import Sensors
-from eadp.planning.registry import Observation
+from eadp.planning.base import Observation
 from eadp.simulation.sensors import SensorSuite
 
 STEP_S = 0.01

@@ -13,8 +13,8 @@ import numpy as np
 from eadp.core.expressions.tree import number_text
 from eadp.io.figures.canvas import COLOURS, GREY, figure_pair, label_map, legend_above, legend_below, write_headline
 from eadp.models.plan.plan import COMPUTATION, point_at
+from eadp.planning.base import DecisionRecord
 from eadp.planning.joint.program import INFEASIBLE
-from eadp.planning.registry import DecisionRecord
 from eadp.simulation.loop import Step, World
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import Any
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
+from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
 from eadp.planning.joint.preflight import Preflight
-from eadp.planning.registry import DecisionRecord, Planner
 from eadp.simulation.loop import Outcome, Step, World
 
 SCHEMA = "eadp.flight/1"
@@ -25,15 +25,12 @@ def summarise(
     world: World,
     planner: Planner,
     outcome: Outcome,
-    *,
-    reserve_soc: float,
-    weights: Mapping[str, float],
-    name: str,
+    settings: PlannerSettings,
     expected: Preflight | None = None,
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `expected` is the forecast before take-off.
+    `settings` are the planner's; `expected` is the forecast before take-off.
     """
     log, totals, report = outcome.parameters, outcome.totals, planner.report
     assert log is not None
@@ -52,9 +49,9 @@ def summarise(
     return {
         "schema": SCHEMA,
         "completed": outcome.completed,
-        "reserve_kept": outcome.completed and outcome.soc_final >= reserve_soc,
+        "reserve_kept": outcome.completed and outcome.soc_final >= settings.reserve_soc,
         "reason": outcome.reason,
-        "planner": name,
+        "planner": settings.name,
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,
         "energy_wh": totals.energy_j / 3600,
@@ -64,11 +61,11 @@ def summarise(
             "max": totals.power_max_w,
         },
         "soc_final": outcome.soc_final,
-        "soc_reserve": reserve_soc,
+        "soc_reserve": settings.reserve_soc,
         "period_s": planner.period_s,
         "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
-        "quality": log.quality(weights),
+        "quality": log.quality(settings.weights),
         "paper_metric": log.paper_metric(outcome.soc_final),
         "replans": report.replans,
         "solver": {
@@ -169,6 +166,8 @@ def _copy_inputs(folder: Path, texts: Mapping[str, Text], overrides: Sequence[st
     folder.mkdir()
     for kind, text in texts.items():
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
+        if (folder / name).exists():
+            name = f"{kind}-{name}"
         (folder / name).write_text(text.body, encoding="utf-8")
     if overrides:
         (folder / "overrides.txt").write_text("".join(f"{line}\n" for line in overrides), encoding="utf-8")

@@ -4,59 +4,61 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
-from eadp.io.energy.model_file import read_energy
+from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
-from eadp.io.profile.model_file import read_profile
-from eadp.io.scenario.scenario_file import Scenario, read_scenario
+from eadp.io.profile.model_file import ends_as_model, parse_profile
+from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
-from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Finding, Plan, Stage
+from eadp.models.plan.plan import Plan, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
-from eadp.models.vehicle import FixedWing
+from eadp.planning.base import Mission, Planner
 from eadp.planning.joint.preflight import Preflight, preflight
-from eadp.planning.registry import Mission, Planner, make_planner
+from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
 
 CORNERS_LIMIT = 6
+Content = TypeVar("Content")
 
 
 class Files:
-    """Where the files of a flight come from: each is read where it stands."""
+    """Where the files of a flight come from: here, from their paths."""
 
     def text(self, path: str) -> Text:
         """A file's text."""
         return read_text(path)
 
-    def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
-        """A plan's text, the plan, and what reading it shows."""
+    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
+        """A file's text and content."""
         text = self.text(path)
-        return text, *read_plan(text)
+        return text, parse(text)
+
+    def document(self, path: str | None) -> Document:
+        """A scenario's document, or that of the defaults."""
+        return Document("scenario", {}) if path is None else self.read(path, scenario_document)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
-        """A scenario with some keys set anew."""
-        return read_scenario(path, overrides)
+        """A scenario with some keys overridden."""
+        return scenario_of(self.document(path), overrides, self.text)
 
-    def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
-        """A profile and its warnings."""
-        return read_profile(path)
 
-    def energy(self, path: str) -> EnergyModel:
-        """An energy model."""
-        return read_energy(path)
+def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
+    """A profile and its warnings: a model, or measurements."""
+    return parse_profile(text, is_model=ends_as_model(text.name))
 
 
 @dataclass(frozen=True)
 class FlightInputs:
-    """A flight ready to be flown: the world, what the planner is told, and the texts that it was read from."""
+    """A flight ready to be flown: the world, the planner's mission, and the texts that they were read from."""
 
     world: World
     mission: Mission
@@ -69,9 +71,10 @@ class FlightInputs:
         return make_planner(self.scenario.planner, self.scenario.estimator, self.mission)
 
     def preflight(self) -> Preflight | None:
-        """What is to be expected of the flight before it takes off, its wind as the weather forecast."""
-        wind = self.world.wind
-        return preflight(self.scenario.planner, self.mission, wind.steady_mps, wind.gust_std_mps)
+        """The forecast of the flight before take-off, with its wind as the weather forecast."""
+        wind, settings = self.world.wind, self.scenario.planner
+        own = getattr(settings, settings.name) if planner_class(settings.name).optimises_to_end else None
+        return preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps, own)
 
 
 def load_flight(
@@ -91,40 +94,48 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    plan_text, plan, findings = files.plan(plan_path)
+    plan_text, (plan, findings) = files.read(plan_path, read_plan)
+    texts = {"plan": plan_text}
     warnings = [
         Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
     ]
     scenario = files.scenario(scenario_path, overrides)
-    texts = {"plan": plan_text}
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
+    if scenario.vehicle_text is not None:
+        texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()
-    computing = _computing(plan, plan_text, scenario, profile_path, files, warnings, texts)
-    energy = _energy(energy_path, files, texts)
+    profile, energy = None, None
+    profile_path = profile_path or scenario.profile_path
+    if profile_path is not None:
+        texts["profile"], (profile, found) = files.read(profile_path, profile_of)
+        warnings += found
+    computing = _computing(plan, plan_text, profile, profile_path)
+    if energy_path is not None:
+        texts["energy"], energy = files.read(energy_path, parse_energy)
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
-    vehicle = scenario.vehicle
-    if isinstance(vehicle, FixedWing) and (faults := vehicle.faults()):
-        raise InputError(*(scenario.place("vehicle", fault, "an aeroplane that can fly so") for fault in faults))
-    battery = scenario.battery
+    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
+    if faults := vehicle.faults():
+        expected = "an aeroplane that can fly so"
+        raise InputError(*(scenario.fault("vehicle.airframe", fault, expected) for fault in faults))
+    battery = keys.battery
     try:
         battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))
     except Infeasible as error:
         raise InputError(
-            scenario.place("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
+            scenario.fault("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
         ) from None
-    keys = scenario.keys
     altitude = keys.start.altitude_m
     world = World(
         plan=plan,
         computing=computing,
         vehicle=vehicle,
-        guidance=scenario.guidance,
-        wind=scenario.wind,
+        guidance=keys.guidance,
+        wind=keys.wind,
         battery=battery,
-        faults=scenario.faults,
+        faults=keys.faults,
         start_m=start,
         heading_rad=heading,
         altitude_m=vehicle.cruise_altitude_m if altitude is None else altitude,
@@ -134,7 +145,7 @@ def load_flight(
         log_every_s=keys.log_every_s,
         time_limit_s=keys.time_limit_s,
         seed=keys.seed,
-        sensors=scenario.sensors,
+        sensors=keys.sensors,
     )
     _check_names(plan, scenario)
     mission = Mission(
@@ -146,7 +157,7 @@ def load_flight(
         start,
         energy,
         vehicle.cruise_power_w,
-        scenario.home_m,
+        keys.home.position_m,
         scenario.rules,
     )
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
@@ -156,35 +167,20 @@ def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
     """The plan's own sets, else the scenario's bounds."""
     if plan.has_sets:
         if scenario.bounds:
-            raise InputError(scenario.place("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
+            raise InputError(scenario.fault("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
         return plan
     if scenario.bounds:
         try:
             return plan.with_bounds(scenario.bounds)
         except EadpError as error:
-            raise InputError(scenario.place("bounds", str(error), "bounds for every parameter")) from None
+            raise InputError(scenario.fault("bounds", str(error), "bounds for every parameter")) from None
     if plan.path_count or plan.computations:
         what = "the stages carry no sets and the scenario no bounds"
         raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
     return plan
 
 
-def _computing(
-    plan: Plan,
-    text: Text,
-    scenario: Scenario,
-    profile_path: str | None,
-    files: Files,
-    warnings: list[Fault],
-    texts: dict[str, Text],
-) -> Computing:
-    path = profile_path or scenario.profile_path
-    profile = None
-    if path is not None:
-        profile, found = files.profile(path)
-        warnings += found
-        if path != "-":
-            texts["profile"] = files.text(path)
+def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | None) -> Computing:
     try:
         return join_profile(plan, profile)
     except EadpError as error:
@@ -193,15 +189,6 @@ def _computing(
                 text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
             ) from None
         raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
-
-
-def _energy(path: str | None, files: Files, texts: dict[str, Text]) -> EnergyModel | None:
-    if path is None:
-        return None
-    model = files.energy(path)
-    if path != "-":
-        texts["energy"] = files.text(path)
-    return model
 
 
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
@@ -214,11 +201,11 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
         value = given.pop(name, box.hi)
         if box.clip(value) != value:
             message = f"{name} = {value:g} is outside its set"
-            faults.append(scenario.place(f"parameters.{name}", message, f"a value in [{box.lo:g}, {box.hi:g}]"))
+            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:g}, {box.hi:g}]"))
         values.append(value)
     for name in given:
         expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
-        faults.append(scenario.place(f"parameters.{name}", f"the plan has no parameter {name}", expected))
+        faults.append(scenario.fault(f"parameters.{name}", f"the plan has no parameter {name}", expected))
     if faults:
         raise InputError(*faults)
     return tuple(values)
@@ -226,17 +213,14 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
-    planner = scenario.keys.planner
-    named = {
-        **{f"planner.{key}.{name}": name for key in ("weights", "delta", "levels") for name in getattr(planner, key)},
-        **{
-            f"planner.trade_offs.{i}.coefficients.{name}": name
-            for i, row in enumerate(planner.trade_offs)
-            for name in row.coefficients
-        },
-    }
+    settings = scenario.planner
+    own = getattr(settings, settings.name, None)
+    named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
+    named |= {f"planner.{settings.name}.delta.{name}": name for name in getattr(own, "delta", ())}
+    for i, row in enumerate(getattr(own, "trade_offs", ())):
+        named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
     faults = [
-        scenario.place(key, f"the plan has no parameter {name}", f"one of {', '.join(plan.names) or 'none'}")
+        scenario.fault(key, f"the plan has no parameter {name}", f"one of {', '.join(plan.names) or 'none'}")
         for key, name in named.items()
         if name not in plan.names
     ]
@@ -279,9 +263,9 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 
 
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
-    """Where the flight begins, and heading where."""
+    """Position and heading at the start of the flight."""
     stage = plan.stages[0]
-    start, heading = scenario.start_m, scenario.heading_rad
+    start, heading = scenario.keys.start.position_m, scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:
@@ -294,7 +278,7 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tu
             raise ValueError
     except (ArithmeticError, ValueError):
         message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
-        raise InputError(scenario.place("start.position_m", message, "a start from which it can be joined")) from None
+        raise InputError(scenario.fault("start.position_m", message, "a start from which it can be joined")) from None
     if heading is None:
         phi, gx, gy = jet[:3]
         dx = -stage.sense * gy - stage.gain * phi * gx

@@ -1,355 +1,227 @@
 """The scenario: what `simulate` needs beside plan and profile, read strictly, with defaults that fly.
 
-The schema here is the contract with users; `Scenario` hands out the domain's own dataclasses.
+The settings stand beside what they set, in the dataclasses of models and planning; the keys here are what is left.
 """
 
 from __future__ import annotations
 
 import copy
-import itertools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import Field, TypeAdapter
 
-from eadp.core.geometry.curves import Point
-from eadp.errors import Fault, InputError, printable
-from eadp.io.text.schema_faults import validated
+from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
+from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
+from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
+from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.plan import Box
 from eadp.models.sensors import Sensors
-from eadp.models.vehicle import FixedWing, Guidance, PaperVehicle, Vehicle
+from eadp.models.vehicle import Guidance
 from eadp.models.weather import Wind
+from eadp.planning.base import PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.registry import NAMES as PLANNERS
-from eadp.planning.registry import PlannerSettings
+from eadp.planning.registry import DEFAULT, PLANNERS, planner_class
 
 SCHEMA = "eadp.scenario/1"
-LONGEST_STEPS = 100_000_000
+MAX_STEPS = 100_000_000
+RENAMED = {**RENAMED_OF_VEHICLES, "keep_gain": "min_gain", "path_search": "path_rule"}
+"""New names of keys by their old ones."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 ParameterName = Annotated[str, Field(pattern=r"^c[1-9][0-9]{0,2}$")]
-Pair = tuple[Finite, Finite]
+Pair = tuple[Coordinate, Coordinate]
+TextSource = Callable[[str], Text]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+def _shared_keys(schema: dict[str, Any]) -> None:
+    """Complete the planner's schema: the reserve is a key of the scenario, and the shared keys have descriptions."""
+    del schema["properties"]["reserve_soc"]
+    shared = TypeAdapter(list[PlannerSettings], config=STRICT).json_schema()["$defs"]["PlannerSettings"]["properties"]
+    for name, node in schema["properties"].items():
+        node.setdefault("description", shared.get(name, {}).get("description"))
 
 
-class VehicleKeys(_Strict):
-    """The simulated aircraft: constants of model `paper`, then of `fixed-wing`; those of the other are ignored."""
-
-    model: Literal["paper", "fixed-wing"] = "fixed-wing"
-    mass_kg: Positive | None = Field(default=None, description="1.0 for paper, 1.2 for fixed-wing")
-    weight_n: Positive = 9.8
-    lift_coefficient: Positive = 9.8 / 15**2
-    speed_per_throttle_mps: Positive = 0.3
-    nominal_throttle: Positive = 50.0
-    altitude_gain: NotNegative = 5.0
-    climb_gain: NotNegative = 5.0
-    cruise_altitude_m: Finite = 25.0
-    idle_power_w: NotNegative = 16.0
-    throttle_power_w: NotNegative = 20.0
-    wind_in_lift: bool = Field(
-        default=False, description="add the wind along the heading to the speed that lifts (unphysical)"
-    )
-    published_triggers: bool = Field(default=False, description="box triggers, neither armed nor passed")
-    wing_area_m2: Positive = 0.32
-    aspect_ratio: Positive = 4.5
-    oswald_efficiency: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.8
-    zero_lift_drag: Positive = 0.022
-    highest_lift: Positive = Field(default=1.1, description="lift coefficient at which the wing stalls")
-    air_density_kgpm3: Positive = 1.225
-    propulsive_efficiency: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.55
-    avionics_w: NotNegative = 2.0
-    most_power_w: Positive = Field(default=200.0, description="the motor's limit")
-    airspeed_mps: Positive = Field(default=15.0, description="held by the throttle")
-    most_bank_deg: Annotated[float, Field(gt=0, le=80, allow_inf_nan=False)] = 45.0
-    roll_time_s: Positive = 0.3
-    most_climb_mps: Positive = 3.0
-    speed_gain_per_s: Positive = 1.0
-    altitude_gain_per_s: Positive = 0.5
+def _or_path(node: dict[str, Any]) -> None:
+    """Complete the vehicle's schema: the path of a file stands for its content."""
+    node["anyOf"] = [{"type": "string"}, {"$ref": node.pop("$ref")}]
 
 
-class WindKeys(_Strict):
-    """Wind; the direction is the one it blows towards, 0° east, 90° north."""
-
-    speed_mps: NotNegative = 0.0
-    towards_deg: Finite = 0.0
-    gust_std_mps: NotNegative = 0.0
-    gust_time_s: Positive = 5.0
-
-
-class BatteryKeys(_Strict):
-    """A Rint battery, drained by the actual power, or a replayed trace."""
-
-    voltage_v: Positive = 14.8
-    resistance_ohm: NotNegative = 0.05
-    capacity_ah: Positive = 3.2
-    k_b_per_s: Positive = 1 / 3600
-    soc: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
-    crate_per_h: Positive = 10.0
-    voltage_empty_v: Positive | None = Field(
-        default=None, description="open-circuit voltage without charge; voltage_v is then that at full charge"
-    )
-    prescribed: list[tuple[NotNegative, Share]] | None = Field(
-        default=None, description="[[t_s, soc], …] replayed instead"
+def _planner_section() -> type[PlannerSettings]:
+    """Section `planner`: the shared settings, and a section of each planner's own."""
+    name = Field(description=f"Planner that flies: {', '.join(PLANNERS)}.", json_schema_extra={"enum": [*PLANNERS]})
+    keys: list[Any] = [("name", Annotated[str, name], DEFAULT)]
+    for planner in PLANNERS:
+        own: Any = planner_class(planner).own_settings
+        if own is not None:
+            described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
+            keys.append((planner, described, field(default_factory=own)))
+    config = {**STRICT, "json_schema_extra": _shared_keys}
+    return make_dataclass(
+        "PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace={"__pydantic_config__": config}
     )
 
-    @model_validator(mode="after")
-    def _in_order(self) -> BatteryKeys:
-        if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
-            raise ValueError("voltage_empty_v: above voltage_v")
-        times = [t for t, _ in self.prescribed or []]
-        if self.prescribed is not None and not times:
-            raise ValueError("prescribed: an empty trace")
-        if any(later < earlier for earlier, later in itertools.pairwise(times)):
-            raise ValueError("prescribed: times that go back")
-        return self
+
+if TYPE_CHECKING:
+    PlannerSection = PlannerSettings
+else:
+    PlannerSection = _planner_section()
 
 
-class FaultKeys(_Strict):
-    """A sudden loss of charge."""
-
-    at_s: NotNegative
-    soc_drop: Share
-
-
-class StartKeys(_Strict):
-    """Where the flight begins; by default on the first path, before its trigger."""
+@dataclass(frozen=True)
+class Start:
+    """Where the flight starts; by default on the first path, before its trigger."""
 
     position_m: Pair | None = None
-    heading_deg: Finite | None = None
-    altitude_m: Finite | None = None
+    """Position [east, north] in the plan's frame [m]."""
+
+    heading_deg: Degrees | None = None
+    """Compass bearing of the nose, 0 north, 90 east [°]; by default along the first path."""
+
+    altitude_m: Coordinate | None = None
+    """Altitude [m]; by default that of the airframe's cruise."""
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The heading in the plan's frame, 0 east, counter-clockwise [rad], if it is given."""
+        return None if self.heading_deg is None else math.radians((90.0 - self.heading_deg) % 360)
 
 
-class HomeKeys(_Strict):
-    """Where to be able to return to, for the point of no return."""
+@dataclass(frozen=True)
+class Home:
+    """Where the aircraft can return to, for the point of no return."""
 
     position_m: Pair | None = None
+    """Position [east, north] in the plan's frame [m]."""
 
 
-class SensorKeys(_Strict):
-    """What sensors make of the truth: standard deviations of white noise, age, and times without a power reading."""
-
-    power_noise_w: NotNegative = 0.0
-    position_noise_m: NotNegative = 0.0
-    soc_noise: NotNegative = 0.0
-    delay_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.0
-    drop_out_share: Share = Field(default=0.0, description="share of the time without a power reading")
-    drop_out_s: Positive = Field(default=2.0, description="how long a drop-out takes on average")
-
-
-class GuidanceKeys(_Strict):
-    """How the vehicle follows its path; gains k_e are the plan's."""
-
-    k_d: Finite = 1.0
-    wind_corrected: bool = True
-    normalised: bool = False
-    gain_per_m: Positive = 0.05
-
-
-class EstimatorKeys(_Strict):
-    """From power readings to the energy model's state."""
-
-    kind: Literal["exact", "published"] = Field(
-        default="exact", description="published: as the papers ran it, with order and every_s alone"
-    )
-    order: Annotated[int, Field(ge=0, le=20)] = 3
-    gate_w: NotNegative = Field(
-        default=0.0, description="a reading no farther than this from its forecast corrects nothing; 0: every one does"
-    )
-    every_s: Positive = 0.1
-    noise_w: Positive = Field(default=0.5, description="standard deviation of the readings' white noise")
-    disturbance_std_w: NotNegative = Field(
-        default=0.5, le=1e6, description="standard deviation of what stays a while beside the laps' pattern"
-    )
-    disturbance_time_s: Positive = Field(
-        default=5.0, ge=0.01, le=1e6, description="how long it stays: its Matérn-3/2 time constant"
-    )
-    learn_noise: bool = Field(
-        default=True, description="learn the three above from the readings, now and then; they are where it starts"
-    )
-
-
-class TradeOffKeys(_Strict):
-    """One row R c − r ≥ 0: coefficients by parameter name, and r."""
-
-    coefficients: dict[ParameterName, Finite]
-    at_least: Finite
-
-
-class PlannerKeys(_Strict):
-    """The planner and its settings."""
-
-    name: str = "joint"
-    every_s: Positive = 1.0
-    horizon_s: Positive | Literal["period"] = 6.0
-    reserve_probability: Annotated[float, Field(ge=0.5, lt=1, allow_inf_nan=False)] = Field(
-        default=0.95, description="joint: how surely the reserve is kept"
-    )
-    keep_gain: Share = Field(default=0.01, description="joint: the quality U that a change of a parameter has to gain")
-    objective: Literal["quality", "total"] = Field(
-        default="quality", description="joint: U averaged over the flight, or the computations summed over time"
-    )
-    weights: dict[ParameterName, NotNegative] = {}
-    delta: dict[ParameterName, Positive] = {}
-    levels: dict[ParameterName, Annotated[list[NotNegative], Field(min_length=1, max_length=1000)]] = {}
-    cost: Literal["control", "power", "quadratic", "output"] = "control"
-    cost_weights: tuple[NotNegative, NotNegative] = Field(default=(1.0, 1.0), description="Q and R of cost quadratic")
-    solver: Literal["auto", "qp"] = Field(
-        default="auto", description="auto: a closed form where it is proven to be the best, else QPs; qp: always QPs"
-    )
-    constraint_at: Literal["end", "worst"] = "worst"
-    remaining_time: Literal["corrected", "published"] = "corrected"
-    path_search: Literal["delta", "largest"] = "delta"
-    raise_path: bool = True
-    path_every_s: Positive | None = None
-    start_after_s: NotNegative = 0.0
-    min_periods: Annotated[int, Field(ge=0)] = 2
-    longest_s: Positive | None = None
-    shortest_s: Positive | None = None
-    trade_offs: list[TradeOffKeys] = []
-
-
-class ScenarioKeys(_Strict):
+@dataclass(frozen=True)
+class ScenarioFile:
     """A scenario file."""
 
-    schema_: Literal["eadp.scenario/1"] = Field(default="eadp.scenario/1", alias="schema")
-    profile: str | None = Field(default=None, description="model or measurements, relative to this file")
-    vehicle: VehicleKeys = VehicleKeys()
-    wind: WindKeys = WindKeys()
-    battery: BatteryKeys = BatteryKeys()
-    faults: list[FaultKeys] = []
-    start: StartKeys = StartKeys()
-    home: HomeKeys = HomeKeys()
-    parameters: dict[ParameterName, Finite] = {}
-    bounds: dict[ParameterName, Pair] = {}
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.scenario/1"] = "eadp.scenario/1"
+    """Name and version of the format."""
+
+    profile: str | None = None
+    """Computation profile: path of a model or of measurements, relative to this file."""
+
+    vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
+    """The aircraft: path of a vehicle file, relative to this file, or its content."""
+
+    wind: Wind = field(default_factory=Wind)
+    """The wind."""
+
+    battery: Battery = field(default_factory=Battery)
+    """The battery: each key overrides the vehicle's, null restores its default."""
+
+    faults: tuple[BatteryFault, ...] = ()
+    """Sudden losses of charge, of a battery that is drained."""
+
+    start: Start = field(default_factory=Start)
+    """Where the flight starts."""
+
+    home: Home = field(default_factory=Home)
+    """Where the aircraft can return to."""
+
+    parameters: Mapping[ParameterName, float] = field(default_factory=dict)
+    """Parameters at take-off, by name; by default each at its maximum."""
+
+    bounds: Mapping[ParameterName, tuple[float, float]] = field(default_factory=dict)
+    """Sets [low, high] by parameter, for a plan whose stages carry none."""
+
     parameter_changes: Literal["latched", "live"] = "latched"
-    guidance: GuidanceKeys = GuidanceKeys()
-    sensors: SensorKeys = SensorKeys()
-    reserve_soc: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] = 0.05
-    estimator: EstimatorKeys = EstimatorKeys()
-    planner: PlannerKeys = PlannerKeys()
-    step_s: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.01
-    log_every_s: Positive = 0.1
-    time_limit_s: Positive = 7200.0
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """When a path parameter takes effect: latched, at the next lap, or live, at once."""
+
+    guidance: Guidance = field(default_factory=Guidance)
+    """How the aircraft follows its path."""
+
+    sensors: Sensors = field(default_factory=Sensors)
+    """Errors of the sensors."""
+
+    reserve_soc: Reserve = PlannerSettings.reserve_soc
+    """State of charge to keep at the end of the flight, as a share of the full charge."""
+
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    """Estimation of the power from its readings."""
+
+    planner: PlannerSection = field(default_factory=PlannerSection)
+    """The planner and its settings; sections of planners that do not fly are checked and unused."""
+
+    step_s: Annotated[float, Gt(0), Le(1)] = 0.01
+    """Time step of the simulation [s]."""
+
+    log_every_s: Duration = 0.1
+    """Time between rows of flight.csv [s]."""
+
+    time_limit_s: Duration = 7200.0
+    """Time after which the flight is ended [s]."""
+
+    seed: Annotated[int, Ge(0), Lt(2**63)] = 0
+    """Seed of gusts and noise."""
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
-    return ScenarioKeys.model_json_schema(by_alias=True)
+    return schema_of(ScenarioFile)
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario as the domain sees it. `place` puts a fault at a key, for what only shows later."""
+    """A scenario that was read: its keys, and the document for faults that show later."""
 
-    keys: ScenarioKeys
+    keys: ScenarioFile
     document: Document = field(repr=False)
+    vehicle_text: Text | None = field(default=None, repr=False)
+    """Text of the vehicle file, if the vehicle is one."""
 
     @property
     def profile_path(self) -> str | None:
         """Path of the profile, relative to the working directory."""
-        if self.keys.profile is None:
-            return None
-        if self.document.name == "<stdin>":
-            return self.keys.profile
-        return str(Path(self.document.name).parent / self.keys.profile)
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """The aircraft."""
-        keys = self.keys.vehicle
-        model = FixedWing if keys.model == "fixed-wing" else PaperVehicle
-        own = {field.name for field in fields(model)}
-        return model(**keys.model_dump(include=own, exclude_none=True))
-
-    @property
-    def wind(self) -> Wind:
-        """The wind."""
-        return Wind(**self.keys.wind.model_dump())
-
-    @property
-    def battery(self) -> Battery:
-        """The battery."""
-        values = self.keys.battery.model_dump()
-        values["prescribed"] = tuple(values["prescribed"] or ())
-        return Battery(**values)
-
-    @property
-    def faults(self) -> tuple[BatteryFault, ...]:
-        """Sudden losses of charge."""
-        return tuple(BatteryFault(fault.at_s, fault.soc_drop) for fault in self.keys.faults)
-
-    @property
-    def guidance(self) -> Guidance:
-        """How the vehicle follows a path."""
-        return Guidance(**self.keys.guidance.model_dump())
-
-    @property
-    def sensors(self) -> Sensors:
-        """What sensors make of the truth."""
-        return Sensors(**self.keys.sensors.model_dump())
+        return None if self.keys.profile is None else beside(self.document.name, self.keys.profile)
 
     @property
     def rules(self) -> Rules:
         """How stages follow one another."""
-        return Rules(self.keys.parameter_changes, self.keys.vehicle.published_triggers)
+        return Rules(self.keys.parameter_changes, self.keys.vehicle.airframe.published_triggers)
 
     @property
     def estimator(self) -> EstimatorSettings:
         """The estimator's settings."""
-        return EstimatorSettings(**self.keys.estimator.model_dump())
+        return self.keys.estimator
 
     @property
     def planner(self) -> PlannerSettings:
         """The planner's settings."""
-        values = self.keys.planner.model_dump()
-        if values["horizon_s"] == "period":
-            values["horizon_s"] = None
-        values["levels"] = {name: tuple(levels) for name, levels in values["levels"].items()}
-        values["trade_offs"] = tuple((row["coefficients"], row["at_least"]) for row in values["trade_offs"])
-        return PlannerSettings(**values, reserve_soc=self.keys.reserve_soc)
+        return replace(self.keys.planner, reserve_soc=self.keys.reserve_soc)
 
     @property
     def bounds(self) -> dict[str, Box]:
         """Sets for a plan whose stages carry none."""
         return {name: Box(lo, hi) for name, (lo, hi) in self.keys.bounds.items()}
 
-    @property
-    def start_m(self) -> Point | None:
-        """Where the flight begins [m], if stated."""
-        return self.keys.start.position_m
-
-    @property
-    def home_m(self) -> Point | None:
-        """Where home is [m], if stated."""
-        return self.keys.home.position_m
-
-    @property
-    def heading_rad(self) -> float | None:
-        """The heading it begins with [rad], if stated."""
-        degrees = self.keys.start.heading_deg
-        return None if degrees is None else math.radians(degrees)
-
-    def place(self, key: str, message: str, expected: str = "") -> Fault:
+    def fault(self, key: str, message: str, expected: str = "") -> Fault:
         """A fault at a dotted key."""
         return self.document.fault(tuple(key.split(".")), message, expected)
 
 
+def beside(name: str, path: str) -> str:
+    """A path relative to the file of a name."""
+    return path if name == "<stdin>" else str(Path(name).parent / path)
+
+
 def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """Read a scenario, or the defaults, with some keys set anew.
+    """Read a scenario, or the defaults, with some keys overridden.
 
     Parameters
     ----------
@@ -372,28 +244,54 @@ def scenario_document(text: Text) -> Document:
     Raises
     ------
     InputError
-        If it is no YAML or no mapping, or does not say that it is a scenario.
+        If it is no YAML or no mapping, or has no key `schema`.
     """
-    document = read_yaml(text)
-    if document.value is None:
-        document.value = {}
-    if not isinstance(document.value, dict):
-        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {SCHEMA}"))
-    if "schema" not in document.value:
-        raise InputError(document.fault((), "has no key schema", f"schema: {SCHEMA}"))
-    return document
+    return keys_document(text, SCHEMA)
 
 
-def scenario_of(document: Document, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """`read_scenario` of a document, which stays as it is."""
+def vehicle_path(document: Document, overrides: Mapping[str, Any]) -> str | None:
+    """Path of the vehicle file that a scenario names, relative to the working directory; None if it names none."""
+    path = overrides.get("vehicle", document.value.get("vehicle"))
+    return beside(document.name, path) if isinstance(path, str) else None
+
+
+def scenario_of(
+    document: Document, overrides: Mapping[str, Any] | None = None, text: TextSource = read_text
+) -> Scenario:
+    """`read_scenario` of a document, which is not changed; `text` reads the vehicle file, if it names one."""
     document = replace(
         document, value=copy.deepcopy(document.value), places=dict(document.places), overrides=dict(document.overrides)
     )
-    for key, value in (overrides or {}).items():
-        _put(document, key, copy.deepcopy(value))
-    _drop_nulls(document.value)
-    keys = validated(ScenarioKeys, document, _tuples(document.value), lambda keys: _faults(keys, document))
-    return Scenario(keys, document)
+    overrides = dict(overrides or {})
+    path, vehicle_text = vehicle_path(document, overrides), None
+    if "vehicle" in overrides:
+        _put(document, "vehicle", overrides.pop("vehicle"))
+    if path is not None:
+        vehicle_text = _vehicle_text(document, path, text)
+        found = keys_document(vehicle_text, VEHICLE_SCHEMA)
+        vehicle_of(found)
+        document.value["vehicle"] = copy.deepcopy(found.value)
+    for key, given in overrides.items():
+        _put(document, key, copy.deepcopy(given))
+    own, value = document.value.get("battery"), without_nulls(document.value)
+    if faults := _raw_faults(value, document):
+        raise capped(faults)
+    keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
+    # null restores a default, which is what the key has in a battery of its own
+    battery = replace(keys.vehicle.battery, **{key: getattr(keys.battery, key) for key in own or ()})
+    if faults := battery_faults(document, battery):
+        raise capped(faults)
+    return Scenario(replace(keys, battery=battery), document, vehicle_text)
+
+
+def _vehicle_text(document: Document, path: str, text: TextSource) -> Text:
+    try:
+        return text(path)
+    except InputError as error:
+        fault = error.faults[0]
+        raise InputError(
+            document.fault(("vehicle",), f"{printable(path)} {fault.message}", "the path of a vehicle file")
+        ) from None
 
 
 def override_key(name: str) -> str | None:
@@ -424,7 +322,7 @@ def read_override(raw: str) -> tuple[str, Any]:
 
 
 def _put(document: Document, key: str, value: Any) -> None:
-    """Set a dotted key; the places of what it replaces are forgotten."""
+    """Set a dotted key; the locations of what it replaces are removed."""
     parts = key.split(".")
     target = document.value
     for part in parts[:-1]:
@@ -432,44 +330,37 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
+    if key in _WIND_DIRECTIONS and value is not None:
+        target.pop(_WIND_DIRECTIONS[key], None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
 
 
-def _drop_nulls(value: Any) -> None:
-    """A null is an absent key."""
-    if isinstance(value, dict):
-        for key in [key for key, inner in value.items() if inner is None]:
-            del value[key]
-        for inner in value.values():
-            _drop_nulls(inner)
-    elif isinstance(value, list):
-        for inner in value:
-            _drop_nulls(inner)
+_WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
+"""The other key of the wind's direction: an override of one removes the other."""
 
 
-def _tuples(value: Any) -> Any:
-    """Lists as tuples where the schema wants those: pydantic's strict mode takes no list for a tuple."""
-    if not isinstance(value, dict):
-        return value
-    result = dict(value)
-    for section, key in (("start", "position_m"), ("home", "position_m"), ("planner", "cost_weights")):
-        inner = result.get(section)
-        if isinstance(inner, dict) and isinstance(inner.get(key), list):
-            result[section] = {**inner, key: tuple(inner[key])}
-    battery = result.get("battery")
-    if isinstance(battery, dict) and isinstance(battery.get("prescribed"), list):
-        points = [tuple(point) if isinstance(point, list) else point for point in battery["prescribed"]]
-        result["battery"] = {**battery, "prescribed": points}
-    if isinstance(result.get("bounds"), dict):
-        result["bounds"] = {k: tuple(v) if isinstance(v, list) else v for k, v in result["bounds"].items()}
-    return result
+def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
+    """What shows in the keys given, and no longer in the settings."""
+    faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
+    wind, planner = value.get("wind"), value.get("planner")
+    if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
+        message = "wind.from_deg and wind.towards_deg are both given"
+        faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
+    if isinstance(planner, dict) and "reserve_soc" in planner:
+        message = "unknown key planner.reserve_soc"
+        faults.append(document.fault(("planner", "reserve_soc"), message, "reserve_soc"))
+    if isinstance(planner, dict) and "solver" in planner:
+        message = "planner.solver is no longer a key"
+        expected = "no such key: paper always solves QPs, joint a closed form"
+        faults.append(document.fault(("planner", "solver"), message, expected))
+    return faults
 
 
-def _faults(keys: ScenarioKeys, document: Document) -> list[Fault]:
-    """What the schema alone cannot say."""
+def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
+    """What the schema alone cannot express."""
     faults = []
     if keys.planner.name not in PLANNERS:
         message = f"unknown planner {printable(keys.planner.name, 60)}"
@@ -477,7 +368,7 @@ def _faults(keys: ScenarioKeys, document: Document) -> list[Fault]:
     for name, (lo, hi) in keys.bounds.items():
         if lo > hi:
             faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))
-    if keys.time_limit_s / keys.step_s > LONGEST_STEPS:
-        message = f"more than {LONGEST_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
+    if keys.time_limit_s / keys.step_s > MAX_STEPS:
+        message = f"more than {MAX_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
         faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
     return faults

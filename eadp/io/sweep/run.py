@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 from eadp import __version__
 from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
-from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import summarise
-from eadp.io.flight.inputs import Files, FlightInputs, load_flight
-from eadp.io.plan.reader import read_plan
-from eadp.io.profile.model_file import ends_as_model, parse_profile
-from eadp.io.scenario.scenario_file import Scenario, read_scenario, scenario_document, scenario_of
-from eadp.io.text.streams import Text
-from eadp.io.text.yaml import Document
-from eadp.models.energy import EnergyModel
-from eadp.models.plan.plan import Finding, Plan
-from eadp.models.profile_sum import AnyProfile
+from eadp.io.flight.inputs import Content, Files, FlightInputs, load_flight
+from eadp.io.text.streams import Text, read_text
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.sweep.design import Result, Run
 
@@ -30,15 +22,13 @@ UNLOGGED_S = 1e9
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 
-Read = TypeVar("Read")
-
 
 class KeptFiles(Files):
     """Files whose texts are sent with the runs; each is parsed once. Only the texts are pickled."""
 
     def __init__(self, texts: dict[str, Text]) -> None:
         self.texts = texts
-        self._kept: dict[tuple[str, str], Any] = {}
+        self._kept: dict[tuple[str, Callable[[Text], Any]], Any] = {}
 
     def __getstate__(self) -> tuple[str, dict[str, Text]]:
         return __version__, self.texts
@@ -50,28 +40,17 @@ class KeptFiles(Files):
             raise EadpError(f"this is eadp {__version__}")
 
     def text(self, path: str) -> Text:
-        """A file's text."""
+        """A file's text; a vehicle file's path shows only in a scenario, so its text is added when that is read."""
+        if path not in self.texts:
+            self.texts[path] = read_text(path)
         return self.texts[path]
 
-    def plan(self, path: str) -> tuple[Text, Plan, Sequence[Finding]]:
-        """A plan's text, the plan, and the findings of reading it."""
-        plan, findings = self._once("plan", path, read_plan)
-        return self.text(path), plan, findings
-
-    def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
-        """A scenario with some keys overridden."""
-        if path is None:
-            return read_scenario(None, overrides)
-        document: Document = self._once("scenario", path, scenario_document)
-        return scenario_of(document, overrides)
-
-    def profile(self, path: str) -> tuple[AnyProfile, list[Fault]]:
-        """A profile and its warnings."""
-        return self._once("profile", path, lambda text: parse_profile(text, is_model=ends_as_model(path)))
-
-    def energy(self, path: str) -> EnergyModel:
-        """An energy model."""
-        return self._once("energy", path, parse_energy)
+    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
+        """A file's text and content."""
+        if (path, parse) not in self._kept:
+            self._kept[path, parse] = super().read(path, parse)
+        result: tuple[Text, Content] = self._kept[path, parse]
+        return result
 
     def load(self, run: Run) -> FlightInputs:
         """A run's flight, ready to be flown."""
@@ -83,12 +62,6 @@ class KeptFiles(Files):
             overrides=run.overrides,
             files=self,
         )
-
-    def _once(self, kind: str, path: str, read: Callable[[Text], Read]) -> Read:
-        if (kind, path) not in self._kept:
-            self._kept[kind, path] = read(self.text(path))
-        result: Read = self._kept[kind, path]
-        return result
 
 
 class FlyRun:
@@ -125,10 +98,7 @@ class FlyRun:
         world, pilot, outcome = replace(inputs.world, log_every_s=UNLOGGED_S), inputs.planner(), Outcome()
         for _ in fly(world, pilot, outcome):
             pass
-        settings = inputs.scenario.planner
-        summary = summarise(
-            world, pilot, outcome, reserve_soc=settings.reserve_soc, weights=settings.weights, name=settings.name
-        )
+        summary = summarise(world, pilot, outcome, inputs.scenario.planner)
         summary["solver"] = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
         json.dumps(summary, allow_nan=False)  # a figure that cannot be stored is this run's error
         return summary

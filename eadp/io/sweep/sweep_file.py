@@ -14,8 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from eadp import __version__
 from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
-from eadp.io.scenario.scenario_file import Scenario, override_key
+from eadp.io.flight.inputs import profile_of
+from eadp.io.plan.reader import read_plan
+from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
 from eadp.io.sweep.run import KeptFiles
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
@@ -123,6 +126,9 @@ class Sweep:
         if "profile" not in contents:
             own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
             contents["profile"] = self._digests[own] if own else ""
+        vehicle = vehicle_path(self.kept.document(files.get("scenario")), overrides)
+        if vehicle is not None:
+            contents["vehicle"] = digest(self.kept.text(vehicle))
         whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
 
@@ -134,11 +140,6 @@ class Sweep:
 def digest(text: Text) -> str:
     """A hash of a file's content and of its suffix, which may decide how it is read."""
     return hashlib.sha256(f"{Path(text.name).suffix}\0{text.body}".encode()).hexdigest()
-
-
-def beside(name: str, path: str) -> str:
-    """A path relative to the file of a name."""
-    return path if name == "<stdin>" else str(Path(name).parent / path)
 
 
 def full_key(name: str) -> str:
@@ -345,17 +346,13 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
 
 
 def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
-    """Read every plan, profile and energy model once; the warnings of the first run."""
-    read: dict[str, Callable[[str], Any]] = {
-        "plan": sweep.kept.plan,
-        "profile": sweep.kept.profile,
-        "energy": sweep.kept.energy,
-    }
+    """Read every plan, profile and energy model once; what the first run is warned about."""
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
     named = [*sweep.files.items()]
     named += [(name, beside(document.name, value)) for name, value, _ in _listed(keys) if name in FILES]
     for kind, path in named:
-        if kind in read:
-            read[kind](path)
+        if kind in parsers:
+            sweep.kept.read(path, parsers[kind])
     try:
         return sweep.kept.load(sweep.run(0)).warnings
     except InputError:

@@ -10,8 +10,9 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
+from eadp.planning.joint.held import HeldForecast
 from eadp.planning.live import LiveFlight, OutlierGate
-from eadp.planning.registry import HeldForecast, make_planner
+from eadp.planning.registry import make_planner
 
 Tell = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]

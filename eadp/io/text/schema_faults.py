@@ -1,18 +1,27 @@
-"""What a schema finds wrong with a YAML document, in this project's words and at its place."""
+"""What a schema finds wrong with a YAML document, in this project's words and at its location.
+
+A schema is a dataclass or a pydantic model. Fields of dataclasses carry `annotated_types` bounds and docstrings.
+"""
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from eadp.errors import Fault, capped, printable
-from eadp.io.text.yaml import Document
+from eadp.errors import Fault, InputError, capped, printable
+from eadp.io.text.streams import Text
+from eadp.io.text.yaml import Document, Path, read_yaml
 
-Model = TypeVar("Model", bound=BaseModel)
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+"""Configuration of a schema; it holds for the dataclasses in it, too."""
+
+Model = TypeVar("Model")
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -20,26 +29,82 @@ _EXPECTED = {
     "bool_type": "true or false",
     "string_type": "a text",
     "list_type": "a list",
+    "tuple_type": "a list",
     "model_type": "a mapping of keys",
     "dict_type": "a mapping of keys",
+    "mapping_type": "a mapping of keys",
+    "dataclass_type": "a mapping of keys",
 }
 _INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
 
 
+@cache
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(model)
+
+
+@cache
+def schema_of(model: Any) -> dict[str, Any]:
+    """JSON Schema of a dataclass or model."""
+    return _adapter(model).json_schema(by_alias=True)
+
+
+def keys_document(text: Text, schema: str) -> Document:
+    """A document that is a mapping with a key `schema`; its keys are not yet checked.
+
+    Raises
+    ------
+    InputError
+        If it is no YAML or no mapping, or has no key `schema`.
+    """
+    document = read_yaml(text)
+    if document.value is None:
+        document.value = {}
+    if not isinstance(document.value, dict):
+        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {schema}"))
+    if "schema" not in document.value:
+        raise InputError(document.fault((), "has no key schema", f"schema: {schema}"))
+    return document
+
+
+def without_nulls(value: Any) -> Any:
+    """A copy of a value without the keys that are null: they are absent keys."""
+    if isinstance(value, dict):
+        return {key: without_nulls(inner) for key, inner in value.items() if inner is not None}
+    return [without_nulls(inner) for inner in value] if isinstance(value, list) else value
+
+
 def validated(
-    model: type[Model], document: Document, value: Any, check: Callable[[Model], list[Fault]] | None = None
+    model: type[Model],
+    document: Document,
+    value: Any,
+    check: Callable[[Model], list[Fault]] | None = None,
+    renamed: Mapping[str, str] | None = None,
 ) -> Model:
-    """A document's value as a schema's model.
+    """A value of a document as a schema's dataclass or model.
+
+    Parameters
+    ----------
+    model, document
+    value
+        What is validated, made of mappings, lists, strings and numbers.
+    check : function, optional
+        Finds what the schema alone cannot express.
+    renamed : mapping, optional
+        New names by old ones, for the message on an unknown key.
 
     Raises
     ------
     InputError
         With every fault of the schema, or of `check`.
     """
+    schema: Any = model
     try:
-        content = model.model_validate(value)
+        # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
+        content: Model = _adapter(schema).validate_json(json.dumps(value))
     except ValidationError as error:
-        raise capped(_merged([schema_fault(document, problem, model) for problem in error.errors()])) from None
+        found = [_schema_fault(document, problem, model, value, renamed or {}) for problem in error.errors()]
+        raise capped(_merged(found)) from None
     faults = check(content) if check is not None else []
     if faults:
         raise capped(faults)
@@ -57,41 +122,41 @@ def _merged(faults: list[Fault]) -> list[Fault]:
     return list(merged.values())
 
 
-def schema_fault(document: Document, problem: Any, model: type[BaseModel]) -> Fault:
-    """One of pydantic's complaints."""
-    kind, value = problem["type"], problem["input"]
-    path = _document_path(document, problem["loc"])
+def _schema_fault(document: Document, problem: Any, model: Any, value: Any, renamed: Mapping[str, str]) -> Fault:
+    """One of pydantic's complaints about a value."""
+    kind, wrong = problem["type"], problem["input"]
+    path = _path_in(value, problem["loc"])
     key = ".".join(printable(str(part), 80) for part in path)
-    if kind == "missing":
+    if kind in ("missing", "missing_argument"):
         return document.fault(path, f"the key {key} is missing")
-    if kind == "extra_forbidden":
-        known = _keys_beside(model, path)
-        return document.fault(path, f"unknown key {key}", f"one of {known}" if known else "")
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return document.fault(path, f"unknown key {key}", _instead(model, path, renamed))
     message = printable(str(problem["msg"]).removeprefix("Value error, "))
     if kind == "value_error":
         return document.fault(path, f"{key}: {message}" if key else message)
     reworded = re.sub(r"^\w+ should (be|have|match) ", "", message).partition(" after validation")[0]
     expected = _EXPECTED.get(kind, reworded)
-    shown = printable(repr(value), 60)
-    if isinstance(value, dict | list | tuple):
-        shown = "a mapping" if isinstance(value, dict) else f"a list of {len(value)}"
+    shown = printable(repr(wrong), 60)
+    if isinstance(wrong, dict | list | tuple):
+        shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"
     return document.fault(path, f"{key} cannot be {shown}", expected)
 
 
-def _document_path(document: Document, location: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """The part of pydantic's path that stands in the document."""
-    path: tuple[str | int, ...] = ()
-    for part in location:
-        if part == "[key]":
+def _path_in(value: Any, location: tuple[str | int, ...]) -> Path:
+    """The part of pydantic's path that stands in the value: not the names of a union's members."""
+    path: Path = ()
+    for i, part in enumerate(location):
+        last = i == len(location) - 1
+        here = _at(value, path)
+        member = isinstance(part, str) and _INNER.match(part) and not isinstance(here, dict)
+        between = isinstance(here, dict) and part not in here
+        if part == "[key]" or (member if last else between):
             continue
-        union = isinstance(part, str) and _INNER.match(part) and part is location[-1]
-        if union and not isinstance(_at(document.value, path), dict):
-            continue  # the name of a union's member
         path = (*path, part)
     return path
 
 
-def _at(value: Any, path: tuple[str | int, ...]) -> Any:
+def _at(value: Any, path: Path) -> Any:
     """The value at a path, or None."""
     for part in path:
         try:
@@ -101,11 +166,32 @@ def _at(value: Any, path: tuple[str | int, ...]) -> Any:
     return value
 
 
-def _keys_beside(model: Any, path: tuple[str | int, ...]) -> str:
-    """The keys that a schema has where an unknown one stands."""
+def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
+    """What to write for an unknown key: the paths of the key of its name, or of its new name; else the known keys."""
+    schema = schema_of(model)
+    nodes = [schema]
     for part in path[:-1]:
-        inner = model.model_fields.get(part) if isinstance(part, str) else None
-        if inner is None or not (isinstance(inner.annotation, type) and issubclass(inner.annotation, BaseModel)):
-            return ""
-        model = inner.annotation
-    return ", ".join(item.alias or name for name, item in model.model_fields.items())
+        nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part]
+    wanted = renamed.get(str(path[-1]), str(path[-1]))
+    found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
+    if found:
+        return " or ".join(found)
+    known = ", ".join(dict.fromkeys(name for node in nodes for name, _ in properties(schema, node)))
+    return f"one of {known}" if known else ""
+
+
+def _paths_to(wanted: str, schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Paths from a node of a schema to the keys of a name."""
+    for name, inner in properties(schema, node):
+        if name == wanted:
+            yield (name,)
+        yield from ((name, *deeper) for deeper in _paths_to(wanted, schema, inner))
+
+
+def properties(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The keys of a node of a JSON Schema with their own nodes, of each member where it is a union."""
+    if "$ref" in node:
+        yield from properties(schema, schema["$defs"][node["$ref"].rpartition("/")[2]])
+    for member in (*node.get("oneOf", ()), *node.get("anyOf", ())):
+        yield from properties(schema, member)
+    yield from node.get("properties", {}).items()

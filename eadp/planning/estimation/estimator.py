@@ -11,11 +11,13 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from eadp.core.arrays import FloatArray
+from eadp.core.bounds import NotNegative, Positive
 from eadp.core.signals import forecasting
 from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance
 from eadp.core.signals.harmonics import output_row
@@ -55,23 +57,37 @@ SHORTEST_DISTURBANCE_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Settings of every estimator; `published` uses `order` and `every_s` alone.
+    """Settings of every estimator; `published` uses `order` and `every_s` alone."""
 
-    `gate_w` is draft 002's ε, 0 for none; `every_s` how often the sensor is read. The readings' white noise, `noise_w`,
-    and the disturbance's standard deviation and time constant are what to start from, and what stays unless
-    `learn_noise`.
-    """
+    kind: Literal["exact", "published"] = "exact"
+    """Kind of estimator: exact, or published: as the papers ran it, with `order` and `every_s` alone."""
 
-    kind: str = EXACT
-    order: int = 3
-    gate_w: float = 0.0
-    every_s: float = 0.1
-    noise_w: float = 0.5
-    disturbance_std_w: float = 0.5
-    disturbance_time_s: float = 5.0
+    order: Annotated[int, Ge(0), Le(20)] = 3
+    """Number of harmonics of the lap."""
+
+    gate_w: NotNegative = 0.0
+    """A reading no farther than this from its forecast corrects nothing [W]: draft 002's ε. 0: every reading does."""
+
+    every_s: Annotated[float, Ge(1e-3), Le(1e6)] = 0.1
+    """Time between readings of the power sensor [s]."""
+
+    noise_w: Positive = 0.5
+    """Standard deviation of the readings' white noise [W]."""
+
+    disturbance_std_w: Annotated[float, Ge(0), Le(1e6)] = 0.5
+    """Standard deviation of the slow disturbance beside the laps' pattern [W]."""
+
+    disturbance_time_s: Annotated[float, Ge(0.01), Le(1e6)] = 5.0
+    """Time constant of the disturbance, a Matérn-3/2 process [s]."""
+
     learn_noise: bool = True
-    level_drift_w_per_sqrt_s: float = 0.003
-    harmonic_drift_w_per_sqrt_s: float = 0.003
+    """Learn the three above from the readings at intervals; they are the initial values."""
+
+    level_drift_w_per_sqrt_s: NotNegative = 0.003
+    """Random walk of the level [W/√s]."""
+
+    harmonic_drift_w_per_sqrt_s: NotNegative = 0.003
+    """Random walk of each harmonic's parts [W/√s]."""
 
 
 class Estimator(Protocol):

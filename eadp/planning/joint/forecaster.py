@@ -24,6 +24,7 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
+from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
 
 WIND_STEP_MPS = 0.02
@@ -78,8 +79,10 @@ class Forecaster:
     Parameters
     ----------
     settings : PlannerSettings
-        Reserve and its probability, weights, levels, trade-offs and objective count here.
+        The reserve, weights and levels are used here.
     mission : Mission
+    own : JointSettings, optional
+        Probability of the reserve, trade-offs and objective. Default: its defaults.
     margin_m : float
         By how much the end of the plan has to be passed to be counted on [m], at least.
 
@@ -91,13 +94,20 @@ class Forecaster:
         Those decided.
     """
 
-    def __init__(self, settings: PlannerSettings, mission: Mission, margin_m: float = MARGIN_M) -> None:
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        mission: Mission,
+        own: JointSettings | None = None,
+        margin_m: float = MARGIN_M,
+    ) -> None:
+        own = own or JointSettings()
         plan = mission.plan
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
-        self.terrain = _term_builder(settings, mission)
-        self._z = NormalDist().inv_cdf(settings.reserve_probability)
+        self.terrain = _term_builder(settings, own, mission)
+        self._z = NormalDist().inv_cdf(own.reserve_probability)
         self._speed = mission.cruise_mps
         self._position: Point = mission.start_m or (0.0, 0.0)
         self._predictor = RoutePredictor()
@@ -278,7 +288,7 @@ class Forecaster:
 
     def hold(self, settings: PlannerSettings, parameters: Vector) -> None:
         """Forecast with other settings and parameters from now on."""
-        self._settings, self.terrain = settings, _term_builder(settings, self._mission)
+        self._settings, self.terrain = settings, _term_builder(settings, JointSettings(), self._mission)
         self.decide(parameters, self._shares_of(parameters))
 
     def _routes_change(self) -> None:
@@ -453,15 +463,15 @@ class Forecaster:
         return False, self._home_s
 
 
-def _term_builder(settings: PlannerSettings, mission: Mission) -> TermBuilder:
+def _term_builder(settings: PlannerSettings, own: JointSettings, mission: Mission) -> TermBuilder:
     return TermBuilder(
         mission.plan,
         mission.computing,
         mission.battery,
         settings.weights,
         settings.levels,
-        settings.trade_offs,
-        settings.objective,
+        own.trade_offs,
+        own.objective,
     )
 
 

@@ -16,7 +16,7 @@ NEAR_END_M = 0.5
 def held_settings(settings: PlannerSettings, mission: Mission, parameters: Vector) -> PlannerSettings:
     """Settings that leave one value to each computation."""
     levels = {name: (value,) for name, value in zip(mission.plan.names, parameters, strict=True)}
-    return replace(settings, levels=levels, trade_offs=())
+    return replace(settings, levels=levels)
 
 
 class HeldForecast:
@@ -30,7 +30,9 @@ class HeldForecast:
 
     def __init__(self, settings: PlannerSettings, mission: Mission) -> None:
         self._settings, self._mission = settings, mission
-        self._forecaster = Forecaster(held_settings(settings, mission, mission.parameters), mission, -NEAR_END_M)
+        self._forecaster = Forecaster(
+            held_settings(settings, mission, mission.parameters), mission, margin_m=-NEAR_END_M
+        )
         self._held = mission.parameters
 
     def observe(self, o: Observation) -> None:

@@ -17,7 +17,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
@@ -34,6 +33,7 @@ from eadp.planning.base import (
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.forecaster import Forecaster, ripple_w
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
+from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
@@ -62,29 +62,38 @@ class JointPlanner(TrackingPlanner):
     Source: letter, Sec. VI (future work).
     """
 
-    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+    own_settings = JointSettings
+    optimises_to_end = True
+
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        estimator: EstimatorSettings,
+        mission: Mission,
+        own: JointSettings | None = None,
+    ) -> None:
         super().__init__(settings, estimator, mission)
         self._rho = mission.plan.path_count
-        self._ahead = Forecaster(settings, mission)
+        self._own = own = own or JointSettings()
+        self._ahead = Forecaster(settings, mission, own)
         self._program = MissionProgram(len(self._ahead.open))
-        self._next_s = self._begins_s = WARM_UP_S + settings.start_after_s
+        self._next_s = self._begins_s = WARM_UP_S + own.start_after_s
         self._looked_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
-        self._warm: FloatArray | None = None
         self._fell_s = -math.inf
         self._jumped = False
         self._looked_s, self._in_doubt = 0.0, False
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """When it re-plans next; soon, and at the next reading where the charge may have jumped."""
         seen_s = self._next_reading_s if self._in_doubt else self._looked_s + LOOK_EVERY_S
         return min(self._next_s, seen_s)
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once; a jump of the charge among them is answered at the next look."""
         self._jumped |= self._ahead.read_all(readings, self._computing_w)
-        return super().listen(readings)
+        return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, at a new stage, and at once when the charge jumps."""
@@ -147,29 +156,21 @@ class JointPlanner(TrackingPlanner):
         if not ahead.open:
             if kept is None:
                 raise Infeasible("what is left of the plan cannot be flown in this wind")
-            return self._solved(kept), False
+            return kept, False
         if kept is not None and why != JUMPED and not self._look_again(kept, why):
-            return self._solved(kept), False
+            return kept, False
         flown = kept if kept is not None and kept.allocation.feasible else None
-        least = -math.inf if flown is None else flown.value + self._settings.keep_gain
-        at_best = least >= 1.0 and self._settings.objective == QUALITY  # U is 1 at most
+        least = -math.inf if flown is None else flown.value + self._own.min_gain
+        at_best = least >= 1.0 and self._own.objective == QUALITY  # U is 1 at most
         found = None if at_best else self._program.solve(ahead.prospect, ahead.shares, least)
         if flown is not None and (found is None or not found.allocation.feasible or found.value <= least):
             self._looked_at = _left_over(flown)
-            return self._solved(flown), True
+            return flown, True
         assert found is not None
         self._looked_at = _left_over(found)
         if kept is not None and not found.allocation.feasible and found.short > kept.short - kept.prospect.tolerance:
             return kept, True
         return found, True
-
-    def _solved(self, kept: Solution) -> Solution:
-        """The computations at the path parameters kept: by QPs where the settings ask for them."""
-        if self._settings.solver != "qp" or not kept.allocation.feasible:
-            return kept
-        answer = self._program.allocated(kept.prospect, self._warm)
-        self._warm = answer.allocation.shares
-        return answer
 
     def _look_again(self, kept: Solution, why: str) -> bool:
         """Whether path parameters are to be looked at again: they can take effect, and what is left has changed."""
@@ -264,7 +265,7 @@ class JointPlanner(TrackingPlanner):
             soc_end_std=forecast.soc_end_std,
             completes_probability=forecast.completes_probability,
             reserve_probability=forecast.reserve_probability,
-            quality_ahead=answer.value if self._settings.objective == QUALITY else None,
+            quality_ahead=answer.value if self._own.objective == QUALITY else None,
             wind_mps=ahead.wind_mps,
             passes=answer.passes,
             status=answer.status,

@@ -9,10 +9,11 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.errors import Infeasible
 from eadp.models.plan.route import MARGIN_M
-from eadp.planning.base import JOINT, Mission, PlannerSettings
+from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
 from eadp.planning.joint.held import NEAR_END_M, held_settings
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
+from eadp.planning.joint.settings import JointSettings
 
 
 @dataclass(frozen=True)
@@ -36,25 +37,28 @@ class Preflight:
     quality: float | None
 
 
-def preflight(settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float) -> Preflight | None:
-    """What is to be expected, in the wind that the weather forecast tells.
+def preflight(
+    settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float, own: JointSettings | None
+) -> Preflight | None:
+    """The forecast of a mission before take-off, in the wind of the weather forecast.
 
-    Planner `joint` is forecast as it would plan now; others at the parameters of take-off.
+    With `own`, the parameters are those that planner `joint` would choose now; without, those of take-off are kept.
 
     Returns
     -------
-    TakeOff or None
+    Preflight or None
         None where the charge is replayed, or the plan cannot be flown in this wind.
     """
     plan, battery = mission.plan, mission.battery
     if battery.prescribed:
         return None
-    if settings.name != JOINT:
-        settings = held_settings(settings, mission, mission.parameters)
-    ahead = Forecaster(settings, mission, MARGIN_M if settings.name == JOINT else -NEAR_END_M)
+    margin_m = MARGIN_M
+    if own is None:
+        settings, margin_m = held_settings(settings, mission, mission.parameters), -NEAR_END_M
+    ahead = Forecaster(settings, mission, own, margin_m)
     ahead.assume(wind_mps, gust_std_mps, battery.soc)
     ahead.at(0.0, mission.start_m or (0.0, 0.0), 0.0)
-    if settings.name == JOINT and ahead.open:
+    if own is not None and ahead.open:
         try:
             answer = MissionProgram(len(ahead.open)).solve(ahead.prospect, ahead.shares)
         except Infeasible:

@@ -19,6 +19,7 @@ from eadp.models.computing import Computing
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Box, Plan
 from eadp.models.plan.route import Route
+from eadp.planning.base import TradeOff
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 
 QUALITY, TOTAL = "quality", "total"
@@ -117,8 +118,7 @@ class TermBuilder:
         Weight of each parameter by name; equal without any.
     levels : mapping
         Values that computations may take, where the settings restrict them.
-    trade_offs : rows
-        (coefficient per parameter name, least value).
+    trade_offs : sequence of TradeOff
     objective : str
         `quality`, U averaged over the flight; or `total`, the sum over time of the computations, weighted.
     """
@@ -130,7 +130,7 @@ class TermBuilder:
         battery: Battery,
         weights: Mapping[str, float],
         levels: Mapping[str, tuple[float, ...]],
-        trade_offs: Sequence[tuple[Mapping[str, float], float]],
+        trade_offs: Sequence[TradeOff],
         objective: str,
     ) -> None:
         self._plan, self._computing, self._battery = plan, computing, battery
@@ -267,8 +267,9 @@ class TermBuilder:
         for choice in itertools.islice(itertools.product(*levels), MOST_CONFIGURATIONS):
             values = (*own[:rho], *choice)
             if any(
-                sum(row.get(name, 0.0) * value for name, value in zip(names, values, strict=True)) < least - 1e-9
-                for row, least in self._trade_offs
+                sum(row.coefficients.get(name, 0.0) * value for name, value in zip(names, values, strict=True))
+                < row.at_least - 1e-9
+                for row in self._trade_offs
             ):
                 continue
             try:

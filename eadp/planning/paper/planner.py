@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from eadp.core.arrays import FloatArray
+from eadp.core.bounds import NotNegative, Positive
 from eadp.core.flight.battery import currents_a
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
@@ -22,13 +26,63 @@ from eadp.planning.base import (
     PlannerSettings,
     Readings,
     TrackingPlanner,
+    TradeOff,
     next_multiple,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForecast
 
 LOOK_AHEAD_STEP_S = 1.0
+UNKNOWN_PERIOD_S = 6.0
+"""Horizon of one period, where there is none."""
 SAMPLES_PER_STEP = 10
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """Settings of planner `paper`."""
+
+    horizon_s: Positive | Literal["period"] = 6.0
+    """Length of the horizon [s], or `period`: one period of the power."""
+
+    cost: Literal["control", "power", "quadratic", "output"] = "control"
+    """What the horizon maximises: the computations, their power, a quadratic form, or ½y² of the whole power."""
+
+    cost_weights: tuple[NotNegative, NotNegative] = (1.0, 1.0)
+    """Q and R of cost `quadratic`."""
+
+    constraint_at: Literal["end", "worst"] = "worst"
+    """Where in each step the power is bounded: at its end, or where the motion takes most."""
+
+    remaining_time: Literal["corrected", "published"] = "corrected"
+    """Formula of the time that remains: corrected, or with the letter's misprint."""
+
+    delta: Mapping[str, Positive] = field(default_factory=dict)
+    """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
+
+    path_rule: Literal["delta", "largest"] = "delta"
+    """How a path parameter changes: by its delta, or to the largest value for which the time suffices."""
+
+    raise_path: bool = True
+    """Whether a path parameter may also rise while there is time to spare."""
+
+    path_every_s: Positive | None = None
+    """Time between re-plannings of the path [s]; by default `every_s`."""
+
+    start_after_s: NotNegative = 0.0
+    """Time before which nothing is re-planned [s]."""
+
+    min_periods: Annotated[int, Ge(0), Le(1000)] = 2
+    """Number of periods to fly before anything is re-planned."""
+
+    longest_s: Positive | None = None
+    """Time of the whole coverage at the highest path parameters [s]; by default from the plan's geometry."""
+
+    shortest_s: Positive | None = None
+    """Time of the whole coverage at the lowest path parameters [s]; by default from the plan's geometry."""
+
+    trade_offs: tuple[TradeOff, ...] = ()
+    """Rows R c − r ≥ 0 that the computations keep to."""
 
 
 class PaperPlanner(TrackingPlanner):
@@ -38,27 +92,36 @@ class PaperPlanner(TrackingPlanner):
     subroutine that a failed solve falls back to.
     """
 
-    def __init__(self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> None:
+    own_settings = PaperSettings
+
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        estimator: EstimatorSettings,
+        mission: Mission,
+        own: PaperSettings | None = None,
+    ) -> None:
         super().__init__(settings, estimator, mission)
+        self._own = own = own or PaperSettings()
         self._rho = mission.plan.path_count
-        self._next_s = settings.start_after_s
-        self._next_path_s = settings.start_after_s
+        self._next_s = own.start_after_s
+        self._next_path_s = own.start_after_s
         self._soc: float | None = None
         self._horizons: dict[tuple[object, ...], Horizon] = {}
-        self._times = _coverage_times_s(settings, mission)
+        self._times = _coverage_times_s(own, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
         self._ahead_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
 
     @property
-    def next_look_s(self) -> float:
+    def next_update_s(self) -> float:
         """When it re-plans next, if it has begun to."""
         return self._next_s if self._laps_known() else math.inf
 
-    def listen(self, readings: Readings) -> Decision:
+    def ingest(self, readings: Readings) -> Decision:
         """Take readings all at once, and the charge: what it falls from one to the next is no jump."""
         self._soc = readings.charges[-1]
-        return super().listen(readings)
+        return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
         """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
@@ -72,7 +135,7 @@ class PaperPlanner(TrackingPlanner):
             self._next_s = next_multiple(o.time_s, self._settings.every_s)
             parameters, reason = self._computations(o)
             if jumped or o.time_s >= self._next_path_s - 1e-9:
-                every_s = self._settings.path_every_s or self._settings.every_s
+                every_s = self._own.path_every_s or self._settings.every_s
                 self._next_path_s = next_multiple(o.time_s, every_s)
                 parameters = self._path(o, parameters)
             self.report.replans += 1
@@ -80,10 +143,10 @@ class PaperPlanner(TrackingPlanner):
         return self._decision
 
     def _started(self, o: Observation) -> bool:
-        return self._laps_known() and o.time_s >= self._settings.start_after_s - 1e-9
+        return self._laps_known() and o.time_s >= self._own.start_after_s - 1e-9
 
     def _laps_known(self) -> bool:
-        return self._lap_stages is None or self._laps >= self._settings.min_periods
+        return self._lap_stages is None or self._laps >= self._own.min_periods
 
     # --- computations
 
@@ -135,14 +198,15 @@ class PaperPlanner(TrackingPlanner):
         return plan.chosen
 
     def _steps(self) -> int:
-        horizon_s = self._settings.horizon_s or self.period_s or 6.0
+        own_s = self._own.horizon_s
+        horizon_s = (self.period_s or UNKNOWN_PERIOD_S) if own_s == "period" else own_s
         return max(1, round(horizon_s / self._settings.every_s))
 
     def _horizon(self, o: Observation, free: list[int], steps: int) -> Horizon:
         """The problem for the sets of this stage, built once for each."""
-        plan, settings = self._mission.plan, self._settings
+        plan, own = self._mission.plan, self._own
         sets = plan.stages[o.stage - 1].sets
-        fixed = tuple(o.parameters[: self._rho]) if settings.trade_offs else ()
+        fixed = tuple(o.parameters[: self._rho]) if own.trade_offs else ()
         battery = self._mission.battery.near(o.soc)
         key = (steps, fixed, battery.voltage_v, *(sets[i] for i in free))
         if key not in self._horizons:
@@ -159,19 +223,12 @@ class PaperPlanner(TrackingPlanner):
             )
             names = plan.names
             rows = []
-            for coefficients, least in settings.trade_offs:
-                rest = sum(
-                    coefficients.get(name, 0.0) * o.parameters[i] for i, name in enumerate(names) if i not in free
-                )
-                rows.append(([coefficients.get(names[i], 0.0) for i in free], least - rest))
+            for row in own.trade_offs:
+                weights = [row.coefficients.get(name, 0.0) for name in names]
+                rest = sum(weights[i] * o.parameters[i] for i in range(len(names)) if i not in free)
+                rows.append(([weights[i] for i in free], row.at_least - rest))
             self._horizons[key] = Horizon(
-                computations,
-                battery,
-                steps,
-                settings.cost,
-                rows,
-                settings.cost_weights,
-                closed_form=settings.solver == "auto",
+                computations, battery, steps, own.cost, rows, own.cost_weights, closed_form=False
             )
         return self._horizons[key]
 
@@ -189,7 +246,7 @@ class PaperPlanner(TrackingPlanner):
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
-        limit = motion.max(axis=1) if self._settings.constraint_at == "worst" else motion[:, -1]
+        limit = motion.max(axis=1) if self._own.constraint_at == "worst" else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         state = self._estimator.state_w
         ripple = float(state[1:] @ state[1:])
@@ -203,15 +260,15 @@ class PaperPlanner(TrackingPlanner):
             return parameters
         last_s = self._time_to_reserve_s(o)
         shortest, longest = self._times
-        if self._settings.path_search == "largest":
+        if self._own.path_rule == "largest":
             share = self._largest_share(o.time_s, last_s)
             chosen = (*(box.lo + share * (box.hi - box.lo) for box in self._boxes), *parameters[self._rho :])
             longer = self._coverage_s(chosen) >= self._coverage_s(parameters)
-            return parameters if longer and not self._settings.raise_path else chosen
+            return parameters if longer and not self._own.raise_path else chosen
         down = -1 if longest >= shortest else 1
         if self._remaining_s(parameters, o.time_s) > last_s:
             return self._moved(parameters, down)
-        if self._settings.raise_path:
+        if self._own.raise_path:
             raised = self._moved(parameters, -down)
             if self._remaining_s(raised, o.time_s) <= last_s:
                 return raised
@@ -226,7 +283,7 @@ class PaperPlanner(TrackingPlanner):
 
     def _delta(self, index: int) -> float:
         """δ of a parameter: the settings', else a tenth of its set (a path) or one step (a computation)."""
-        own = self._settings.delta.get(self._mission.plan.names[index])
+        own = self._own.delta.get(self._mission.plan.names[index])
         if own is not None:
             return own
         box = self._mission.plan.hull(index)
@@ -245,7 +302,7 @@ class PaperPlanner(TrackingPlanner):
         """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
         assert self._times is not None
         total_s = self._coverage_s(parameters)
-        if self._settings.remaining_time == "published":
+        if self._own.remaining_time == "published":
             longest = max(self._times)
             return total_s / longest * (longest - time_s)
         return total_s - time_s
@@ -255,7 +312,7 @@ class PaperPlanner(TrackingPlanner):
         assert self._times is not None
         shortest, longest = self._times
         most_s = last_s + time_s
-        if self._settings.remaining_time == "published":
+        if self._own.remaining_time == "published":
             whole = max(self._times)
             most_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
         if math.isinf(most_s) or longest == shortest:
@@ -305,7 +362,7 @@ def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
     return (i + (spare - before) / (float(drops[i]) - before)) * step_s
 
 
-def _coverage_times_s(settings: PlannerSettings, mission: Mission) -> tuple[float, float] | None:
+def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float, float] | None:
     """Time of the whole coverage at the lowest and at the highest path parameters, t̲ and t̄ [s].
 
     As the settings say, else as flown exactly at cruise speed without wind. None where there is no path parameter to

@@ -9,7 +9,7 @@ import pytest
 
 from eadp.io.flight.folder import record_row, summarise, write_flight
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.registry import DecisionRecord
+from eadp.planning.base import DecisionRecord
 from eadp.simulation.loop import Outcome, fly
 
 
@@ -25,7 +25,7 @@ def written(root, tmp_path_factory):
         )
         pilot, outcome, expected = inputs.planner(), Outcome(), inputs.preflight()
         steps = list(fly(inputs.world, pilot, outcome))
-        summary = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name=planner, expected=expected)
+        summary = summarise(inputs.world, pilot, outcome, inputs.scenario.planner, expected)
         folder = base / planner
         write_flight(str(folder), inputs.world, steps, summary, inputs.texts, [], force=False, records=outcome.records)
         found[planner] = folder, summary, outcome
@@ -84,7 +84,7 @@ def test_without_a_forecast_there_is_none(root):
     pilot, outcome = inputs.planner(), Outcome()
     list(fly(inputs.world, pilot, outcome))
     expected = inputs.preflight()
-    summary = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name="paper", expected=expected)
+    summary = summarise(inputs.world, pilot, outcome, inputs.scenario.planner, expected)
     assert (expected is None) == bool(inputs.world.battery.prescribed)
     assert (summary["energy_forecast"] is None) == (expected is None)
 

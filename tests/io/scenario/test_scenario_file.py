@@ -1,12 +1,20 @@
-"""Keys of the estimator: their defaults, what reaches it, what is refused."""
+"""Scenario files: the estimator's keys, the description of every key, angles."""
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from common import ROOT
+from settings_page import pages
 
 from eadp.errors import InputError
+from eadp.io.flight.inputs import load_flight
 from eadp.io.scenario.scenario_file import json_schema, read_scenario
+from eadp.io.text.schema_faults import properties
+from eadp.io.vehicle import vehicle_file
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.simulation.loop import Outcome, fly
 
 
 def test_the_estimators_defaults_are_its_own():
@@ -36,6 +44,117 @@ def test_values_that_mean_nothing_are_refused(key, value):
 
 
 def test_what_the_new_keys_mean_is_in_the_schema():
-    keys = json_schema()["$defs"]["EstimatorKeys"]["properties"]
+    keys = json_schema()["$defs"]["EstimatorSettings"]["properties"]
     for key in ("disturbance_std_w", "disturbance_time_s", "learn_noise"):
         assert keys[key]["description"]
+
+
+# --- every key
+
+UNITS = {
+    "w_per_sqrt_s": "W/√s",
+    "per_s": "1/s",
+    "per_h": "1/h",
+    "per_m": "1/m",
+    "mps": "m/s",
+    "kgpm3": "kg/m³",
+    "m2": "m²",
+    "ohm": "Ω",
+    "deg": "°",
+    "ah": "Ah",
+    "kg": "kg",
+    "s": "s",
+    "m": "m",
+    "w": "W",
+    "v": "V",
+    "n": "N",
+}
+"""Units by how a key's name ends; the first that fits."""
+
+
+def keys_of(schema, node, path=()):
+    for name, inner in properties(schema, node):
+        yield ".".join((*path, name)), inner
+        yield from keys_of(schema, inner, (*path, name))
+        yield from keys_of(schema, inner.get("items") or {}, (*path, name))
+
+
+@pytest.mark.parametrize("schema", [json_schema(), vehicle_file.json_schema()], ids=["scenario", "vehicle"])
+def test_every_key_has_a_sentence_and_its_unit(schema):
+    seen = 0
+    for key, node in keys_of(schema, schema):
+        seen += 1
+        assert node.get("description", "").endswith("."), key
+        unit = next((unit for end, unit in UNITS.items() if key.endswith(f"_{end}")), None)
+        assert unit is None or f"[{unit}" in node["description"], key
+    assert seen > 35
+
+
+def test_the_page_of_keys_is_that_of_the_schemas():
+    page = (ROOT / "docs/scenario.md").read_text(encoding="utf-8")
+    assert page == "\n".join(pages()) + "\n", "python tests/support/settings_page.py > docs/scenario.md"
+
+
+def test_every_shipped_scenario_is_read():
+    for path in sorted((ROOT / "scenarios").glob("*.yaml")):
+        if not path.name.startswith("sweep"):
+            read_scenario(str(path))
+
+
+def test_sections_of_planners_that_do_not_fly_are_checked():
+    assert read_scenario(None, {"planner.name": "static", "planner.paper.horizon_s": "period"}).planner.name == "static"
+    with pytest.raises(InputError, match=r"planner\.paper\.horizon_s cannot be -1"):
+        read_scenario(None, {"planner.name": "static", "planner.paper.horizon_s": -1})
+
+
+# --- angles
+
+
+@pytest.mark.parametrize(
+    ("wind", "vector"),
+    [
+        ({}, (5.0, 0.0)),  # a west wind drifts east
+        ({"wind.from_deg": 270}, (5.0, 0.0)),
+        ({"wind.from_deg": 0}, (0.0, -5.0)),  # a north wind drifts south
+        ({"wind.from_deg": 90}, (-5.0, 0.0)),
+        ({"wind.from_deg": 180}, (0.0, 5.0)),
+        ({"wind.towards_deg": 0}, (5.0, 0.0)),
+        ({"wind.towards_deg": 90}, (0.0, 5.0)),  # the papers' angle: 90 is north
+    ],
+)
+def test_wind_drifts_where_it_blows(wind, vector):
+    found = read_scenario(None, {"wind.speed_mps": 5, **wind}).keys.wind.steady_mps
+    assert found == pytest.approx(vector, abs=1e-12)
+
+
+def test_both_angles_of_a_wind_give_the_same_bits():
+    for from_deg, towards_deg in ((180, 90), (270, 0), (0, 270), (90, 180)):
+        one = read_scenario(None, {"wind.speed_mps": 5, "wind.from_deg": from_deg}).keys.wind.steady_mps
+        assert one == read_scenario(None, {"wind.speed_mps": 5, "wind.towards_deg": towards_deg}).keys.wind.steady_mps
+
+
+def test_setting_one_direction_of_the_wind_removes_the_other(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("schema: eadp.scenario/1\nwind: {speed_mps: 5, towards_deg: 90}\n")
+    assert read_scenario(str(path), {"wind.from_deg": 270}).keys.wind.steady_mps == pytest.approx((5, 0))
+    path.write_text("schema: eadp.scenario/1\nwind: {speed_mps: 5, from_deg: 180}\n")
+    assert read_scenario(str(path), {"wind.towards_deg": 0}).keys.wind.steady_mps == pytest.approx((5, 0))
+    path.write_text("schema: eadp.scenario/1\nwind: {from_deg: 180, towards_deg: 90}\n")
+    with pytest.raises(InputError, match=r"s\.yaml:2:23: error: .* both given; expected one of the two"):
+        read_scenario(str(path))
+
+
+@pytest.mark.parametrize(("heading_deg", "vector"), [(0, (0, 1)), (90, (1, 0)), (180, (0, -1)), (270, (-1, 0))])
+def test_a_heading_is_a_compass_bearing(heading_deg, vector):
+    heading_rad = read_scenario(None, {"start.heading_deg": heading_deg}).keys.start.heading_rad
+    assert (math.cos(heading_rad), math.sin(heading_rad)) == pytest.approx(vector, abs=1e-12)
+
+
+def test_a_flight_that_starts_with_heading_90_flies_east(tmp_path):
+    plan = tmp_path / "east.plan"
+    plan.write_text("0.1; 270; y\n400, 0\n")  # along y = 0, to a trigger in the east
+    overrides = {"start.position_m": [0, 0], "start.heading_deg": 90, "planner.name": "static", "time_limit_s": 5}
+    inputs = load_flight(str(plan), overrides=overrides)
+    steps = list(fly(inputs.world, inputs.planner(), Outcome()))
+    assert steps[-1].x_m == pytest.approx(5 * 15, abs=1)
+    assert abs(steps[-1].y_m) < 0.1

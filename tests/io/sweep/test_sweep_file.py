@@ -136,7 +136,7 @@ def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
     inputs = load_flight(run.files["plan"], scenario_path=run.files["scenario"], overrides=run.overrides)
     pilot, outcome = inputs.planner(), Outcome()
     list(fly(inputs.world, pilot, outcome))
-    expected = summarise(inputs.world, pilot, outcome, reserve_soc=0.05, weights={}, name="joint")
+    expected = summarise(inputs.world, pilot, outcome, inputs.scenario.planner)
     expected["solver"] = {key: value for key, value in expected["solver"].items() if not key.endswith("_ms")}
     assert summary == expected
     assert make(run).summary == summary, "a second run from what is kept is the same"
@@ -236,3 +236,21 @@ def test_another_versions_work_is_refused(folder, monkeypatch):
     monkeypatch.setattr(module, "__version__", "99")
     with pytest.raises(EadpError, match="this is eadp 99"):
         pickle.loads(pickled)
+
+
+def test_vehicle_files_are_read_once_and_told_apart(folder):
+    """A sweep over the vehicle, and over keys of one; the content of the file is part of a run's key."""
+    (folder / "fast.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 20}\n")
+    (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 12}\n")
+    content = f"plan: line.plan\ngrid: {{vehicle: [{folder}/fast.yaml, {folder}/slow.yaml]}}\n"
+    sweep = read_sweep(written(folder, content))
+    files = pickle.loads(pickle.dumps(sweep.kept))
+    keys = [sweep.run(k).key for k in range(2)]
+    (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 13}\n")
+    assert [files.load(sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
+    again = read_sweep(written(folder, content))
+    assert [again.run(k).key == keys[k] for k in range(2)] == [True, False]
+    masses = read_sweep(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
+    assert masses.kept.load(masses.run(1)).world.vehicle.mass_kg == 1.5
+    with pytest.raises(InputError, match=r"unknown key vehicle\.mass_kg; expected vehicle\.airframe\.mass_kg"):
+        read_sweep(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))

@@ -33,8 +33,9 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
+from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.registry import Mission, PlannerSettings, StaticPlanner
+from eadp.planning.static import StaticPlanner
 from eadp.simulation.loop import Outcome, World, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
@@ -554,7 +555,7 @@ def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
     assert not np.isnan(times).any()
 
 
-@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, 90.0), Wind(6.0, 200.0)])
+@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
 def test_a_simulated_flight_takes_the_times_told(wind):
     plan, parameters = survey(), (-1000.0, 10.0)
     start, heading = default_start(plan, parameters)

@@ -16,6 +16,7 @@ from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
 from eadp.planning.joint.forecaster import LEAST_STD, Forecast, Forecaster, ripple_w
 from eadp.planning.joint.program import best_at
+from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
 
 SEEDS = range(12)
@@ -199,7 +200,7 @@ def test_the_margin_is_z_standard_deviations(calm):
     inputs = calm.inputs
     told = []
     for probability in (0.5, 0.95):
-        ahead = Forecaster(replace(inputs.scenario.planner, reserve_probability=probability), inputs.mission)
+        ahead = Forecaster(inputs.scenario.planner, inputs.mission, JointSettings(reserve_probability=probability))
         ahead.assume((0.0, 0.0), 0.0, 1.0)
         ahead.at(0.0, inputs.mission.start_m, 0.0)
         prospect = ahead.prospect(ahead.shares)

@@ -15,12 +15,13 @@ from eadp.models.plan.cursor import Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
+from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.registry import JointPlanner, Mission, Observation, PlannerSettings
+from eadp.planning.joint.planner import JointPlanner
 
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
 SPEED_MPS, MOTION_W = 15.0, 36.0
-FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, crate_per_h=10.0), 0.9
+FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, letter_crate_per_h=10.0), 0.9
 LINE = "0.1; 90; x\n0, 900\n[2, 10]\n0.1; 90; x\n0, 1800\n[2, 10]\n"
 
 
@@ -56,7 +57,9 @@ def test_below_the_reserve_the_lowest_configuration_is_flown(soc):
     assert decisions[-1].record.status == "infeasible"
 
 
-@pytest.mark.parametrize("battery", [Battery(14.8, 0.0, 3.2, crate_per_h=100.0), Battery(14.8, 0.05, 3.2, 1 / 3600)])
+@pytest.mark.parametrize(
+    "battery", [Battery(14.8, 0.0, 3.2, letter_crate_per_h=100.0), Battery(14.8, 0.05, 3.2, 1 / 3600)]
+)
 def test_no_resistance_is_a_battery_like_any_other(battery):
     record = up_a_line(planner_for(plan_of(LINE), (10.0,), battery=battery), (10.0,), 1500)[-1].record
     assert 0 <= record.soc_end <= PLENTY
@@ -104,7 +107,7 @@ def test_with_plenty_of_charge_the_highest_is_flown_to_the_end():
 
 def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     """Half of a single stage at the highest, half at the lowest, for the charge is lost half way."""
-    battery = Battery(14.8, 0.05, 3.2, crate_per_h=100.0)
+    battery = Battery(14.8, 0.05, 3.2, letter_crate_per_h=100.0)
     pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
     decisions = up_a_line(pilot, (10.0,), 5000, stage_m=1e9, soc=lambda t: PLENTY if t < 300 else 0.01)
     assert decisions[-1].parameters == (2.0,)
@@ -112,7 +115,7 @@ def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
 
 
 def test_power_that_the_battery_does_not_allow_is_said():
-    battery = Battery(14.8, 0.05, 3.2, crate_per_h=1.0)  # 24 W at half the charge; flight takes 36 W
+    battery = Battery(14.8, 0.05, 3.2, letter_crate_per_h=1.0)  # 24 W at half the charge; flight takes 36 W
     pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
     decisions = up_a_line(pilot, (10.0,), 1000, stage_m=1e9, soc=lambda t: 0.5)
     assert decisions[-1].parameters == (2.0,)
@@ -121,7 +124,8 @@ def test_power_that_the_battery_does_not_allow_is_said():
 
 def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route():
     plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
-    pilot = planner_for(plan, (0.0, 10.0), battery=Battery(capacity_ah=0.6, crate_per_h=20.0), start=(-45.0, 216.0))
+    battery = Battery(capacity_ah=0.6, letter_crate_per_h=20.0)
+    pilot = planner_for(plan, (0.0, 10.0), battery=battery, start=(-45.0, 216.0))
     itinerary, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)
 
     def seen(time_s, x_m, y_m, soc):

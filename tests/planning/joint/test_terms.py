@@ -18,6 +18,7 @@ from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile
 from eadp.models.profile import Profile
+from eadp.planning.base import TradeOff
 from eadp.planning.joint import terms as prospects
 from eadp.planning.joint.knapsack import fill_greedy
 from eadp.planning.joint.terms import QUALITY, TOTAL, FlownShares, RouteLoad, TermBuilder
@@ -69,7 +70,7 @@ def both():
 
 
 def no_limit(**changes):
-    return replace(Battery(14.8, 0.05, 1.0, crate_per_h=1e4), **changes)
+    return replace(Battery(14.8, 0.05, 1.0, letter_crate_per_h=1e4), **changes)
 
 
 @dataclass
@@ -122,7 +123,10 @@ class Case:
         found = []
         for choice in itertools.product(*lists):
             named = dict(zip(self.plan.names, (*own[:rho], *choice), strict=True))
-            if all(sum(c * named[name] for name, c in row.items()) >= least - 1e-9 for row, least in self.trade_offs):
+            if all(
+                sum(c * named[name] for name, c in row.coefficients.items()) >= row.at_least - 1e-9
+                for row in self.trade_offs
+            ):
                 found.append((choice, self.computing.power_w((*own[:rho], *choice), leg.stage.sets)))
         if not found:  # the lowest, as where nothing is feasible
             lowest = tuple(values[0] for values in lists)
@@ -208,14 +212,14 @@ CASES = {
     "two computations": lambda: case(TWO, both()),
     "weights": lambda: case(TWO, both(), weights={"c1": 3.0, "c3": 1.0}),
     "levels": lambda: case(levels={"c2": (2.0, 4.0, 10.0)}),
-    "trade-offs": lambda: case(TWO, both(), trade_offs=(({"c2": 1.0, "c3": -1.0}, 3.0),)),
-    "trade-off with the path": lambda: case(trade_offs=(({"c1": 0.2, "c2": 1.0}, 7.0),)),
+    "trade-offs": lambda: case(TWO, both(), trade_offs=(TradeOff({"c2": 1.0, "c3": -1.0}, 3.0),)),
+    "trade-off with the path": lambda: case(trade_offs=(TradeOff({"c1": 0.2, "c2": 1.0}, 7.0),)),
     "falling voltage": lambda: case(battery=no_limit(voltage_empty_v=11.0)),
     "no resistance": lambda: case(battery=no_limit(resistance_ohm=0.0)),
     "below the reserve": lambda: case(soc=0.05, reserve=0.3),
     "no computations": lambda: case(NO_COMPUTATIONS),
     "bare": lambda: case(BARE),
-    "tiny battery": lambda: case(battery=no_limit(capacity_ah=1e-3, crate_per_h=1e8)),
+    "tiny battery": lambda: case(battery=no_limit(capacity_ah=1e-3, letter_crate_per_h=1e8)),
 }
 
 
@@ -338,7 +342,7 @@ def test_a_stage_that_inhibits_computations_takes_and_gives_nothing():
 
 
 def test_the_crate_bounds_every_configuration():
-    it = case(battery=no_limit(crate_per_h=4.0), soc=0.9, reserve=0.8)
+    it = case(battery=no_limit(letter_crate_per_h=4.0), soc=0.9, reserve=0.8)
     terms, charges = it.terms(), it.charges()
     assert charges[-1][1] == pytest.approx(0.8), "it would take more than there is above the reserve"
     for i, menu in enumerate(terms.menus):
@@ -347,16 +351,16 @@ def test_the_crate_bounds_every_configuration():
         assert menu.powers_w[-1] == pytest.approx(max(allowed, default=it.choices(i)[0][1]))
 
 
-@pytest.mark.parametrize("crate_per_h", [2.5, 6.0, 20.0])
+@pytest.mark.parametrize("letter_crate_per_h", [2.5, 6.0, 20.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(crate_per_h, seed):
+def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(letter_crate_per_h, seed):
     """Found by trying: ends from which the cheapest, flown backwards, is within b Q V crate at every leg's end."""
-    it = case(battery=no_limit(crate_per_h=crate_per_h), seed=seed)
+    it = case(battery=no_limit(letter_crate_per_h=letter_crate_per_h), seed=seed)
 
     def within(soc):
         for i in reversed(range(len(it.course.legs))):
             cheapest = it.choices(i)[0][1]
-            if it.segments.peak_w[i] + cheapest > soc * 1.0 * 14.8 * crate_per_h:
+            if it.segments.peak_w[i] + cheapest > soc * 1.0 * 14.8 * letter_crate_per_h:
                 return False
             soc += it.use(i, cheapest)
         return True
@@ -378,7 +382,7 @@ def test_power_that_the_battery_cannot_deliver_is_told(most_w):
 
 
 def test_without_a_resistance_any_power_is_delivered():
-    assert case(battery=no_limit(resistance_ohm=0.0, crate_per_h=0.1)).terms().beyond_w == 0
+    assert case(battery=no_limit(resistance_ohm=0.0, letter_crate_per_h=0.1)).terms().beyond_w == 0
 
 
 def test_a_battery_delivers_no_more_than_it_can():
@@ -392,7 +396,7 @@ def test_a_battery_delivers_no_more_than_it_can():
 
 
 def test_a_battery_that_stays_nearly_full_allows_every_configuration():
-    it = case(battery=no_limit(capacity_ah=5.0, crate_per_h=10.0), soc=0.9, reserve=0.03)
+    it = case(battery=no_limit(capacity_ah=5.0, letter_crate_per_h=10.0), soc=0.9, reserve=0.03)
     terms = it.terms()
     takes = terms.steps.least_use + terms.steps.use.sum()
     lowest = 0.9 - takes
@@ -426,7 +430,7 @@ def test_mean_power_is_with_the_computations_half_way():
 
 
 def test_trade_offs_that_leave_nothing_leave_the_lowest():
-    it = case(trade_offs=(({"c2": 1.0}, 99.0),))
+    it = case(trade_offs=(TradeOff({"c2": 1.0}, 99.0),))
     for i, menu in enumerate(it.terms().menus):
         box = it.course.legs[i].stage.sets[1]
         assert menu.configurations.tolist() == [[box.lo]]

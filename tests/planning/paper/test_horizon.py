@@ -74,7 +74,7 @@ class Case:
 
     def allowed_w(self, soc):
         b = self.battery
-        return soc * b.capacity_ah * b.voltage_v * b.crate_per_h
+        return soc * b.capacity_ah * b.voltage_v * b.letter_crate_per_h
 
     def excess_w(self, plan):
         """The most by which a plan is above its limits [W], trade-offs counted as watts."""
@@ -167,7 +167,7 @@ def case(rng, computations, steps, cost, trade_offs=(), tight=True):
         resistance_ohm=float(rng.choice([0.0, 0.0012, 0.05, 0.3])),
         capacity_ah=rng.uniform(1.0, 5.0),
         k_b_per_s=float(rng.choice([1 / 3600, 0.00183, 0.02, 0.1])) if tight else 0.00183,
-        crate_per_h=float(rng.choice([1.0, 2.0])),
+        letter_crate_per_h=float(rng.choice([1.0, 2.0])),
     )
     swing = rng.choice([0.5, 3.0, 6.0])
     mean = np.maximum(20.0 + swing * rng.normal(size=steps), 0.0)

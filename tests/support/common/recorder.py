@@ -23,11 +23,11 @@ class Recorder:
         return self._planner.reading_every_s
 
     @property
-    def next_look_s(self):
-        return 0.0 if self._every_step else self._planner.next_look_s
+    def next_update_s(self):
+        return 0.0 if self._every_step else self._planner.next_update_s
 
-    def listen(self, readings):
-        return self._planner.listen(readings)
+    def ingest(self, readings):
+        return self._planner.ingest(readings)
 
     def update(self, observation):
         decision = self._planner.update(observation)

@@ -1,0 +1,19 @@
+"""Numbers with bounds, for the fields of settings: readers of files check them, schemas print them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le, Lt
+
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+Share = Annotated[float, Ge(0), Le(1)]
+Efficiency = Annotated[float, Gt(0), Le(1)]
+Degrees = Annotated[float, Ge(-1e6), Le(1e6)]
+Coordinate = Annotated[float, Ge(-1e7), Le(1e7)]
+Seconds = Annotated[float, Ge(0), Le(1e9)]
+Duration = Annotated[float, Gt(0), Le(1e9)]
+Watts = Annotated[float, Ge(0), Le(1e6)]
+MetresPerSecond = Annotated[float, Ge(0), Le(1e3)]
+Reserve = Annotated[float, Ge(0), Lt(1)]

@@ -1,0 +1,103 @@
+"""The vehicle file: an airframe and its battery, read strictly, with defaults that fly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+
+from pydantic import Discriminator, Tag
+
+from eadp.errors import Fault, capped, printable
+from eadp.io.text.schema_faults import STRICT, schema_of, validated, without_nulls
+from eadp.io.text.yaml import Document, Path
+from eadp.models.battery import Battery
+from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing
+
+SCHEMA = "eadp.vehicle/1"
+DEFAULT = next(iter(AIRFRAMES))
+RENAMED = {
+    "most_bank_deg": "max_bank_deg",
+    "highest_lift": "max_lift_coefficient",
+    "zero_lift_drag": "zero_lift_drag_coefficient",
+    "roll_time_s": "roll_time_constant_s",
+    "most_climb_mps": "max_climb_rate_mps",
+    "most_power_w": "max_power_w",
+    "crate_per_h": "letter_crate_per_h",
+}
+"""New names of keys by their old ones."""
+
+
+def _model_of(airframe: Any) -> str:
+    model = airframe.get("model", DEFAULT) if isinstance(airframe, dict) else getattr(airframe, "model", DEFAULT)
+    return str(model)
+
+
+if TYPE_CHECKING:
+    AnyAirframe = Airframe
+else:
+    AnyAirframe = Annotated[
+        Union[tuple(Annotated[airframe, Tag(model)] for model, airframe in AIRFRAMES.items())],  # noqa: UP007
+        Discriminator(_model_of),
+    ]
+
+
+@dataclass(frozen=True)
+class VehicleFile:
+    """A vehicle file."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.vehicle/1"] = "eadp.vehicle/1"
+    """Name and version of the format."""
+
+    name: str = ""
+    """Name of the aircraft, for people."""
+
+    airframe: AnyAirframe = field(default_factory=FixedWing)
+    """The airframe: its model, and the keys of that model alone."""
+
+    battery: Battery = field(default_factory=Battery)
+    """The battery."""
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a vehicle file."""
+    return schema_of(VehicleFile)
+
+
+def vehicle_of(document: Document) -> VehicleFile:
+    """The vehicle that a document describes.
+
+    Raises
+    ------
+    InputError
+        With every fault found.
+    """
+    value = without_nulls(document.value)
+    if faults := airframe_faults(document, value):
+        raise capped(faults)
+    return validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery), RENAMED)
+
+
+def battery_faults(document: Document, battery: Battery) -> list[Fault]:
+    """Settings of a battery that contradict each other."""
+    return [document.fault(("battery", key), f"battery.{message}") for key, message in battery.faults()]
+
+
+def airframe_faults(document: Document, vehicle: Any, at: Path = ()) -> list[Fault]:
+    """An unknown model of the airframe, or keys of another model, of a vehicle at a path."""
+    airframe = vehicle.get("airframe") if isinstance(vehicle, dict) else None
+    if not isinstance(airframe, dict):
+        return []
+    model, place = _model_of(airframe), (*at, "airframe")
+    if model not in AIRFRAMES:
+        message = f"unknown {'.'.join(map(str, place))}.model {printable(model, 60)}"
+        return [document.fault((*place, "model"), message, f"one of {', '.join(AIRFRAMES)}")]
+    keys = {name: {item.name for item in fields(other)} for name, other in AIRFRAMES.items()}
+    faults = []
+    for key in airframe:
+        owners = [name for name in AIRFRAMES if key in keys[name]]
+        if owners and model not in owners:
+            message = f"{'.'.join(map(str, place))}.{key} is a key of model {', '.join(owners)}, not of {model}"
+            faults.append(document.fault((*place, key), message, f"keys of model {model} alone"))
+    return faults

@@ -1,0 +1,31 @@
+"""Settings of planner `joint`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Lt
+
+from eadp.core.bounds import NotNegative, Share
+from eadp.planning.base import TradeOff
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """Settings of planner `joint`."""
+
+    reserve_probability: Annotated[float, Ge(0.5), Lt(1)] = 0.95
+    """Probability with which the reserve is kept."""
+
+    min_gain: Share = 0.01
+    """Least gain of the quality U for which a path parameter is changed."""
+
+    objective: Literal["quality", "total"] = "quality"
+    """What is maximised: the quality U, averaged over the flight, or the computations, summed over time."""
+
+    trade_offs: tuple[TradeOff, ...] = ()
+    """Rows R c − r ≥ 0 that the computations keep to."""
+
+    start_after_s: NotNegative = 0.0
+    """Time before which nothing is re-planned [s]."""

@@ -1,0 +1,19 @@
+"""Planner `static`: the parameters of take-off throughout."""
+
+from __future__ import annotations
+
+import math
+
+from eadp.planning.base import TrackingPlanner
+
+
+class StaticPlanner(TrackingPlanner):
+    """Keeps the parameters of take-off; it still estimates the power, so that its flights record a forecast.
+
+    Source: flights I and II of the letter.
+    """
+
+    @property
+    def next_update_s(self) -> float:
+        """Infinity: there is nothing to decide."""
+        return math.inf

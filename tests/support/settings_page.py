@@ -1,0 +1,111 @@
+"""docs/scenario.md from the schemas: python tests/support/settings_page.py > docs/scenario.md"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from eadp.io.scenario import scenario_file
+from eadp.io.text.schema_faults import properties
+from eadp.io.vehicle import vehicle_file
+
+HEAD = """\
+# Scenario and vehicle files
+
+Every key of a scenario (`eadp simulate --scenario`) and of a vehicle file (`vehicle:` in a scenario), with its default,
+its values and its meaning. The page is generated from the schemas that `eadp schema scenario` and `eadp schema vehicle`
+print; editors can check and complete files with those.
+
+- Every key has a default that flies. A key that is null is an absent key. Unknown keys are errors.
+- `--set key=value` overrides a key, as in `--set wind.speed_mps=8` or `--set battery.capacity_ah=1.2`; `c1=-500` is
+  short for `parameters.c1=-500`. A sweep varies the same keys.
+- `vehicle:` is the path of a vehicle file, relative to the scenario, or its content. The scenario's `battery:`,
+  `--set vehicle.airframe.…` and `--set battery.…` override it key by key; null restores a default. Without `vehicle:`
+  the aircraft is that of [vehicles/survey-wing.yaml](../vehicles/survey-wing.yaml).
+- Headings are compass bearings: 0 north, 90 east. `wind.from_deg` is where the wind comes from: a west wind is from 270
+  and drifts the aircraft east. `wind.towards_deg`, the papers' angle (0 east, counter-clockwise), may be given instead;
+  `--set` or a sweep that sets one removes the other.
+- `airframe` takes the keys of its `model` alone.
+"""
+OF_THE_VEHICLE = ("vehicle", "battery")
+
+
+def pages() -> Iterator[str]:
+    """The lines of docs/scenario.md."""
+    yield HEAD
+    scenario, vehicle = scenario_file.json_schema(), vehicle_file.json_schema()
+    yield from section("Scenario", scenario, scenario, (), OF_THE_VEHICLE)
+    yield from section("Vehicle", vehicle, vehicle, (), ())
+
+
+def section(
+    title: str, schema: dict[str, Any], node: dict[str, Any], path: tuple[str, ...], elsewhere: tuple[str, ...]
+) -> Iterator[str]:
+    """A table of a node's keys, then one of each of its sections."""
+    yield f"\n{'#' * min(2 + len(path), 4)} {title}\n"
+    yield "| key | default | values | meaning |\n|---|---|---|---|"
+    inner = []
+    for name, child in properties(schema, node):
+        rows = list(properties(schema, items_of(child)))
+        if rows:
+            inner.append((name, child))
+        yield f"| `{name}` | {default(child, rows)} | {values(child, rows)} | {cell(child['description'])} |"
+    for name, child in inner:
+        if name in elsewhere:
+            continue
+        below = (*path, name)
+        for member in child.get("oneOf", [items_of(child)]):
+            keys = dict(properties(schema, member))
+            model = keys.get("model", {}).get("const")
+            shown = f"`{'.'.join(below)}`" + (", each of a list" if child.get("type") == "array" else "")
+            yield from section(f"{shown} of model {model}" if model else shown, schema, member, below, ())
+
+
+def items_of(node: dict[str, Any]) -> dict[str, Any]:
+    """What a list holds, else the node itself."""
+    items = node.get("items")
+    return items if isinstance(items, dict) and "$ref" in items else node
+
+
+def default(node: dict[str, Any], rows: list[Any]) -> str:
+    """A key's default."""
+    value = node.get("default")
+    if value is None or rows or value in ("", []):
+        return "–"
+    return f"`{value:.6g}`" if isinstance(value, float) else f"`{json.dumps(value)}`".replace('"', "")
+
+
+def values(node: dict[str, Any], rows: list[Any]) -> str:
+    """The values a key may take."""
+    if rows:
+        return "a list" if node.get("type") == "array" else "a section"
+    members = [member for member in node.get("anyOf", [node]) if member.get("type") != "null"]
+    return " or ".join(one_of(member) for member in members)
+
+
+def one_of(node: dict[str, Any]) -> str:
+    """The values of one kind that a key may take."""
+    if "const" in node or "enum" in node:
+        return ", ".join(f"`{value}`" for value in node.get("enum", [node.get("const")]))
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    bounds = ", ".join(f"{sign} {node[key]:g}" for key, sign in signs.items() if key in node)
+    if node["type"] == "object":
+        inner = node.get("additionalProperties") or next(iter(node["patternProperties"].values()))
+        return f"by name: {one_of(inner)}"
+    if node["type"] == "array":
+        parts = node.get("prefixItems") or [node["items"]]
+        more = "" if "prefixItems" in node else "; …"
+        return "[" + "; ".join(one_of(part) for part in parts) + more + "]"
+    kinds = {"boolean": "true or false", "string": "text", "integer": "whole number", "number": "number"}
+    return f"{kinds[node['type']]} {bounds}".strip()
+
+
+def cell(text: str) -> str:
+    """Text as it may stand in a table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    sys.stdout.write("\n".join(pages()) + "\n")
