@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,14 +31,17 @@ LEAVE_ONE_OUT_LIMIT = 200_000
 """Largest cost of leave-one-out over n scattered points: n times the number of their simplices."""
 
 
-class _Piece(Protocol):
+class _Piece(ABC):
     """An interpolation over the coordinates that change, inside their box."""
 
+    @abstractmethod
     def at(self, point: Sequence[float]) -> float: ...
 
-    def many(self, points: FloatArray) -> FloatArray: ...
+    def many(self, points: FloatArray) -> FloatArray:
+        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]: ...
+    def nearest(self, point: Sequence[float]) -> Sequence[float]:
+        return point
 
 
 @dataclass(frozen=True)
@@ -277,7 +281,7 @@ def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _Line(_Piece):
     """Straight lines between neighbouring knots, which increase."""
 
     knots: Point
@@ -293,12 +297,9 @@ class _Line:
         between: FloatArray = (1.0 - t) * values[i] + t * values[i + 1]
         return between
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
-
 
 @dataclass(frozen=True)
-class _Grid:
+class _Grid(_Piece):
     """Multilinear over a full grid: `values` in row-major order of `levels`."""
 
     levels: tuple[Point, ...]
@@ -326,9 +327,6 @@ class _Grid:
             total += weight * values[flat]
         return total
 
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
-
 
 def _cell(knots: Point, value: float) -> tuple[int, float]:
     """Index of the knot below a value (the last cell holds its end), and how far towards the next, 0..1."""
@@ -343,7 +341,7 @@ def _cells(knots: FloatArray, values: FloatArray) -> tuple[NDArray[np.intp], Flo
 
 
 @dataclass(frozen=True)
-class _Cubic:
+class _Cubic(_Piece):
     """Cubics between neighbouring knots: `coefficients` per segment, highest power of (x − knot) first."""
 
     knots: Point
@@ -358,12 +356,6 @@ class _Cubic:
         a, b, c, d = self.coefficients[i]
         x = value - self.knots[i]
         return ((a * x + b) * x + c) * x + d
-
-    def many(self, points: FloatArray) -> FloatArray:
-        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
-
-    def nearest(self, point: Sequence[float]) -> Sequence[float]:
-        return point
 
 
 def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
@@ -381,7 +373,7 @@ def _pchip(knots: FloatArray, values: FloatArray) -> _Cubic:
 
 
 @dataclass(frozen=True)
-class _Scattered:
+class _Scattered(_Piece):
     """Barycentric over the Delaunay simplices of n points in d coordinates, scaled to 0..1.
 
     `transforms` (s, d, d) and `origins` (s, d) give the first d barycentric weights in each of s simplices;
@@ -402,9 +394,6 @@ class _Scattered:
             raise Infeasible(f"{tuple(point)} is outside the hull of the measured configurations")
         inside = np.maximum(weights, 0.0)
         return float(inside @ self.values[self.vertices[simplex]] / inside.sum())
-
-    def many(self, points: FloatArray) -> FloatArray:
-        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
 
     def nearest(self, point: Sequence[float]) -> Sequence[float]:
         scaled = (np.array(point) - self.lower) / self.span

@@ -107,7 +107,7 @@ def levels_above(
 
     Returns
     -------
-    Levels
+    PiecewiseLinear
         Over places 0 to `length_m`.
     """
     knots = [0.0, length_m]

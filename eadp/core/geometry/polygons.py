@@ -56,7 +56,7 @@ def tidy(ring: Sequence[Point]) -> CleanedRing:
 
     Returns
     -------
-    Tidied
+    CleanedRing
         With fewer than three vertices kept where the ring has no area.
 
     Notes
@@ -97,7 +97,7 @@ def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
     """Why the vertex `v` between `p` and `q` may go, or ''."""
     if math.dist(p, v) < TOLERANCE_M:
         return "repeated"
-    if math.dist(v, q) < TOLERANCE_M:  # then `q` goes, and `v` is looked at again
+    if math.dist(v, q) < TOLERANCE_M:  # then `q` goes, and `v` is checked again
         return ""
     (ux, uy), (wx, wy) = (v[0] - p[0], v[1] - p[1]), (q[0] - v[0], q[1] - v[1])
     cross, dot = ux * wy - uy * wx, ux * wx + uy * wy
@@ -137,7 +137,7 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
 
     Yields
     ------
-    Flaw
+    RingDefect
         Rings that cross or touch themselves; where there are none, holes that are not within the outline or meet one
         another; where there are none, holes that together cut the field into parts. A hole may touch the outline or
         another hole at a point.
