@@ -1,8 +1,8 @@
-"""How well `eadp fit` finds periods in made logs whose period is known, and what it says of published ones.
+"""How well `eadp fit` finds periods in simulated logs whose period is known, and its results for published ones.
 
 usage: python benchmarks/fit.py [--runs 60] [--seed 0] [--only WORDS] [--opterra LOG.csv] [--px4 LOG.csv]
 
-Made logs have three harmonics of random amplitudes (2.1, 1.4 and 0.6 W, ± 30 %) and phases, periods of 30 to 60 s and
+The logs have three harmonics of random amplitudes (2.1, 1.4 and 0.6 W, ± 30 %) and phases, periods of 30 to 60 s and
 samples every 0.5 s. Noise AR(τ) has correlation e^(−t/τ); 0 dB is as much noise as signal. Columns:
 
 claimed   logs that are said to have a period
@@ -93,8 +93,8 @@ def dropped(rng: np.random.Generator) -> Log:
 
 def gapped(rng: np.random.Generator) -> Log:
     log = periodic(3, 10)(rng)
-    begin = rng.uniform(0.1 * log.times_s[-1], 0.9 * log.times_s[-1] - log.period_s / 2)
-    kept = (log.times_s < begin) | (log.times_s > begin + log.period_s / 2)
+    start = rng.uniform(0.1 * log.times_s[-1], 0.9 * log.times_s[-1] - log.period_s / 2)
+    kept = (log.times_s < start) | (log.times_s > start + log.period_s / 2)
     return replace(log, times_s=log.times_s[kept], power_w=log.power_w[kept])
 
 
@@ -201,9 +201,9 @@ def run(case: Case, runs: int, seed: int) -> None:
         log = case.make(rng)
         there = bool(np.isfinite(log.period_s))
         prior_s = (log.period_s if there else 45.0) * rng.uniform(0.75, 1.25) if case.prior else None
-        begin = time.process_time()
+        start = time.process_time()
         found: Spectrum = analyse(log.times_s, log.power_w, period_prior_s=prior_s)
-        times.append(time.process_time() - begin)
+        times.append(time.process_time() - start)
         claimed.append(found.periodic)
         if there:
             errors.append(abs(found.period_s / log.period_s - 1))
@@ -236,9 +236,9 @@ def long_log(seed: int) -> None:
         rng = np.random.default_rng(seed)
         angle = 2 * np.pi * np.outer(times / 46, [1, 2, 3])
         power = MEAN_W + np.cos(angle) @ AMPLITUDES_W + 0.6 * coloured(rng, len(times), 0.05, time_s)
-        begin = time.process_time()
+        start = time.process_time()
         analyse(times, power)
-        alone_s = time.process_time() - begin
+        alone_s = time.process_time() - start
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "log.csv")
             np.savetxt(path, np.column_stack([times, power]), "%.6g", ",", header="time_s,power_w", comments="")
@@ -251,12 +251,12 @@ def long_log(seed: int) -> None:
         print(f"{len(times)} samples, {name}: analysis {alone_s:.2f} CPU s; {whole}", flush=True)
 
 
-def published(name: str, path: str, columns: Columns, begin_s: float) -> None:
+def published(name: str, path: str, columns: Columns, start_s: float) -> None:
     log = read_power_log(path, columns)
-    kept = log.times_s >= begin_s
+    kept = log.times_s >= start_s
     found = analyse(log.times_s[kept], log.power_w[kept])
     answer = f"{found.period_s:.2f} ± {found.period_std_s:.2f} s" if found.periodic else "no period"
-    print(f"{name}, from {begin_s:g} s: {answer}; R² of blocks held out {found.cv_r2:.3f} (the mean: 0)")
+    print(f"{name}, from {start_s:g} s: {answer}; cross-validated R² {found.cv_r2:.3f} (the mean: 0)")
 
 
 def main() -> None:
@@ -275,8 +275,8 @@ def main() -> None:
     if arguments.only is None:
         long_log(arguments.seed)
     if arguments.opterra:
-        for begin_s in (0.0, 25.0):
-            published("survey", arguments.opterra, Columns(names=("time_s", "power_w")), begin_s)
+        for start_s in (0.0, 25.0):
+            published("survey", arguments.opterra, Columns(names=("time_s", "power_w")), start_s)
     if arguments.px4:
         published("PX4", arguments.px4, Columns(), 0.0)
 

@@ -23,6 +23,9 @@ WHOLE = 1e-9
 MIN_EFFECTIVE_SAMPLES = 10
 """Fewest independent samples of a repeated configuration for a reliable standard error."""
 
+ARRAYS = ("configurations", "power_w", "std_w", "samples", "standard_error_w")
+"""Names of the arrays of a profile, one row for each configuration."""
+
 POINTS_SHOWN = 3
 """Most configurations that one finding names."""
 
@@ -145,7 +148,7 @@ class Profile:
         mine = (self.names, self.units, self.interpolation, self.source)
         return mine == (other.names, other.units, other.interpolation, other.source) and all(
             np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name == "standard_error_w")
-            for name in ("configurations", "power_w", "std_w", "samples", "standard_error_w")
+            for name in ARRAYS
         )
 
     __hash__ = None  # type: ignore[assignment]

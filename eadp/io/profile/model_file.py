@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, capped, printable
 from eadp.io.profile.configurations import configuration_in_name
@@ -30,7 +31,7 @@ from eadp.io.profile.measurements import (
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, Path, read_yaml
-from eadp.models.profile import Profile, shortest
+from eadp.models.profile import ARRAYS, Profile, shortest
 from eadp.models.profile_sum import AnyProfile, ProfileSum, added
 
 SCHEMA = "eadp.profile/1"
@@ -334,19 +335,20 @@ def _locations(document: Document, content: _PartFile, where: Path) -> PointFaul
 
 
 def _part(document: Document, content: _PartFile, where: Path) -> Profile:
-    points = content.points
-    errors_w = [point.standard_error_w for point in points]
+    def column(key: str) -> FloatArray:
+        return np.array([getattr(point, key) for point in content.points], dtype=np.float64)  # None is NaN
+
     try:
         return Profile(
             names=tuple(parameter.name for parameter in content.parameters),
             units=tuple(parameter.unit for parameter in content.parameters),
-            configurations=np.array([point.at for point in points], dtype=np.float64),
-            power_w=np.array([point.power_w for point in points], dtype=np.float64),
-            std_w=np.array([point.std_w for point in points], dtype=np.float64),
-            samples=np.array([point.samples for point in points], dtype=np.int64),
+            configurations=column("at"),
+            power_w=column("power_w"),
+            std_w=column("std_w"),
+            samples=np.array([point.samples for point in content.points], dtype=np.int64),
             interpolation=content.interpolation,
             source=content.source,
-            standard_error_w=np.array([np.nan if error is None else error for error in errors_w], dtype=np.float64),
+            standard_error_w=column("standard_error_w"),
         )
     except Infeasible as error:
         key = "interpolation" if content.interpolation == "pchip" else "points"
@@ -397,15 +399,8 @@ def profile_document(profile: AnyProfile) -> dict[str, Any]:
 
 
 def _part_document(profile: Profile) -> dict[str, Any]:
-    points = zip(
-        profile.configurations.tolist(),
-        profile.power_w.tolist(),
-        profile.std_w.tolist(),
-        profile.samples.tolist(),
-        profile.standard_error_w.tolist(),
-        (profile.leave_one_out_w - profile.power_w).tolist(),
-        strict=True,
-    )
+    errors_w = profile.leave_one_out_w - profile.power_w
+    columns = [*(getattr(profile, name).tolist() for name in ARRAYS), errors_w.tolist()]
     found = profile.leave_one_out_error
     return {
         "source": profile.source,
@@ -417,10 +412,10 @@ def _part_document(profile: Profile) -> dict[str, Any]:
                 "power_w": shortest(power_w),
                 "std_w": shortest(std_w),
                 "samples": samples,
-                "standard_error_w": shortest(error_w) if math.isfinite(error_w) else None,
-                "leave_one_out_error_w": leave_one_out_w if math.isfinite(leave_one_out_w) else None,
+                "standard_error_w": shortest(standard_w) if math.isfinite(standard_w) else None,
+                "leave_one_out_error_w": error_w if math.isfinite(error_w) else None,
             }
-            for at, power_w, std_w, samples, error_w, leave_one_out_w in points
+            for at, power_w, std_w, samples, standard_w, error_w in zip(*columns, strict=True)
         ],
         "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
