@@ -109,10 +109,9 @@ def command(
     from eadp.io.text.streams import read_text, write_text
 
     setting = read_scenario(scenario, {})
-    profile_path, measured = profile or setting.profile_path, None
-    if profile_path is not None:
-        measured, warnings = read_profile(profile_path)
-        warn(warnings)
+    profile_path = profile or setting.profile_path
+    measured, warnings = read_profile(profile_path) if profile_path is not None else (None, [])
+    warn(warnings)
     motion = _motion(setting, min_radius, swath, radius, spacing, wind, airspeed)
     text = read_text(file)
     field, repairs = read_field(text, metres=metres, feature=feature)
@@ -146,16 +145,14 @@ def command(
         from eadp.io.figures.coverage import write_coverage_figure
 
         write_coverage_figure(plot, field, report.titled_paths(), swath)
-    if wanted is not CoverFormat.json:
-        warn([_fault(text.name, repair, severity="note") for repair in repairs])
     if turns_off and measured is None:
         warn([_fault("--turns-off", "no computations to stop on turns; --profile names some", severity="note")])
     if wanted is CoverFormat.json:
         emit_json(report.document(repairs, plan))
-    elif wanted is CoverFormat.plan:
-        emit(plan)
-    else:
-        emit("\n".join([*report.text(), *([f"written    {out}"] if out else [])]))
+        return 0
+    warn([_fault(text.name, repair, severity="note") for repair in repairs])
+    written = [f"written    {out}"] if out else []
+    emit(plan if wanted is CoverFormat.plan else "\n".join([*report.text(), *written]))
     return 0
 
 

@@ -17,7 +17,7 @@ from eadp.cli.output import Progress, usage_fault, warn
 from eadp.errors import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import Sweep
@@ -102,12 +102,7 @@ def command(
     indices = part_of(len(sweep.design), part, parts)
     keys = (sweep.run(index).key for index in indices)
     if dry_run:
-        made = None
-        if out is not None and os.path.exists(out):
-            with contextlib.closing(Results(out, read_only=True)) as results:
-                results.expect(keys)
-                made = sum(1 for _ in results.rows())
-        sweep_text.print_runs(sweep, indices, format_.value, made)
+        sweep_text.print_runs(sweep, indices, format_.value, _already_made(out, keys))
         return 0
     with contextlib.closing(Results(out)) as results:
         for other in merge or []:
@@ -169,6 +164,17 @@ def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
 
 
 # --- runs
+
+
+def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
+    """The number of the runs that a results file has; None without such a file."""
+    from eadp.io.sweep.results import Results
+
+    if out is None or not os.path.exists(out):
+        return None
+    with contextlib.closing(Results(out, read_only=True)) as results:
+        results.expect(keys)
+        return sum(1 for _ in results.rows())
 
 
 def _make(sweep: Sweep, missing: Sequence[int], results: Results, options: EngineOptions, *, resumable: bool) -> None:
