@@ -43,14 +43,13 @@ def covered(field, legs):
 
 
 def flown(plan, draw):
-    """The legs of a plan whose path parameter is drawn anew at every stage: pieces' ends, and each stage's radius."""
-    walk = PlanCursor(plan, [draw()] * plan.path_count)
-    places = []
-    while not walk.done:
-        places.append(walk.place)
-        walk.decide([draw()] * plan.path_count)
-        walk.next()
-    return places
+    """The stages of a plan whose path parameter is drawn anew at every stage."""
+    cursor = PlanCursor.start(plan, (draw(),) * plan.path_count)
+    stages = []
+    while cursor is not None:
+        stages.append(cursor)
+        cursor = cursor.decide((draw(),) * plan.path_count).next()
+    return stages
 
 
 # --- equations --------------------------------------------------------------------------------------------------------
