@@ -19,10 +19,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project, tangent, wrap_angle_rad
+from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
-from eadp.models.plan.legs import leg_length_m
 from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
 
 ERROR, WARNING = "error", "warning"
@@ -309,11 +308,14 @@ def _measure_stage(
     """A stage by itself, and how its trigger lies from where it is joined."""
     measures = _Measures(before=before)
     try:
-        measures.foot_m = _nearest(stage, path, trigger)
+        track = stage.track(path, trigger)
+        measures.foot_m = track.nearest(trigger)
         measures.own_m = math.dist(trigger, measures.foot_m)
-        measures.radius_m = _radius_m(stage, path, trigger)
+        measures.radius_m = track.radius_m()
         if join is not None:
-            measures.ahead_m, measures.sweep = _ahead_m(stage, path, join, trigger)
+            ahead_m = track.ahead_m(join)
+            measures.ahead_m = ahead_m if math.isfinite(ahead_m) else -math.inf
+            measures.sweep = max(ahead_m, 0.0) / track.turn_m if math.isfinite(ahead_m) else 0.0
     except PathUndefined as error:
         measures.trouble = str(error)
     return measures
@@ -332,7 +334,7 @@ def _measure_joint(
     measures.after = after
     try:
         following = path_after()
-        measures.next_m = math.dist(here, _nearest(after, following, here))
+        measures.next_m = math.dist(here, after.track(following, here).nearest(here))
         measures.headings_deg = (
             _heading_deg(path, trigger, stage.sense),
             _heading_deg(following, here, after.sense),
@@ -343,50 +345,9 @@ def _measure_joint(
         measures.trouble = f"stage {after.index}: {error}"
 
 
-def _nearest(stage: Stage, path: PathFunction, point: Point) -> Point:
-    """The point of a stage's path nearest to a point [m]; of a curve, the one that Newton's steps lead to."""
-    if stage.kind == LINE:
-        return line_of(path, point, stage.sense).point_m
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, point, stage.sense)
-        return circle.point_at(circle.angle_rad(point))
-    return project(path, point)
-
-
 def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
     x, y = tangent(path, point, sense)
     return math.degrees(math.atan2(y, x))
-
-
-def _radius_m(stage: Stage, path: PathFunction, trigger: Point) -> float:
-    """Radius of a circle, or of the curvature of a curve at its trigger [m]; infinite for a line."""
-    if stage.kind == LINE:
-        return math.inf
-    if stage.kind == CIRCLE:
-        return circle_of(path, trigger, stage.sense).radius_m
-    return radius_of_curvature_m(path, _nearest(stage, path, trigger))
-
-
-def radius_of_curvature_m(path: PathFunction, point: Point) -> float:
-    """Radius of curvature of a path at a point of it [m]: |∇φ|³ / |φxx φy² − 2 φxy φx φy + φyy φx²|."""
-    _, gx, gy, hxx, hxy, hyy = path(*point)
-    bend = abs(hxx * gy * gy - 2 * hxy * gx * gy + hyy * gx * gx)
-    return math.inf if bend == 0 else math.hypot(gx, gy) ** 3 / bend
-
-
-def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> tuple[float, float]:
-    """How far along the path the trigger lies from where it is joined [m], and the share of a whole turn it takes.
-
-    Negative for a trigger that lies behind; a curve whose trigger is not met is infinitely far behind.
-    """
-    if stage.kind == LINE:
-        return -line_of(path, trigger, stage.sense).progress_m(join), 0.0
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        sweep = circle.sweep_rad(join, trigger)
-        return circle.radius_m * sweep, sweep / (2 * math.pi)
-    length = leg_length_m(stage, path, join, trigger)
-    return (length if math.isfinite(length) else -math.inf), 0.0
 
 
 # --- what is said -----------------------------------------------------------------------------------------------------
@@ -531,7 +492,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
         for old, new in itertools.permutations(dict.fromkeys(corners), 2):
             try:
                 trigger = stage.trigger_at(old)
-                gap = math.dist(trigger, _nearest(after, after.path_at(new), trigger))
+                gap = math.dist(trigger, after.track(after.path_at(new), trigger).nearest(trigger))
             except PathUndefined:
                 continue
             if gap > worst[0]:

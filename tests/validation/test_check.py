@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
+from eadp.core.geometry.tracks import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.validation.check import check_plan, radius_of_curvature_m
+from eadp.validation.check import check_plan
 
 R = "sqrt(4900 + c1)"
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
@@ -252,12 +252,7 @@ def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
 def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
     try:
-        if stage.kind == LINE:
-            line_of(path, trigger, stage.sense)
-        elif stage.kind == CIRCLE:
-            circle_of(path, trigger, stage.sense)
-        else:
-            project(path, trigger)
+        stage.track(path, trigger).nearest(trigger)
     except PathUndefined as error:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 

@@ -8,17 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import (
-    CIRCLE,
-    LINE,
-    Point,
-    circle_of,
-    curve_length_m,
-    line_of,
-    points_along,
-    project,
-    tangent,
-)
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
+from eadp.core.geometry.tracks import Track
 from eadp.models.plan.plan import Stage
 from eadp.models.plan.triggers import beyond
 
@@ -47,6 +38,10 @@ class Leg:
     def distance_m(self) -> float:
         """The distance flown along the leg [m]."""
         return min(self.length_m, self.flown_m)
+
+    def track(self) -> Track:
+        """Its path as travelled to its trigger, in the frame of lap 0."""
+        return self.stage.track(self.path, (self.end_m[0] - self.offset_m[0], self.end_m[1] - self.offset_m[1]))
 
 
 class TracePoint(NamedTuple):
@@ -149,56 +144,14 @@ def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> flo
     return first if first <= last else None
 
 
-def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
-    """Length of a stage's path from where it is joined to its trigger [m]."""
-    if stage.kind == LINE:
-        return abs(line_of(path, trigger, stage.sense).progress_m(join))
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        return circle.radius_m * circle.sweep_rad(join, trigger)
-    return curve_length_m(path, project(path, join), trigger, stage.sense)
-
-
 def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
     """The points of one stage, to where the plan ends on it; see `trace`."""
     stage, (ox, oy) = leg.stage, leg.offset_m
     start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
-    end = (leg.end_m[0] - ox, leg.end_m[1] - oy)
-    count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
-    for (x, y), heading in _local_points(leg, start, end, count):
-        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
-
-
-def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tuple[Point, float]]:
-    stage, path = leg.stage, leg.path
     share = leg.distance_m / leg.length_m if leg.length_m else 1.0
-    if stage.kind == LINE:
-        line = line_of(path, start, stage.sense)
-        (x, y), (dx, dy) = line.point_m, line.direction
-        length = line.progress_m(end) * share
-        heading = math.atan2(dy, dx)
-        for i in range(count + 1):
-            along = length * i / count
-            yield (x + along * dx, y + along * dy), heading
-    elif stage.kind == CIRCLE:
-        circle = circle_of(path, end, stage.sense)
-        first = circle.angle_rad(start)
-        sweep = leg.distance_m / circle.radius_m
-        for i in range(count + 1):
-            angle = first + circle.turn * sweep * i / count
-            yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
-    else:
-        points = points_along(path, start, stage.sense, leg.distance_m / count or 1.0)
-        for _ in range(count):
-            point = next(points)
-            yield point, _heading(leg, point)
-        last = project(path, end) if leg.distance_m == leg.length_m else next(points)
-        yield last, _heading(leg, last)
-
-
-def _heading(leg: Leg, point: Point) -> float:
-    x, y = tangent(leg.path, point, leg.stage.sense)
-    return math.atan2(y, x)
+    count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
+    for (x, y), heading in leg.track().points(start, leg.distance_m, share, count):
+        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
 
 
 def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
@@ -212,16 +165,7 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     flown_m : float
         About how much of it has been flown [m]: what tells turns round a circle apart, and all there is on a curve.
     """
-    stage, (ox, oy) = leg.stage, leg.offset_m
-    local, end = (position[0] - ox, position[1] - oy), (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
     cut_m = leg.length_m - leg.distance_m
-    if stage.kind == LINE:
-        left = -line_of(leg.path, end, stage.sense).progress_m(local) - cut_m
-    elif stage.kind == CIRCLE:
-        circle = circle_of(leg.path, end, stage.sense)
-        turn_m = 2 * math.pi * circle.radius_m
-        left = circle.radius_m * circle.sweep_rad(local, end) - cut_m
-        left += turn_m * round((leg.distance_m - flown_m - left) / turn_m)
-    else:
-        left = leg.distance_m - flown_m
+    left = leg.track().remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)

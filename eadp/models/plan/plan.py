@@ -9,6 +9,7 @@ from functools import cached_property
 from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
+from eadp.core.geometry.tracks import TRACKS, Track
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.segments import Segment, State
 
@@ -109,6 +110,10 @@ class Stage:
         if self.part is None:
             return {}
         return self.part.values(parameters, self.part.begin(parameters) if state is None else state)
+
+    def track(self, path: PathFunction, end: Point) -> Track:
+        """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
+        return TRACKS[self.kind](path, end, self.sense)
 
     def names(self, parameter: str) -> bool:
         """Whether the path or the trigger depends on a parameter."""
