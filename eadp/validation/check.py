@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
@@ -347,7 +348,7 @@ def _measure_joint(
 
 def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
     x, y = tangent(path, point, sense)
-    return math.degrees(math.atan2(y, x))
+    return compass_deg(math.atan2(y, x))
 
 
 # --- what is said -----------------------------------------------------------------------------------------------------
