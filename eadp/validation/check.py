@@ -3,8 +3,8 @@
 For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
 its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
 aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
-parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of parts, whose
-stages depend on the parameters of earlier laps, is looked at along whole flights instead.
+parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of
+segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead.
 
 Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 """
@@ -91,7 +91,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     Vector
     ----------
     plan : Plan
-        With sets, or without: then it is looked at with all parameters 0.
+        With sets, or without: then it is checked with all parameters 0.
     min_radius_m : float, optional
         Smallest turning radius of the aircraft [m]; the plan's own without.
 
@@ -104,11 +104,11 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     findings: list[Finding] = []
     witness: list[Vector | None] = []
     if plan.parts:
-        looked_at = _walked(plan)
+        sampled = _measured_flights(plan)
     else:
-        looked_at = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
-    troubled = any(measures.trouble for _, measured in looked_at for _, measures in measured)
-    for stage, measured in looked_at:
+        sampled = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
+    troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
+    for stage, measured in sampled:
         if troubled and not measured:  # no flight came so far
             witness.append(None)
             continue
@@ -127,7 +127,7 @@ def _joints(plan: Plan) -> Iterator[_Joint]:
         yield _Joint(before, stage, after, shift_before=i == 0, shift_after=i + 1 == len(stages))
 
 
-# --- where to look ----------------------------------------------------------------------------------------------------
+# --- samples ----------------------------------------------------------------------------------------------------------
 
 
 def _boxes(plan: Plan, joint: _Joint) -> list[Box]:
@@ -148,7 +148,7 @@ def _boxes(plan: Plan, joint: _Joint) -> list[Box]:
 
 
 def _shift_names(plan: Plan, name: str) -> bool:
-    return plan.repeats and plan.shift is not None and any(name in part.names for part in plan.shift)
+    return plan.repeats and plan.shift is not None and any(name in value.names for value in plan.shift)
 
 
 def _grid(boxes: Sequence[Box]) -> list[Vector]:
@@ -226,8 +226,8 @@ def _refined(
 # --- what is measured -------------------------------------------------------------------------------------------------
 
 
-def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
-    """Every stage of a plan of parts as it is met on flights with fixed parameters, and with ones that keep changing.
+def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
+    """Every stage of a plan of segments on flights with fixed parameters, and with ones that keep changing.
 
     The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
     """
@@ -249,18 +249,18 @@ def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
         flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
     for start, changed in flights:
         # a flight that comes to no end is as long as flights may be: one is enough
-        if not _walk_along(plan, start, changed, measured):
+        if not _measure_flight(plan, start, changed, measured):
             break
     return [(stage, measured[stage.index]) for stage in plan.stages]
 
 
-def _walk_along(
+def _measure_flight(
     plan: Plan,
     parameters: Vector,
     changed: Callable[[], Vector] | None,
     measured: dict[int, list[tuple[Vector, _Measures]]],
 ) -> bool:
-    """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
+    """Measure every stage of a flight through a plan of segments; return whether it reaches the end."""
     before: Stage | None = None
     join: Point | None = None
     index = 1
@@ -359,7 +359,7 @@ def _stage_findings(
 ) -> Iterator[Finding]:
     limit = plan.trigger_radius_m
     if not measured:
-        message = f"stage {stage.index} is never flown: its laps are over before they begin"
+        message = f"stage {stage.index} is never flown: its laps are over before they start"
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
         return
 
@@ -391,7 +391,7 @@ def _stage_findings(
         severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
         here, there = measures.headings_deg
         message = (
-            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} begins "
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} starts "
             f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
         )
         yield finding(severity, "direction", message, parameters)
@@ -425,7 +425,7 @@ def _order_findings(
     elif measures.ahead_m < limit and measures.ahead_m < math.inf:
         message = (
             f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
-            f"it may end as it begins"
+            f"it may end as it starts"
         )
         yield finding(WARNING, "short-stage", message, parameters)
     parameters, measures = max(measured, key=lambda item: item[1].sweep)
@@ -447,7 +447,7 @@ def _at(plan: Plan, parameters: Vector) -> str:
 
 
 def _leads_on(plan: Plan, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
-    """The parameters looked at that lead to the next stage best; None where none leads there at all."""
+    """The sampled parameters that lead to the next stage best; None where none leads there."""
 
     def rank(item: tuple[Vector, _Measures]) -> float:
         m = item[1]

@@ -142,7 +142,7 @@ class PlanCursor(NamedTuple):
         """The same stage after a decision.
 
         Computations change at once. A path parameter waits for its stage, or takes effect at once where the rules say
-        `live`; a lap's last stage keeps its place all the same. A plan of segments latches whatever the rules say.
+        `live`; a lap's last stage stays where it lies. A plan of segments latches whatever the rules say.
         """
         if self.table.live:
             waiting = parameters
@@ -202,7 +202,7 @@ class PlanCursor(NamedTuple):
         for index in range(self.segment + 1, len(table.segments)):
             segment = table.segments[index]
             values = _clipped(table.plan.stages[segment.first], self.decided)
-            state = segment.begin(values)
+            state = segment.start(values)
             if not segment.repeats or not segment.over(values, state):
                 start = self._replace(waiting=self.decided)
                 return start._enter(index, segment.first, 0, state, self.base_m)

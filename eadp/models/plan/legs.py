@@ -99,11 +99,11 @@ def _circle_reaches(leg: Leg, final: Point, shift: Point, radius_m: float) -> bo
     """Whether the whole circle of a leg has any point that could be beyond: by the square round it."""
     circle = circle_of(leg.path, (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1]), leg.stage.sense)
     for centre, offset, to, d in zip(circle.centre_m, leg.offset_m, final, shift, strict=True):
-        place, r = centre + offset, circle.radius_m
+        middle, r = centre + offset, circle.radius_m
         if abs(d) < 1e-9:
-            if abs(place - to) > radius_m + r:
+            if abs(middle - to) > radius_m + r:
                 return False
-        elif (place - to) * math.copysign(1.0, d) + r <= 0:
+        elif (middle - to) * math.copysign(1.0, d) + r <= 0:
             return False
     return True
 
@@ -123,7 +123,7 @@ def _on_circle(leg: Leg) -> Callable[[float], Point]:
 
 
 def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
-    """The same on a line: on each axis, a first and a last place from which and to which it is over."""
+    """`first_beyond_m` on a line: on each axis, the plan is over from a first distance to a last one."""
     first, last = 0.0, leg.length_m
     for start, end, to, d in zip(leg.start_m, leg.end_m, final, shift, strict=True):
         rate = (end - start) / leg.length_m if leg.length_m > 0 else 0.0
@@ -132,15 +132,15 @@ def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> flo
         else:
             sign = math.copysign(1.0, d)
             lows = [(sign * to + MIN_BEYOND_M, sign)]  # strictly beyond
-        for least, sign in lows:
+        for bound, sign in lows:
             value, slope = sign * start, sign * rate
             if abs(slope) < 1e-12:
-                if value < least:
+                if value < bound:
                     return None
             elif slope > 0:
-                first = max(first, (least - value) / slope)
+                first = max(first, (bound - value) / slope)
             else:
-                last = min(last, (least - value) / slope)
+                last = min(last, (bound - value) / slope)
     return first if first <= last else None
 
 
@@ -155,7 +155,7 @@ def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
 
 
 def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
-    """How much of a leg is left at a position [m], and up to `early_m` to its begin, where the last one ended early.
+    """The distance left of a leg at a position [m]; up to `early_m` more than the leg, where the last one ended early.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     position : (float, float)
         Where the aircraft is [m].
     flown_m : float
-        About how much of it has been flown [m]: what tells turns round a circle apart, and all there is on a curve.
+        Distance flown on it so far, roughly [m]: it resolves turns round a circle, and is the measure on a curve.
     """
     local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
     cut_m = leg.length_m - leg.distance_m

@@ -60,7 +60,7 @@ class Parameter:
 class Stage:
     """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
 
-    `part` is the part of the plan that it belongs to, where path and trigger may name quantities of the part.
+    `segment` is the one that it belongs to, where path and trigger may name its loop variables.
     """
 
     index: int
@@ -83,7 +83,7 @@ class Stage:
         return 1 if self.rotation_deg == 90 else -1
 
     def path_at(self, parameters: Sequence[float], state: State | None = None) -> PathFunction:
-        """The path function at given parameters, in the lap of its part that `state` tells; without, in the first.
+        """The path function at given parameters and loop variables; without these, in the first lap.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Stage:
             raise PathUndefined(f"the path of stage {self.index} {error}") from None
 
     def trigger_at(self, parameters: Sequence[float], state: State | None = None) -> Point:
-        """The trigger [m] at given parameters, in the lap of its part that `state` tells; without, in the first.
+        """The trigger [m] at given parameters and loop variables; without these, in the first lap.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Stage:
     def _quantities(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
         if self.part is None:
             return {}
-        return self.part.values(parameters, self.part.begin(parameters) if state is None else state)
+        return self.part.values(parameters, self.part.start(parameters) if state is None else state)
 
     def track(self, path: PathFunction, end: Point) -> Track:
         """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
@@ -117,18 +117,18 @@ class Stage:
 
     def names(self, parameter: str) -> bool:
         """Whether the path or the trigger depends on a parameter."""
-        return any(parameter in part.names for part in (self.path, *self.trigger))
+        return any(parameter in expression.names for expression in (self.path, *self.trigger))
 
 
 def point_at(
     point: PointExpression, parameters: Sequence[float], what: str, quantities: Mapping[str, float] | None = None
 ) -> Point:
-    """A point [m] at given parameters, and quantities of its part.
+    """A point [m] at given parameters and loop variables.
 
     Raises
     ------
     PathUndefined
-        If it has no value there; the message begins with `what`.
+        If it has no value there; the message starts with `what`.
     """
     try:
         return point[0].at(parameters, quantities=quantities), point[1].at(parameters, quantities=quantities)

@@ -45,8 +45,8 @@ class Route:
     @cached_property
     def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
         """The nodes of all legs that differ, to which of these each belongs, and which each leg has: laps repeat."""
-        places: dict[int, int] = {}
-        order = np.array([places.setdefault(id(nodes), len(places)) for nodes in self.nodes])
+        index: dict[int, int] = {}
+        order = np.array([index.setdefault(id(nodes), len(index)) for nodes in self.nodes])
         different = {id(nodes): nodes for nodes in self.nodes}.values()
         flat = Nodes(*(np.concatenate(arrays) for arrays in zip(*different, strict=True)))
         return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
@@ -54,10 +54,10 @@ class Route:
     @cached_property
     def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
-        places: dict[tuple[int, Vector], int] = {}
+        index: dict[tuple[int, Vector], int] = {}
         keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
-        order = np.array([places.setdefault(key, len(places)) for key in keys])
-        return [keys.index(key) for key in places], order
+        order = np.array([index.setdefault(key, len(index)) for key in keys])
+        return [keys.index(key) for key in index], order
 
     def times_s(self, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
         """Time on each leg, and the time integral of tan² of the bank that it takes.
@@ -95,17 +95,17 @@ class Route:
         shares = []
         for i in firsts:
             sets, own = self.legs[i].stage.sets, self.parameters[i]
-            told = [box.share(value) or 0.0 for box, value in zip(sets, own, strict=True)] if sets else [0.0] * len(own)
-            shares.append(told)
+            known = zip(sets, own, strict=True) if sets else ()
+            shares.append([box.share(value) or 0.0 for box, value in known] or [0.0] * len(own))
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
     def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
         firsts, order = self._kinds
-        places: dict[object, int] = {}
+        index: dict[object, int] = {}
         keys = [key(self.legs[i].stage, self.parameters[i]) for i in firsts]
-        of_leg = np.array([places.setdefault(each, len(places)) for each in keys])[order]
-        members = [np.nonzero(of_leg == place)[0] for place in places.values()]
+        of_leg = np.array([index.setdefault(each, len(index)) for each in keys])[order]
+        members = [np.nonzero(of_leg == group)[0] for group in index.values()]
         return [(int(legs[0]), legs) for legs in members]
 
     def after(self) -> Route:
@@ -114,7 +114,7 @@ class Route:
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """Which stages it consists of: courses of one shape are parts of one step of the staircase."""
+        """Indices of its stages: routes of one shape lie on one step of the staircase."""
         return tuple(leg.stage.index for leg in self.legs)
 
     @cached_property
@@ -203,7 +203,7 @@ def _times_s(
     airspeed_mps: float,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:
-    """`Route.times_s` by the nodes of the legs that differ; in that part of numpy that may be compiled."""
+    """`Route.times_s` by the nodes of the legs that differ; may be compiled."""
     speeds, along = ground_speeds_mps(cosine, sine, airspeed_mps, wind_mps)
     forward = speeds > 0.0
     seconds = weights_m / np.where(forward, speeds, 1.0)
