@@ -186,7 +186,7 @@ def test_a_rectangles_laps_move_by_the_letters_shift():
     block = solution.blocks[0]
     points = np.random.default_rng(0).uniform(-300, 300, (20, 2))
     for c1 in (0.0, solution.min_c1, 0.4 * solution.min_c1):
-        state = part.begin([c1])
+        state = part.start([c1])
         later = part.next([c1], state)
         dx, dy = (block.spacing_at(c1) * u for u in block.frame.across)
         for stage in plan.stages[part.first : part.first + 4]:
