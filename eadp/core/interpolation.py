@@ -228,8 +228,7 @@ def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) ->
         t = (knots[1:-1] - knots[:-2]) / (knots[2:] - knots[:-2])
         sums[..., 1:-1] += (1.0 - t) * across[..., :-2] + t * across[..., 2:]
         counts[..., 1:-1] += 1
-    mean: FloatArray = np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
-    return mean
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
 
 
 def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
@@ -294,8 +293,7 @@ class _Line(_Piece):
     def many(self, points: FloatArray) -> FloatArray:
         values: FloatArray = np.array(self.values)
         i, t = _cells(np.array(self.knots), points[:, 0])
-        between: FloatArray = (1.0 - t) * values[i] + t * values[i + 1]
-        return between
+        return (1.0 - t) * values[i] + t * values[i + 1]
 
 
 @dataclass(frozen=True)

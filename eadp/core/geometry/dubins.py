@@ -309,8 +309,7 @@ class _Pace:
         cosine, sine = np.cos(course), np.sin(course)
         along = self.wind_mps[0] * cosine + self.wind_mps[1] * sine
         across = self.wind_mps[0] * sine - self.wind_mps[1] * cosine
-        pace: FloatArray = 1 / (along + np.sqrt(self.airspeed_mps**2 - across**2))
-        return pace
+        return 1 / (along + np.sqrt(self.airspeed_mps**2 - across**2))
 
     def rest(self, course: FloatArray) -> FloatArray:
         """The periodic part of the integral of 1/g over the course, up to a constant [s/m]."""
@@ -324,8 +323,7 @@ class _Pace:
         one, two = np.zeros_like(sine), np.zeros_like(sine)
         for coefficient in reversed(self.sines):  # Clenshaw: b_k = s_k + 2 cos 2φ b_(k+1) − b_(k+2), Σ = b_1 sin 2φ
             one, two = coefficient + twice * one - two, one
-        rest: FloatArray = one * 2 * sine * cosine - sine * (wind / (self.airspeed_mps**2 - wind**2))
-        return rest
+        return one * 2 * sine * cosine - sine * (wind / (self.airspeed_mps**2 - wind**2))
 
 
 # --- words, in radii --------------------------------------------------------------------------------------------------

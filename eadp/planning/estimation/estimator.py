@@ -297,8 +297,7 @@ class ExactEstimator:
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
-        power: FloatArray = self._rows(ahead_s) @ self._filter.state
-        return power
+        return self._rows(ahead_s) @ self._filter.state
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
         moves = self._filter.dynamics
@@ -395,8 +394,7 @@ def _lap_time_std_s(times_s: list[float]) -> float:
 
 
 def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    squared: FloatArray = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
-    return squared
+    return state[1:-2:2] ** 2 + state[2:-2:2] ** 2
 
 
 @lru_cache(maxsize=16)
