@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from eadp.errors import Fault, InputError, capped
+from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.schema_faults import STRICT, validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
@@ -84,8 +84,7 @@ def parse_energy(text: Text) -> EnergyModel:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
     model = EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
     faults = _disagreements(document, content, model)
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     return model
 
 

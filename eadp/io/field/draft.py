@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
-from eadp.errors import Fault, InputError, capped, printable
+from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
@@ -86,8 +86,7 @@ class VertexReader:
 
     def finish(self) -> None:
         """Raise the faults, if there are any."""
-        if self.faults:
-            raise capped(self.faults)
+        refuse(self.faults)
 
 
 @dataclass

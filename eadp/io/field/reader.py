@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
-from eadp.errors import FAULTS_SHOWN, Fault, capped, printable
+from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
 from eadp.io.field.draft import VERTICES_LIMIT, FieldDraft, Vertex, counted
 from eadp.io.field.geojson import read_geojson
 from eadp.io.field.kml import read_kml
@@ -150,8 +150,7 @@ def _check_counts(draft: FieldDraft, source: SourceText) -> None:
             location = ring.vertices[0].location if ring.vertices else ring.location
             message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
             faults.append(source.fault(location, message, "three or more that differ"))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def _title(ring: int) -> str:
@@ -256,8 +255,7 @@ def _repaired(
             faults.append(source.fault(ring[0].location, message, "vertices that do not lie on one line"))
         counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
         result.append([vertices[j] for j in tidied.kept])
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     if draft.closes and counts["open"]:
         notes.append(f"{counted(counts['open'], 'open ring', 'open rings')} closed")
     if not draft.closes and counts["closed"]:
@@ -289,5 +287,4 @@ def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, flo
         if flaw.message.endswith("itself"):
             expected = "a ring that neither crosses nor touches itself"
         faults.append(source.fault(nearest.location, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
-    if faults:
-        raise capped(faults)
+    refuse(faults)

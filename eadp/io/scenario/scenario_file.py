@@ -236,10 +236,8 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
     InputError
         With every fault that was found.
     """
-    return scenario_of(
-        Document(SourceText(Text("scenario", "")), {}) if path is None else scenario_document(read_text(path)),
-        overrides,
-    )
+    text = Text("scenario", "") if path is None else read_text(path)
+    return scenario_of(Document(SourceText(text), {}) if path is None else scenario_document(text), overrides)
 
 
 def scenario_document(text: Text) -> Document:
