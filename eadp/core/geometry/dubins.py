@@ -101,31 +101,6 @@ class DubinsPath:
         )
 
 
-def shortest(start: Pose, end: Pose, radius_m: float) -> DubinsPath:
-    """The shortest path from one pose to another that turns no tighter than a radius.
-
-    Parameters
-    ----------
-    start, end : (float, float, float)
-        x, y [m] and heading [rad].
-    radius_m : float
-        The minimum turning radius [m], above 0.
-
-    Returns
-    -------
-    DubinsPath
-        Without pieces where the poses are one.
-
-    Raises
-    ------
-    ValueError
-        If the radius is not above 0 and finite, or a pose is not finite.
-
-    Source: Dubins 1957.
-    """
-    return ordered(start, end, radius_m)[0]
-
-
 def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
     """Every path of a word from one pose to another, the shortest first.
 
@@ -173,7 +148,7 @@ def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray
     Returns
     -------
     array, shape (n, m)
-        Lengths [m]: those of `shortest`.
+        Lengths [m], each of the first path that `ordered` gives.
 
     Raises
     ------

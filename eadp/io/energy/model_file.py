@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.schema_faults import STRICT, validated
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.models.energy import Coefficients, Disturbance, EnergyModel, Harmonic
 
@@ -54,28 +54,14 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **EnergyFile.model_json_schema()}
 
 
-def read_energy(path: str) -> EnergyModel:
-    """Read an energy model, as `eadp fit` writes it.
-
-    Parameters
-    ----------
-    path : str
-        The file, YAML or JSON; `-` for standard input.
-
-    Returns
-    -------
-    EnergyModel
+def parse_energy(text: Text) -> EnergyModel:
+    """The energy model in a text, YAML or JSON, as `eadp fit` writes it.
 
     Raises
     ------
     InputError
         With the faults of the file.
     """
-    return parse_energy(read_text(path))
-
-
-def parse_energy(text: Text) -> EnergyModel:
-    """`read_energy` of a text."""
     document = read_yaml(text)
     if not isinstance(document.value, dict) or document.value.get("schema") != SCHEMA:
         raise InputError(document.fault(("schema",), "not an energy model", f"schema: {SCHEMA}"))
@@ -83,8 +69,7 @@ def parse_energy(text: Text) -> EnergyModel:
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
     model = EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
-    faults = _disagreements(document, content, model)
-    refuse(faults)
+    refuse(_disagreements(document, content, model))
     return model
 
 

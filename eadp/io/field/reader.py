@@ -15,25 +15,13 @@ from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
-from eadp.io.field.draft import VERTICES_LIMIT, FieldDraft, Vertex, counted
+from eadp.io.field.draft import FieldDraft, Vertex, counted
 from eadp.io.field.geojson import read_geojson
 from eadp.io.field.kml import read_kml
 from eadp.io.field.table import read_table
-from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
-
-__all__ = [
-    "EXTENT_LIMIT_M",
-    "HOLES_LIMIT",
-    "LARGEST_M",
-    "LATITUDE_LIMIT_DEG",
-    "NESTING_LIMIT",
-    "SMALLEST_M2",
-    "VERTICES_LIMIT",
-    "read_field",
-]
 
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
