@@ -661,8 +661,7 @@ def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> Floa
     turning = columns[:, 2::2] @ (harmonic * fitted[1::2]) - columns[:, 1::2] @ (harmonic * fitted[2::2])
     slope = 2 * np.pi * frequency_hz**2 * times_s * turning
     followed, *_ = np.linalg.lstsq(columns, slope, rcond=None)
-    free: FloatArray = slope - columns @ followed
-    return free
+    return slope - columns @ followed
 
 
 # ---- results -----------------------------------------------------------------------------------------------------

@@ -14,25 +14,14 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
-from eadp.errors import FAULTS_SHOWN, Fault, capped, printable
-from eadp.io.field.draft import VERTICES_LIMIT, FieldDraft, FieldSource, Vertex, counted
+from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
+from eadp.io.field.draft import FieldDraft, Vertex, counted
 from eadp.io.field.geojson import read_geojson
 from eadp.io.field.kml import read_kml
 from eadp.io.field.table import read_table
-from eadp.io.text.json import NESTING_LIMIT
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
-
-__all__ = [
-    "EXTENT_LIMIT_M",
-    "HOLES_LIMIT",
-    "LARGEST_M",
-    "LATITUDE_LIMIT_DEG",
-    "NESTING_LIMIT",
-    "SMALLEST_M2",
-    "VERTICES_LIMIT",
-    "read_field",
-]
 
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
@@ -57,7 +46,7 @@ class FieldFormat:
 
     name: str
     recognise: Callable[[str], bool]
-    read: Callable[[FieldSource, bool, str | None], FieldDraft]
+    read: Callable[[SourceText, bool, str | None], FieldDraft]
 
 
 FORMATS = (
@@ -94,7 +83,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     InputError
         With the faults of the file, each at its line and column, or of the options.
     """
-    source = FieldSource(text)
+    source = SourceText(text)
     head = text.body.lstrip()[:1]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
@@ -102,7 +91,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(chosen.read(source, metres, feature), source)
 
 
-def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
+def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     """The field of a draft, repaired and checked, and the repairs."""
     from eadp.core.geometry.polygons import signed_area_m2
 
@@ -137,7 +126,7 @@ def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
     return result, notes
 
 
-def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
+def _check_counts(draft: FieldDraft, source: SourceText) -> None:
     """Refuse rings without three vertices, and more holes than there may be."""
     if len(draft.rings) - 1 > HOLES_LIMIT:
         location = draft.rings[HOLES_LIMIT + 1].location
@@ -149,8 +138,7 @@ def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
             location = ring.vertices[0].location if ring.vertices else ring.location
             message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
             faults.append(source.fault(location, message, "three or more that differ"))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def _title(ring: int) -> str:
@@ -158,7 +146,7 @@ def _title(ring: int) -> str:
 
 
 def _localised(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
 ) -> tuple[list[list[Vertex]], tuple[float, float]]:
     """Metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
     _check_degrees(rings, draft, source)
@@ -195,7 +183,7 @@ def _span(values: Sequence[float]) -> tuple[float, float]:
     return min(values), max(values)
 
 
-def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
     vertices = [vertex for ring in rings for vertex in ring]
     beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
@@ -212,7 +200,7 @@ def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source:
             raise source.error(vertex.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
 
 
-def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse what cannot be metres: very large numbers, and degrees."""
     far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
     if far:
@@ -225,7 +213,7 @@ def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: 
         raise source.error(rings[0][0].location, message, _or("a larger field", draft.remedy))
 
 
-def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse a field that is too large, at the vertex furthest from the first."""
     vertices = [vertex for ring in rings for vertex in ring]
     (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
@@ -237,7 +225,7 @@ def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: 
 
 
 def _repaired(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
 ) -> list[list[Vertex]]:
     """The rings open and without superfluous vertices; raises the faults of those without an area."""
     from eadp.core.geometry.polygons import TOLERANCE_M, tidy
@@ -255,8 +243,7 @@ def _repaired(
             faults.append(source.fault(ring[0].location, message, "vertices that do not lie on one line"))
         counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
         result.append([vertices[j] for j in tidied.kept])
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     if draft.closes and counts["open"]:
         notes.append(f"{counted(counts['open'], 'open ring', 'open rings')} closed")
     if not draft.closes and counts["closed"]:
@@ -271,9 +258,7 @@ def _repaired(
     return result
 
 
-def _check_shape(
-    rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: FieldSource
-) -> None:
+def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: SourceText) -> None:
     """Refuse rings that cross themselves or one another, at the nearest vertex of the ring."""
     from eadp.core.geometry.polygons import flaws
 
@@ -290,5 +275,4 @@ def _check_shape(
         if flaw.message.endswith("itself"):
             expected = "a ring that neither crosses nor touches itself"
         faults.append(source.fault(nearest.location, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
-    if faults:
-        raise capped(faults)
+    refuse(faults)

@@ -14,6 +14,7 @@ from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import ends_as_model, parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
@@ -44,7 +45,7 @@ class Files:
 
     def document(self, path: str | None) -> Document:
         """A scenario's document, or that of the defaults."""
-        return Document("scenario", {}) if path is None else self.read(path, scenario_document)[1]
+        return Document(SourceText(Text("scenario", "")), {}) if path is None else self.read(path, scenario_document)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys overridden."""
@@ -101,7 +102,7 @@ def load_flight(
     ]
     scenario = files.scenario(scenario_path, overrides)
     if scenario_path is not None:
-        texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
+        texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()

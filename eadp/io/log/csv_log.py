@@ -16,7 +16,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.errors import Fault, InputError, capped, printable
+from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_warning
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows
 from eadp.io.text.streams import Text
@@ -220,8 +220,7 @@ def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings
             lines.append(row.line)
             values.append(found)
             others.append([_optional(row.fields, i) for i in layout.others])
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
     counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
     table = np.array(values).reshape(len(values), len(columns))

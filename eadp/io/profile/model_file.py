@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
-from eadp.errors import Fault, Infeasible, InputError, capped, printable
+from eadp.errors import Fault, Infeasible, InputError, printable, refuse
 from eadp.io.profile.configurations import configuration_in_name
 from eadp.io.profile.measurements import (
     A_NAME,
@@ -324,8 +324,7 @@ def _read_model(text: Text) -> list[tuple[Profile, PointFaults]]:
     if isinstance(content, _SumFile):
         parts = {("parts", i): part for i, part in enumerate(content.parts)}
     faults = [fault for path, part in parts.items() for fault in _faults(document, part, path)]
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     return [(_part(document, part, path), _locations(document, part, path)) for path, part in parts.items()]
 
 

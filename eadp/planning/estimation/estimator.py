@@ -122,33 +122,6 @@ def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequen
     return expected
 
 
-class LapClock:
-    """Period from the laps flown: the last lap's time, or the running lap's once it is longer.
-
-    Source: the published flights' period (docs/reproduction.md).
-    """
-
-    def __init__(self, first_s: float) -> None:
-        self._started_s = 0.0
-        self.period_s = first_s
-        self.laps: list[float] = []
-
-    def tick(self, time_s: float) -> float:
-        """The period now [s]."""
-        self.period_s = max(self.period_s, time_s - self._started_s)
-        return self.period_s
-
-    def begin(self, time_s: float) -> None:
-        """Restart the clock without recording a lap."""
-        self._started_s = time_s
-
-    def lap(self, time_s: float) -> None:
-        """Record a lap and restart the clock."""
-        self.period_s = time_s - self._started_s
-        self.laps.append(self.period_s)
-        self._started_s = time_s
-
-
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
@@ -297,8 +270,7 @@ class ExactEstimator:
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
-        power: FloatArray = self._rows(ahead_s) @ self._filter.state
-        return power
+        return self._rows(ahead_s) @ self._filter.state
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
         moves = self._filter.dynamics
@@ -395,8 +367,7 @@ def _lap_time_std_s(times_s: list[float]) -> float:
 
 
 def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    squared: FloatArray = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
-    return squared
+    return state[1:-2:2] ** 2 + state[2:-2:2] ** 2
 
 
 @lru_cache(maxsize=16)
@@ -417,8 +388,7 @@ class PublishedEstimator:
     def __init__(self, settings: EstimatorSettings) -> None:
         self._order = settings.order
         self._state = [1.0] * (2 * settings.order + 1)
-        self._clock = LapClock(1.0)
-        self._time_s = 0.0
+        self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
         self._gain_for = (0.0, 0.0)
         self._gain: list[float] = []
         self.period_s: float | None = 1.0
@@ -430,7 +400,8 @@ class PublishedEstimator:
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
         """One step of the published filter; see `Estimator.observe`."""
-        period_s = self.period_s = self._clock.tick(time_s)
+        # the time of the last lap, or of this one once it is longer
+        period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
         turn = 2 * math.pi / period_s * step_s
@@ -466,11 +437,11 @@ class PublishedEstimator:
 
     def lap(self, time_s: float) -> None:
         """Restart the clock."""
-        self._clock.lap(time_s)
+        self._lap_s, self._lap_started_s = time_s - self._lap_started_s, time_s
 
     def start_lap(self, time_s: float) -> None:
         """Restart the clock without a lap's time."""
-        self._clock.begin(time_s)
+        self._lap_started_s = time_s
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
