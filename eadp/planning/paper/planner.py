@@ -27,6 +27,7 @@ from eadp.planning.base import (
     Readings,
     TrackingPlanner,
     TradeOff,
+    allowed_levels,
     next_multiple,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
@@ -217,7 +218,7 @@ class PaperPlanner(TrackingPlanner):
                     base[i] = value
                 return self._mission.computing.power_w(base, sets)
 
-            levels = [self._levels(i, o.stage) for i in free]
+            levels = [allowed_levels(self._settings, self._mission, i, sets[i]) for i in free]
             computations = ComputationLevels(
                 np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
             )
@@ -231,15 +232,6 @@ class PaperPlanner(TrackingPlanner):
                 computations, battery, steps, own.cost, rows, own.cost_weights, closed_form=False
             )
         return self._horizons[key]
-
-    def _levels(self, index: int, stage: int) -> tuple[float, ...]:
-        """The values a computation may take in a stage: the settings' within its set, else the profile's."""
-        box = self._mission.plan.stages[stage - 1].sets[index]
-        own = self._settings.levels.get(self._mission.plan.names[index])
-        if own is not None:
-            inside = tuple(sorted(level for level in own if box.lo <= level <= box.hi))
-            return inside or (box.lo,)
-        return self._mission.computing.levels(index - self._rho, box)
 
     def _outlook(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s

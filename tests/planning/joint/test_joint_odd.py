@@ -111,7 +111,7 @@ def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
     decisions = up_a_line(pilot, (10.0,), 5000, stage_m=1e9, soc=lambda t: PLENTY if t < 300 else 0.01)
     assert decisions[-1].parameters == (2.0,)
-    assert decisions[-1].record.quality_ahead == pytest.approx(0.5, abs=0.02)
+    assert decisions[-1].record.quality_forecast == pytest.approx(0.5, abs=0.02)
 
 
 def test_power_that_the_battery_does_not_allow_is_said():
@@ -144,7 +144,7 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     itinerary.skip(itinerary.trigger_m)
     itinerary.decide(decided, itinerary.joined_m)  # a moment after stage 4 has started with what was in force before
     pilot.update(seen(31.0, 35.0, 0.0, 0.5))
-    ahead = pilot._ahead
-    assert ahead.course(ahead.shares).parameters[0][0] == first[0] == itinerary.parameters[0]
+    forecaster = pilot._forecaster
+    assert forecaster.route(forecaster.shares).parameters[0][0] == first[0] == itinerary.parameters[0]
     again = RoutePredictor().route(itinerary.cursor.decide(pilot._decision.parameters), itinerary.joined_m)
-    assert ahead.course(ahead.shares).parameters == again.parameters
+    assert forecaster.route(forecaster.shares).parameters == again.parameters
