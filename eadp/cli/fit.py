@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
+from eadp.cli.options import Format, FormatOption
+from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -98,7 +99,7 @@ def command(
         float, typer.Option("--k-b", metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")
     ] = 1 / 3600,
     soc: Annotated[float, typer.Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
-    format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
+    format: FormatOption = Format.text,
 ) -> int:
     """Example: eadp fit scenarios/example-power-log.csv
 

@@ -6,17 +6,9 @@ import json
 import sys
 import time
 from collections.abc import Iterable
-from enum import StrEnum
 from typing import Any
 
 from eadp.errors import Fault, InputError
-
-
-class Format(StrEnum):
-    """Output formats that most commands share."""
-
-    text = "text"
-    json = "json"
 
 
 def emit(text: str) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from eadp.cli.output import Format, Progress, emit, emit_json, usage_fault, warn
+from eadp.cli.options import Format, FormatOption
+from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, InputError, printable
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def command(
         list[str] | None,
         typer.Option("--at", metavar="NAME=VALUE,…", help="Print the power at a configuration. May repeat."),
     ] = None,
-    format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
+    format: FormatOption = Format.text,
     plot: Annotated[str, typer.Option("--plot", metavar="FILE", help="Draw the model: FILE.svg or FILE.png.")] = "",
     add: Annotated[
         list[str] | None,

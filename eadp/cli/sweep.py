@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import Sweep
     from eadp.simulation.sweep.design import Result
-    from eadp.simulation.sweep.engines.base import EngineOptions
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
@@ -88,15 +87,15 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
     """
     from eadp.cli import sweep_text
-    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import read_sweep
+    from eadp.io.text.streams import read_text
     from eadp.simulation.sweep.design import shard as part_of
-    from eadp.simulation.sweep.engines.base import EngineOptions
 
     _check_options(out, jobs, scheduler, table, plot)
     part, parts = _shard(shard)
-    sweep = read_sweep(file, dict(read_override(raw) for raw in set_ or []))
+    sweep = read_sweep(read_text(file), read_overrides(set_ or ()))
     _check_table(table, sweep)
     warn(sweep.warnings)
     indices = part_of(len(sweep.design), part, parts)
@@ -110,12 +109,10 @@ def command(
         results.expect(keys)
         if retry:
             results.forget_failures()
-        missing = [indices[i] for i in results.missing()]
-        if missing:
-            _make(sweep, missing, results, EngineOptions(len(missing), jobs, scheduler), resumable=out is not None)
+        _make(sweep, indices, results, jobs, scheduler, resumable=out is not None)
         if format_ is SweepFormat.jsonl and table is None:
             return int(sweep_text.print_summaries(sweep, indices, results))
-        flights = sweep_text.flights(sweep, indices, results)
+        flights = sweep.flights(indices, results.rows())
     if table is not None:
         sweep_text.print_table(sweep, flights, table, value.value, format_.value, plot)
     elif format_ is SweepFormat.csv:
@@ -177,25 +174,24 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
         return sum(1 for _ in results.rows())
 
 
-def _make(sweep: Sweep, missing: Sequence[int], results: Results, options: EngineOptions, *, resumable: bool) -> None:
+def _make(
+    sweep: Sweep, indices: Sequence[int], results: Results, jobs: int | None, scheduler: str | None, *, resumable: bool
+) -> None:
     """Make the runs that are missing, with the progress on stderr."""
-    from eadp.io.sweep.run import FlyRun
-    from eadp.simulation.sweep.design import interleaved, make_runs
-    from eadp.simulation.sweep.engines.registry import open_engine
+    from eadp.io.sweep.run import missing_runs
 
-    engine = open_engine(FlyRun(sweep.kept), options)
-    progress = _SweepProgress(len(missing), engine.workers)
-    try:
-        for _, result in make_runs((sweep.run(index) for index in interleaved(missing)), engine, results):
-            progress.add(result)
-    except KeyboardInterrupt:
-        progress.close()
-        if resumable:
-            sys.stderr.write(f"sweep: {progress.done} of {len(missing)} runs made; the same command makes the rest\n")
-        raise
-    finally:
-        engine.close()
-        progress.close()
+    with missing_runs(sweep, indices, results, jobs, scheduler) as (missing, workers, made):
+        progress = _SweepProgress(missing, workers)
+        try:
+            for _, result in made:
+                progress.add(result)
+        except KeyboardInterrupt:
+            progress.close()
+            if resumable:
+                sys.stderr.write(f"sweep: {progress.done} of {missing} runs made; the same command makes the rest\n")
+            raise
+        finally:
+            progress.close()
 
 
 class _SweepProgress(Progress):

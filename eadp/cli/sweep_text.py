@@ -65,15 +65,6 @@ def _head(sweep: Sweep, index: int) -> dict[str, Any]:
 # --- a row for each run
 
 
-def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[SweepFlight]:
-    """All runs with their figures."""
-    points = map(sweep.design.point, indices)
-    return [
-        SweepFlight(point.index, point.values, sweep.seed(point), **row)
-        for point, row in zip(points, results.rows(), strict=True)
-    ]
-
-
 def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
     """Print a row for each run; values that are neither numbers nor text are JSON."""
     names = _varied(sweep)
