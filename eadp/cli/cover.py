@@ -6,42 +6,27 @@ import enum
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 
-
-class Pattern(enum.StrEnum):
-    """Coverage patterns."""
-
-    auto = "auto"
-    zamboni = "zamboni"
-    dubins = "dubins"
-
-
-class CoverFormat(enum.StrEnum):
-    """Output formats of `eadp cover`."""
-
-    plan = "plan"
-    text = "text"
-    json = "json"
+Pattern = enum.StrEnum("Pattern", ["auto", "zamboni", "dubins"])
+CoverFormat = enum.StrEnum("CoverFormat", ["plan", "text", "json"])
 
 
 def command(
     file: Annotated[
-        str,
-        typer.Argument(help="Field outline: GeoJSON, KML or CSV of vertices, - for standard input.", metavar="FIELD"),
+        str, Argument(help="Field outline: GeoJSON, KML or CSV of vertices, - for standard input.", metavar="FIELD")
     ],
-    min_radius: Annotated[float, typer.Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
-    swath: Annotated[float, typer.Option(help="Width of ground that a line covers [m].", metavar="METRES")],
+    min_radius: Annotated[float, Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
+    swath: Annotated[float, Option(help="Width of ground that a line covers [m].", metavar="METRES")],
     radius: Annotated[
-        float | None,
-        typer.Option(help="Ideal turning radius [m]; by default 1.5 times the smallest.", metavar="METRES"),
+        float | None, Option(help="Ideal turning radius [m]; by default 1.5 times the smallest.", metavar="METRES")
     ] = None,
     spacing: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Distance of the lines [m]. Of Zamboni-like laps at c1 = 0, by default half the swath, up to which c1 "
             "widens it; of lines in an order by default the swath.",
             metavar="METRES",
@@ -49,38 +34,38 @@ def command(
     ] = None,
     heading: Annotated[
         float | None,
-        typer.Option(help="Heading of the lines [°], a compass bearing; the quickest by default.", metavar="DEG"),
+        Option(help="Heading of the lines [°], a compass bearing; the quickest by default.", metavar="DEG"),
     ] = None,
     pattern: Annotated[
-        Pattern, typer.Option(help="Zamboni-like laps, lines in an order with Dubins turns, or the shorter.")
+        Pattern, Option(help="Zamboni-like laps, lines in an order with Dubins turns, or the shorter.")
     ] = Pattern.auto,
-    turns_off: Annotated[bool, typer.Option("--turns-off", help="Computations stop on turns.")] = False,
-    metres: Annotated[bool, typer.Option("--metres", help="The file is in local metres, not degrees.")] = False,
+    turns_off: Annotated[bool, Option("--turns-off", help="Computations stop on turns.")] = False,
+    metres: Annotated[bool, Option("--metres", help="The file is in local metres, not degrees.")] = False,
     feature: Annotated[
-        str | None, typer.Option(help="Which polygon of a file that holds several: id, name or number.")
+        str | None, Option(help="Which polygon of a file that holds several: id, name or number.")
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="Where the flight starts: X,Y [m], or LAT,LON [°].", metavar="POINT")
+        str | None, Option(help="Where the flight starts: X,Y [m], or LAT,LON [°].", metavar="POINT")
     ] = None,
-    home: Annotated[str | None, typer.Option(help="Where the flight ends; as --start.", metavar="POINT")] = None,
+    home: Annotated[str | None, Option(help="Where the flight ends; as --start.", metavar="POINT")] = None,
     wind: Annotated[
-        str | None, typer.Option(help="Wind: speed [m/s] and the bearing it blows from [°].", metavar="SPEED,FROM_DEG")
+        str | None, Option(help="Wind: speed [m/s] and the bearing it blows from [°].", metavar="SPEED,FROM_DEG")
     ] = None,
     airspeed: Annotated[
-        float | None, typer.Option(help="Airspeed [m/s]; by default that of the scenario's vehicle.", metavar="MPS")
+        float | None, Option(help="Airspeed [m/s]; by default that of the scenario's vehicle.", metavar="MPS")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option(help="Computation profile: the plan gets its computations.", metavar="FILE")
+        str | None, Option(help="Computation profile: the plan gets its computations.", metavar="FILE")
     ] = None,
     scenario: Annotated[
-        str | None, typer.Option(help="Scenario, for the vehicle, the wind and the energy.", metavar="FILE")
+        str | None, Option(help="Scenario, for the vehicle, the wind and the energy.", metavar="FILE")
     ] = None,
-    out: Annotated[str | None, typer.Option("-o", "--out", help="Write the plan here.", metavar="PLAN")] = None,
+    out: Annotated[str | None, Option("-o", "--out", help="Write the plan here.", metavar="PLAN")] = None,
     format_: Annotated[
         CoverFormat | None,
-        typer.Option("--format", help="What to print: the plan, a summary (the default with -o), or JSON."),
+        Option("--format", help="What to print: the plan, a summary (the default with -o), or JSON."),
     ] = None,
-    plot: Annotated[str | None, typer.Option(help="Draw field and plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
+    plot: Annotated[str | None, Option(help="Draw field and plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp cover plans/meadow.geojson --min-radius 30 --swath 30 --pattern zamboni
 

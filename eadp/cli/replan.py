@@ -6,16 +6,16 @@ import sys
 from contextlib import ExitStack
 from typing import Annotated, Any, BinaryIO
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.options import EnergyOption, PlannerOption, ProfileOption, ScenarioOption, SetOption
 from eadp.cli.output import usage_fault, warn
 
 
 def command(
-    plan: Annotated[str, typer.Argument(help="Plan file.", metavar="PLAN")],
+    plan: Annotated[str, Argument(help="Plan file.", metavar="PLAN")],
     telemetry: Annotated[
-        str, typer.Option(help="Telemetry, a JSON object a line; - for standard input.", metavar="FILE")
+        str, Option(help="Telemetry, a JSON object a line; - for standard input.", metavar="FILE")
     ] = "-",
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
@@ -23,8 +23,7 @@ def command(
     planner: PlannerOption = None,
     set_: SetOption = None,
     log: Annotated[
-        str | None,
-        typer.Option(help="Append what comes and what is decided; go on from there if it exists.", metavar="FILE"),
+        str | None, Option(help="Append what comes and what is decided; go on from there if it exists.", metavar="FILE")
     ] = None,
 ) -> int:
     """Example: eadp replan plans/survey.plan --scenario scenarios/survey.yaml --telemetry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.options import (
     EnergyOption,
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 
 def command(
-    plan: Annotated[str, typer.Argument(help="Plan file, - for standard input.", metavar="PLAN")],
+    plan: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="PLAN")],
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
     energy: EnergyOption = None,
     planner: PlannerOption = None,
     set_: SetOption = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of gusts and noise.")] = None,
-    out: Annotated[str | None, typer.Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the folder if it exists.")] = False,
+    seed: Annotated[int | None, Option(min=0, help="Seed of gusts and noise.")] = None,
+    out: Annotated[str | None, Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
+    force: Annotated[bool, Option("--force", help="Replace the folder if it exists.")] = False,
     require_reserve: Annotated[
-        bool, typer.Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
+        bool, Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
     ] = False,
     format_: FormatOption = Format.text,
 ) -> int:

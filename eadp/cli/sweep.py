@@ -11,7 +11,7 @@ import time
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.output import Progress, usage_fault, warn
 from eadp.errors import printable
@@ -33,50 +33,37 @@ FIRST_RUNS = 3
 """Runs from which a sweep's time is estimated; one for each worker if that is more."""
 
 
-class SweepFormat(StrEnum):
-    """Output formats of `eadp sweep`."""
-
-    text = "text"
-    csv = "csv"
-    jsonl = "jsonl"
-
-
-class Figure(StrEnum):
-    """Figures that a table can hold."""
-
-    completed = "completed"
-    duration_s = "duration_s"
-    soc_final = "soc_final"
-    quality = "quality"
+SweepFormat = StrEnum("SweepFormat", ["text", "csv", "jsonl"])
+Figure = StrEnum("Figure", ["completed", "duration_s", "soc_final", "quality"])
 
 
 def command(
-    file: Annotated[str, typer.Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
+    file: Annotated[str, Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
     out: Annotated[
-        str | None, typer.Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
+        str | None, Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
+    jobs: Annotated[int | None, Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler's workers, as in tcp://host:8786.")
+        str | None, Option(metavar="ADDRESS", help="A Dask scheduler's workers, as in tcp://host:8786.")
     ] = None,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
+        str | None, Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
     ] = None,
     merge: Annotated[
-        list[str] | None, typer.Option(metavar="FILE", help="Add another file's results first; may repeat.")
+        list[str] | None, Option(metavar="FILE", help="Add another file's results first; may repeat.")
     ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Try again the runs that could not be made.")] = False,
+    retry: Annotated[bool, Option("--retry", help="Try again the runs that could not be made.")] = False,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
+        Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
     ] = None,
     table: Annotated[
-        tuple[str, str] | None, typer.Option(metavar="KEY1 KEY2", help="Means by two keys, over all others.")
+        tuple[str, str] | None, Option(metavar="KEY1 KEY2", help="Means by two keys, over all others.")
     ] = None,
-    value: Annotated[Figure, typer.Option(help="The table's figure.")] = Figure.completed,
-    plot: Annotated[str | None, typer.Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the runs; make none.")] = False,
-    format_: Annotated[SweepFormat, typer.Option("--format", help="How to print.")] = SweepFormat.text,
+    value: Annotated[Figure, Option(help="The table's figure.")] = Figure.completed,
+    plot: Annotated[str | None, Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
+    dry_run: Annotated[bool, Option("--dry-run", help="Print the runs; make none.")] = False,
+    format_: Annotated[SweepFormat, Option("--format", help="How to print.")] = SweepFormat.text,
 ) -> int:
     """Example: eadp sweep scenarios/sweep-wind-battery.yaml --dry-run
 

@@ -351,15 +351,15 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
-    if key in _WIND_DIRECTIONS and value is not None:
-        target.pop(_WIND_DIRECTIONS[key], None)
+    if key in WIND_DIRECTIONS and value is not None:
+        target.pop(WIND_DIRECTIONS[key], None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
 
 
-_WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
+WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
 """The other key of the wind's direction: an override of one removes the other."""
 
 

@@ -18,7 +18,7 @@ from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.plan.reader import read_plan
-from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
+from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
@@ -252,6 +252,9 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 
 
 def _overlap(one: str, other: str) -> bool:
+    """Whether two keys are the same, one contains the other, or both are the wind's direction."""
+    if {one, other} == WIND_DIRECTIONS.keys():
+        return True
     return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 
 

@@ -174,6 +174,11 @@ BAD = {
     "zip lengths": (HEAD + "zip: {battery.soc: [1, 1], wind.speed_mps: [1]}\n", "4:28", "has 1 values"),
     "twice": (HEAD + "grid: {c1: [1]}\nzip: {parameters.c1: [2]}\n", "5:7", "set the same key"),
     "within": (HEAD + "grid: {wind: [{}], wind.speed_mps: [2]}\n", "4:20", "set the same key"),
+    "both directions of the wind": (
+        HEAD + "grid: {wind.from_deg: [0, 90]}\nzip: {wind.towards_deg: [10]}\n",
+        "5:7",
+        "wind.towards_deg and wind.from_deg set the same key",
+    ),
     "seeds and seed": (HEAD + "grid: {seed: [1]}\nseeds: 2\n", "5:1", "the key seed too"),
     "no seeds": (HEAD + "seeds: 0\n", "4:1", "seeds cannot be 0"),
     "drawn twice": (
