@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import enum
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
@@ -18,34 +19,28 @@ if TYPE_CHECKING:
     from eadp.validation.check import Report
 
 
-class PlanFormat(enum.StrEnum):
-    """Output formats of `eadp plan`."""
-
-    text = "text"
-    json = "json"
-    plan = "plan"
+PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan"])
 
 
 def command(
-    file: Annotated[str, typer.Argument(help="Plan file, - for standard input.", metavar="FILE")],
+    file: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="FILE")],
     format_: Annotated[
-        PlanFormat, typer.Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
+        PlanFormat, Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
     ] = PlanFormat.text,
     check: Annotated[
-        bool, typer.Option("--check", help="Check the geometry over the whole range of every path parameter.")
+        bool, Option("--check", help="Check the geometry over the whole range of every path parameter.")
     ] = False,
     min_radius: Annotated[
-        float | None, typer.Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
+        float | None, Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
     ] = None,
     set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE"),
+        list[str] | None, Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE")
     ] = None,
     trace: Annotated[
         float | None,
-        typer.Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
+        Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
     ] = None,
-    plot: Annotated[str | None, typer.Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
+    plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -156,21 +151,12 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan.final_point),
-        "parameters": [
-            {"name": item.name, "kind": item.kind, "title": item.title, "unit": item.unit} for item in plan.parameters
-        ],
+        "parameters": [asdict(item) for item in plan.parameters],
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
         "findings": [
-            {
-                "severity": item.severity,
-                "stage": item.stage,
-                "line": item.line,
-                "code": item.code,
-                "message": item.message,
-            }
-            for item in findings
+            {key: getattr(item, key) for key in ("severity", "stage", "line", "code", "message")} for item in findings
         ],
     }
     if plan.parts:

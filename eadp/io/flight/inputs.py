@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from eadp import __version__
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import parse_energy
@@ -26,22 +27,44 @@ from eadp.planning.base import Mission, Planner
 from eadp.planning.joint.preflight import Preflight, preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
+from eadp.simulation.sweep.design import Run
 
 CORNERS_LIMIT = 6
 Content = TypeVar("Content")
 
 
 class Files:
-    """Where the files of a flight come from: here, from their paths."""
+    """Files of flights, by path: each is read and parsed once. Only the texts are pickled.
+
+    `texts` are those that are known already.
+    """
+
+    def __init__(self, texts: Mapping[str, Text] | None = None) -> None:
+        self.texts = dict(texts or {})
+        self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
+
+    def __getstate__(self) -> tuple[str, dict[str, Text]]:
+        return __version__, self.texts
+
+    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
+        version, self.texts = state
+        self._contents = {}
+        if version != __version__:  # another version's flights may differ
+            raise EadpError(f"this is eadp {__version__}")
 
     def text(self, path: str) -> Text:
         """A file's text."""
-        return read_text(path)
+        if path not in self.texts:
+            self.texts[path] = read_text(path)
+        return self.texts[path]
 
     def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
         """A file's text and content."""
         text = self.text(path)
-        return text, parse(text)
+        if (path, parse) not in self._contents:
+            self._contents[path, parse] = parse(text)
+        content: Content = self._contents[path, parse]
+        return text, content
 
     def document(self, path: str | None) -> Document:
         """A scenario's document, or that of the defaults."""
@@ -50,6 +73,11 @@ class Files:
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(path), overrides, self.text)
+
+    def load(self, run: Run) -> FlightInputs:
+        """The flight of a run, ready to be flown."""
+        paths = {f"{kind}_path": path for kind, path in run.files.items()}
+        return load_flight(**paths, overrides=run.overrides, files=self)
 
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
@@ -87,7 +115,7 @@ def load_flight(
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files; `files` says where they come from, if not from the paths.
+    """Read and check a flight's files; those in `files` are not read again.
 
     Raises
     ------

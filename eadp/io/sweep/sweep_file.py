@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,15 +16,15 @@ from eadp import __version__
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
-from eadp.io.flight.inputs import profile_of
+from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.plan.reader import read_plan
-from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
-from eadp.io.sweep.run import KeptFiles
+from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.simulation.sweep.design import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
+from eadp.simulation.sweep.statistics import SweepFlight
 
 SCHEMA = "eadp.sweep/1"
 RUNS_LIMIT = 1_000_000
@@ -84,7 +84,7 @@ class Sweep:
 
     name: str
     design: Design
-    kept: KeptFiles
+    kept: Files
     files: Mapping[str, str]
     overrides: Mapping[str, Any]
     scenarios: Mapping[str, Scenario] = field(repr=False)
@@ -120,6 +120,14 @@ class Sweep:
         files = self._files(point)
         return Run(index, self._key(files, overrides), files, overrides)
 
+    def flights(self, indices: Iterable[int], rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
+        """The runs of some indices with the figures of their rows in the results."""
+        points = map(self.design.point, indices)
+        return [
+            SweepFlight(point.index, point.values, self.seed(point), **row)
+            for point, row in zip(points, rows, strict=True)
+        ]
+
     def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
         """A hash of all that a run depends on: files by content, overrides with the seed, and the version of eadp."""
         contents = {kind: self._digests[path] for kind, path in files.items()}
@@ -147,13 +155,13 @@ def full_key(name: str) -> str:
     return SHORT.get(name) or override_key(name) or name
 
 
-def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
+def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     """Read a sweep file and every file it names, and check every value it lists by the scenario's schema.
 
     Parameters
     ----------
-    path : str
-        The file, `-` for standard input.
+    text : Text
+        The file.
     overrides : mapping of dotted key to value, optional
         Set in every run, as `read_override` gives them.
 
@@ -162,7 +170,7 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
     InputError
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
-    document = read_yaml(read_text(path))
+    document = read_yaml(text)
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
@@ -173,7 +181,7 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
     files = {kind: beside(document.name, value) for kind in FILES if (value := getattr(keys, kind)) is not None}
-    kept = KeptFiles(_texts(document, keys, files))
+    kept = Files(_texts(document, keys, files))
     scenarios = _scenarios(document, keys, files, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
     _check_values(document, keys, sweep)
@@ -244,6 +252,9 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 
 
 def _overlap(one: str, other: str) -> bool:
+    """Whether two keys are the same, one contains the other, or both are the wind's direction."""
+    if {one, other} == WIND_DIRECTIONS.keys():
+        return True
     return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 
 
@@ -312,7 +323,7 @@ def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dic
 
 
 def _scenarios(
-    document: Document, keys: SweepKeys, files: Mapping[str, str], kept: KeptFiles, overrides: Mapping[str, Any]
+    document: Document, keys: SweepKeys, files: Mapping[str, str], kept: Files, overrides: Mapping[str, Any]
 ) -> dict[str, Scenario]:
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
     paths = [beside(document.name, value) for name, value, _ in _listed(keys) if name == "scenario"]
