@@ -108,14 +108,12 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     _check_shape(rings, origin_deg, source)
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
     counter_clockwise = [signed_area_m2(ring) > 0 for ring in corners]
-    result = Field(
-        corners[0] if counter_clockwise[0] else (corners[0][0], *corners[0][:0:-1]),
-        tuple(
-            (ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], counter_clockwise[1:], strict=True)
-        ),
-        printable(draft.name),
-        origin_deg,
-    )
+    # the outline runs counter-clockwise, the holes clockwise
+    wound = [
+        ring if up == (i == 0) else (ring[0], *ring[:0:-1])
+        for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
+    ]
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")
