@@ -45,14 +45,6 @@ def shortest(value: float) -> float | int:
     return int(value) if float(value).is_integer() and abs(value) < 1e15 else value
 
 
-def _empty() -> FloatArray:
-    return np.empty(0)
-
-
-def _none() -> IntArray:
-    return np.empty(0, dtype=np.int64)
-
-
 @dataclass(frozen=True)
 class ProfileFinding:
     """A warning about the measurements; `point` is the index of its configuration."""
@@ -113,11 +105,11 @@ class Profile:
     units: tuple[str, ...]
     configurations: FloatArray
     power_w: FloatArray
-    std_w: FloatArray = field(default_factory=_empty)
-    samples: IntArray = field(default_factory=_none)
+    std_w: FloatArray = field(default_factory=lambda: np.empty(0))
+    samples: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     interpolation: Kind = "linear"
     source: str = ""
-    standard_error_w: FloatArray = field(default_factory=_empty)
+    standard_error_w: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         points = np.array(self.configurations, dtype=np.float64)

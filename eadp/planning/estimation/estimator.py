@@ -272,7 +272,8 @@ class ExactEstimator:
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
-        drift[1:] += _squared_amplitudes(state) * turned**2 / (2 * period_s)
+        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
@@ -342,10 +343,6 @@ def _lap_time_std_s(times_s: list[float]) -> float:
     if len(times_s) < 3:
         return ONE_LAP_SHARE * times_s[-1]
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
-
-
-def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    return state[1:-2:2] ** 2 + state[2:-2:2] ** 2
 
 
 @lru_cache(maxsize=16)
