@@ -170,7 +170,8 @@ def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: li
         if stem == "timestamp":
             return known["us"]
         message = f"{printable(header.fields[index], 80)} has no unit"
-        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {_units()}"))
+        units = "|".join(filter(str.isascii, _PER_SECOND))
+        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {units}"))
     if not unit:
         taken = {"power": "W", "voltage": "V", "current": "A"}[role]
         message = f"{printable(header.fields[index], 80)} has no unit: taken as {taken}"
@@ -180,10 +181,6 @@ def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: li
         message = f"{printable(unit, 40)} is no unit of {role}"
         raise InputError(header.fault(index, message, " or ".join(known)))
     return known[unit]
-
-
-def _units() -> str:
-    return "|".join(unit for unit in _PER_SECOND if unit.isascii())
 
 
 # ── rows ──
