@@ -92,7 +92,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
     findings: list[Finding] = []
     witness: list[Vector | None] = []
-    if plan.parts:
+    if plan.segments:
         sampled = _measured_flights(plan)
     else:
         sampled = [(stage, _measured(plan, stage, least)) for stage in plan.stages]
@@ -469,7 +469,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
 
     Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
     """
-    if plan.whole_laps or plan.parts or not plan.has_sets:
+    if plan.whole_laps or plan.segments or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
         worst: tuple[float, Vector, Vector] = (0.0, (), ())

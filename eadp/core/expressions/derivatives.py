@@ -29,7 +29,7 @@ PathFunction = Callable[[float, float], Jet]
 
 
 def bind(
-    expression: Expression, parameters: Sequence[float], quantities: Mapping[str, float] | None = None
+    expression: Expression, parameters: Sequence[float], variables: Mapping[str, float] | None = None
 ) -> PathFunction:
     """The path function of an expression at given parameters.
 
@@ -39,7 +39,7 @@ def bind(
         In x, y and parameters.
     parameters : sequence of float
         c1, c2, …; at least as many as the expression names.
-    quantities : mapping of str to float, optional
+    variables : mapping of str to float, optional
         Values of the other names in it.
 
     Returns
@@ -53,7 +53,7 @@ def bind(
     """
     source, constants, others = _generate(expression.node)
     try:
-        values = tuple([(quantities or {})[name] for name in others])
+        values = tuple([(variables or {})[name] for name in others])
         function: PathFunction = _compiled(source)(constants, tuple(parameters), values)
     except (ArithmeticError, ValueError):
         raise PathUndefined(f"{expression.text[:60]} has no finite real value at these parameters") from None
