@@ -17,7 +17,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable, refuse
-from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_warning
+from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_warning
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows
 from eadp.io.text.streams import Text
 
@@ -192,7 +192,9 @@ _REASONS = {
 }
 
 
-def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings, list[Fault], dict[str, int | float]]:
+def _readings(
+    name: str, rows: Iterable[Row], layout: _Layout
+) -> tuple[LogReadings, list[Fault], dict[str, int | float]]:
     """The rows that are readings; warnings for those that are not, and their numbers."""
     lines: list[int] = []
     values: list[list[float]] = []
@@ -224,7 +226,7 @@ def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings
     rest = np.array(others).reshape(len(values), len(layout.others))
     if layout.degrees and len(rest):
         rest[:, :2] = _metres(rest[:, :2])
-    readings = Readings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
+    readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
     return readings, layout.warnings + warnings, counts
 
 
