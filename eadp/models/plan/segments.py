@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from eadp.core.expressions.tree import Expression, evaluate, substituted
 
 State = tuple[float, ...]
 """The values, in this lap, of a segment's loop variables that change from lap to lap."""
+
+MAX_KEPT = 10_000
+"""Most laps whose values a segment keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +99,24 @@ class Segment:
 
     def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
         """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
+        key = (tuple(parameters), state)
+        if key in self._values:
+            return self._values[key]
         known = _named(parameters)
         changing = [q.name for q in self.variables if q.shift is not None]
         known.update(zip(changing, state, strict=True))
         for q in self.variables:
             if q.shift is None:
                 known[q.name] = evaluate(q.first.node, known)
+        if len(self._values) >= MAX_KEPT:
+            self._values.clear()
+        self._values[key] = known
         return known
+
+    @cached_property
+    def _values(self) -> dict[tuple[tuple[float, ...], State], dict[str, float]]:
+        """Values by parameters and state: each lap asks for the same ones several times, and so do similar routes."""
+        return {}
 
 
 def _named(parameters: Sequence[float]) -> dict[str, float]:
