@@ -260,10 +260,10 @@ class LapBudget(TrackingPlanner):
             *((box.lo, level) for level in reversed(levels)),
         ]:
             try:
-                course = self._predictor.route(o.cursor.decide((c1, c2)), o.joined_m, MARGIN_M)
+                route = self._predictor.route(o.cursor.decide((c1, c2)), o.joined_m, MARGIN_M)
             except Exception:
                 continue
-            seconds = sum(leg.distance_m for leg in course.legs) / speed
+            seconds = sum(leg.distance_m for leg in route.legs) / speed
             power = motion_w + computing.power_w((c1, c2), _free(plan.stages))
             if o.soc + battery.rate_per_s(power) * seconds >= self._settings.reserve_soc:
                 return c1, c2
@@ -375,13 +375,13 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
         ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in rows]
         total = sum(u(r, "joint") for r in rows) / sum(u(r, "hindsight") for r in rows)
         yield f"U of joint over hindsight, {which}: mean of ratios {statistics.mean(ratio):.3f}, of means {total:.3f}"
-    short = [
+    shortfall = [
         r["index"]
         for r in done
         if u(r, "joint") < 0.93 * u(r, "hindsight") and u(r, "joint") < u(r, "hindsight") - 0.03
     ]
-    lost = [index for index in short if index not in {r["index"] for r in could_be}]
-    yield f"below 0.93 of hindsight and by more than 0.03: {len(short)} {short or ''}"
+    lost = [index for index in shortfall if index not in {r["index"] for r in could_be}]
+    yield f"below 0.93 of hindsight and by more than 0.03: {len(shortfall)} {shortfall or ''}"
     yield f"of these, not to be completed once a loss was known: {lost or '-'}"
     for name in ("lap budget", "paper"):
         worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
@@ -443,14 +443,14 @@ def programs(count: int, seed: int) -> None:
         }
         inputs = load(str(ROOT / "plans/survey.plan"), keys)
         world = inputs.world
-        ahead = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
-        ahead.assume(world.wind.steady_mps, 0.0, 1.0)
-        ahead.at(0.0, world.start_m, 0.0)
-        prospects = [ahead.prospect((share,)) for share in np.linspace(0, 1, 2001).tolist()]
-        answers = [best_at(prospect) for prospect in prospects if prospect is not None]
-        best = max((answer.value for answer in answers if answer.allocation.feasible), default=None)
+        forecaster = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
+        forecaster.assume(world.wind.steady_mps, 0.0, 1.0)
+        forecaster.start_at(0.0, world.start_m, 0.0)
+        candidates = [forecaster.candidate((share,)) for share in np.linspace(0, 1, 2001).tolist()]
+        solutions = [best_at(candidate) for candidate in candidates if candidate is not None]
+        best = max((solution.value for solution in solutions if solution.allocation.feasible), default=None)
         for title, climb in (("scan", False), ("scan, then QPs", True)):
-            found = MissionProgram(1, climb).solve(ahead.prospect, (float(rng.uniform()),))
+            found = MissionProgram(1, climb).solve(forecaster.candidate, (float(rng.uniform()),))
             failed += found.failures
             if best is not None and found.allocation.feasible:
                 gaps[title].append(best - found.value)
@@ -470,11 +470,11 @@ def programs(count: int, seed: int) -> None:
         assert isinstance(planner, JointPlanner)
         replan = planner._replan
 
-        def timed(o: Observation, why: str, replan: Any = replan, planner: Any = planner) -> None:
+        def timed(o: Observation, cause: str, replan: Any = replan, planner: Any = planner) -> None:
             start_s = time.process_time()
-            replan(o, why)
-            course = planner._ahead.course(planner._ahead.shares)
-            costs.append((len(course.legs), 1e3 * (time.process_time() - start_s)))
+            replan(o, cause)
+            route = planner._forecaster.route(planner._forecaster.shares)
+            costs.append((len(route.legs), 1e3 * (time.process_time() - start_s)))
 
         planner._replan = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, planner, Outcome()):

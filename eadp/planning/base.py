@@ -1,7 +1,7 @@
-"""What planners share: observations, decisions, settings, and the base class that tracks laps and power.
+"""Interface of planners: observations, decisions, settings, and the base class that tracks laps and power.
 
-A planner sees Observations and returns Decisions; it knows the plan, the models and its settings, and nothing of the
-world it flies in, so that the same object serves a simulation and a telemetry stream.
+A planner maps Observations to Decisions. It knows the plan, the models and its settings, and nothing of the simulated
+world, so that the same object serves a simulation and a telemetry stream.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Box, Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.estimation.estimator import (
     MIN_NOISE_W,
@@ -38,7 +38,7 @@ Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
 class Observation(NamedTuple):
-    """What is known in flight at one time.
+    """Measurements and the position in the plan at one time.
 
     Attributes
     ----------
@@ -47,19 +47,19 @@ class Observation(NamedTuple):
     cursor : PlanCursor
         The stage being flown and the parameters in force.
     joined_m : (float, float)
-        Where the stage was joined in the plan [m].
+        Point at which the stage was joined [m].
     stages_started : int
         Over the whole flight, the first included.
     power_w : float or None
-        Measured, motion and computations [W]; None where the sensor has no reading.
+        Measured power of motion and computations [W]; None without a reading.
     soc : float
         State of charge.
     wind_mps : (float, float) or None
-        Where the wind is measured [m/s].
+        Measured wind, the vector that it blows towards [m/s].
     velocity_mps : (float, float) or None
-        Over ground [m/s].
+        Ground velocity [m/s].
     heading_rad : float or None
-        Where the nose points [rad].
+        Heading of the nose, 0 east, counter-clockwise [rad].
     """
 
     time_s: float
@@ -86,9 +86,9 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Consecutive readings of the sensors, one or more: position, power, charge and motion.
+    """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity and heading.
 
-    Velocities and headings are as in `Observation`, NaN where they are not measured; there is no wind among them.
+    Quantities are as in `Observation`, velocities and headings NaN where they are not measured.
     """
 
     times_s: Sequence[float]
@@ -102,9 +102,9 @@ class Readings(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """The parameters to fly with, the power forecast for the last reading [W], and why.
+    """The parameters to fly with, the power forecast for the last reading [W], and the reason.
 
-    `record` is what a planner says of its last re-planning, where it keeps such records: a new object for each.
+    `record` describes the last re-planning, a new object for each; None from planners without records.
     """
 
     parameters: Vector
@@ -120,40 +120,40 @@ class DecisionRecord:
     Attributes
     ----------
     time_s : float
-    why : str
+    cause : str
         Cause of the re-planning.
     stage, lap : int
-        Where in the plan, from 1 and from 0.
+        Position in the plan, from 1 and from 0.
     parameters : tuple of float
-        Chosen, to fly with from now on.
+        Parameters decided.
     remaining_s, remaining_std_s : float
         Time to the end of the mission with them, and its standard deviation [s].
     energy_wh, energy_std_wh : float
         Energy to the end, and its standard deviation [Wh].
     available_wh : float
-        Energy that takes the battery down to the reserve [Wh].
+        Energy in the battery above the reserve [Wh].
     soc_end, soc_end_std : float
-        State of charge forecast for the end, and its standard deviation.
+        Forecast state of charge at the end, and its standard deviation.
     completes_probability, reserve_probability : float
-        That the battery is not empty before the end; that the reserve is kept.
-    quality_ahead : float or None
-        U forecast for the whole flight, what has been flown included.
+        Probabilities that the battery is not empty before the end, and that the reserve is kept.
+    quality_forecast : float or None
+        Forecast U of the whole flight, the flown part included.
     wind_mps : (float, float) or None
-        As estimated [m/s].
-    passes : int
+        Estimated wind [m/s].
+    qp_solves : int
         QPs solved.
     status : str
         `solved`, `closed form`, `scanned` or `infeasible`.
     reason : str
-        The decision and its cause, in words.
+        The decision and its reason, in words.
     home_reachable : bool or None
-        Whether home could be reached from here with the reserve kept; None where there is none.
+        Whether home can be reached from here with the reserve kept; None without a home.
     point_of_no_return_s : float or None
-        When it last could be [s], where it cannot.
+        Last time at which it could be reached [s], if it cannot.
     """
 
     time_s: float
-    why: str
+    cause: str
     stage: int
     lap: int
     parameters: Vector
@@ -166,9 +166,9 @@ class DecisionRecord:
     soc_end_std: float
     completes_probability: float
     reserve_probability: float
-    quality_ahead: float | None
+    quality_forecast: float | None
     wind_mps: Point | None
-    passes: int
+    qp_solves: int
     status: str
     reason: str
     home_reachable: bool | None = None
@@ -183,7 +183,7 @@ class TradeOff:
     """R: coefficients by the parameters' names."""
 
     at_least: float
-    """r: the least value of the weighted sum."""
+    """r: the minimum of the weighted sum."""
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,9 @@ class PlannerSettings:
 
 @dataclass
 class SolverReport:
-    """Counts of a planner's work: what is solved, what failed, what had no answer, and the gaps of integer answers.
+    """Counts of a planner's solves, failures and infeasible problems, and the gaps of integer solutions.
 
-    `solves` counts optimal control problems, `qps` what OSQP was given for them.
+    `solves` counts optimal control problems, `qps` the runs of OSQP for them.
     """
 
     replans: int = 0
@@ -224,10 +224,9 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class Mission:
-    """What a planner knows before take-off.
+    """The mission as known before take-off.
 
-    `motion_w` is the power of straight level flight [W], if it is known; `home_m` is where the aircraft can return
-    to [m].
+    `motion_w` is the power of straight level flight [W], if known; `home_m` the location to return to [m], if any.
     """
 
     plan: Plan
@@ -249,21 +248,21 @@ class Planner(Protocol):
 
     @property
     def period_s(self) -> float | None:
-        """The period of the power [s], where there is one."""
+        """Period of the power [s]; None if there is none."""
 
     @property
     def reading_every_s(self) -> float:
-        """Time between readings of the power sensor [s]; infinite for none."""
+        """Time between readings of the power sensor [s]; infinite without readings."""
 
     @property
     def next_update_s(self) -> float:
-        """Time [s] before which `update` decides nothing, except at a new stage or a drop of charge."""
+        """Time of the next update [s]; a new stage or a drop of charge requires one earlier."""
 
     def update(self, observation: Observation) -> Decision:
-        """Take an observation and decide."""
+        """Update with an observation and decide."""
 
     def ingest(self, readings: Readings) -> Decision:
-        """Take readings since the last observation, of its stage and parameters."""
+        """Take the readings since the last observation; stage and parameters have not changed."""
 
 
 class TrackingPlanner:
@@ -311,7 +310,7 @@ class TrackingPlanner:
         return self._next_reading_s
 
     def ingest(self, readings: Readings) -> Decision:
-        """Take readings all at once; the parameters stay."""
+        """Take a batch of readings; the parameters stay."""
         motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
         expected = self._estimator.observe_batch(readings.times_s, motion) + self._computing_w
         self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
@@ -324,10 +323,10 @@ class TrackingPlanner:
         return self._decision
 
     def _count_laps(self, o: Observation) -> None:
-        """A stage has started: perhaps a lap has ended with it, or the stages before the first lap."""
+        """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
-        lap_stages = None if self._mission.plan.parts else self._lap_stages
+        lap_stages = None if self._mission.plan.segments else self._lap_stages
         if segment.repeats:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
@@ -339,7 +338,7 @@ class TrackingPlanner:
         self._estimator.lap(o.time_s)
 
     def _track(self, o: Observation) -> None:
-        """Feed the estimator: laps as they end, readings as often as the sensor is read."""
+        """Update the estimator with the laps that have ended, and with a reading if one is due."""
         if o.stages_started != self._stages_started:
             self._stages_started = o.stages_started
             self._count_laps(o)
@@ -354,7 +353,16 @@ class TrackingPlanner:
         self._decision = self._decision._replace(power_forecast_w=expected)
 
 
+def allowed_levels(settings: PlannerSettings, mission: Mission, index: int, box: Box) -> tuple[float, ...]:
+    """Values that a computation may take in a set: the settings' within it, else the profile's."""
+    own = settings.levels.get(mission.plan.names[index])
+    if own is None:
+        return mission.computing.levels(index - mission.plan.path_count, box)
+    return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
+
+
 def next_multiple(time_s: float, every_s: float) -> float:
+    """The first multiple of a period after a time [s]."""
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s
 
 
@@ -369,10 +377,10 @@ def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | 
 
 
 def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator that starts from a model fitted to a log, whose noise replaces the settings'."""
+    """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
     std_s, disturbance = None, fitted.disturbance
     if fitted.period_s is not None and fitted.period_std_s is not None:
-        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # it was another flight's
+        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # the model is of another flight
     if disturbance is not None:
         white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
         settings = replace(
@@ -385,7 +393,7 @@ def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
 
 
 def _nominal_lap_s(mission: Mission) -> float | None:
-    """The time of a lap flown exactly at cruise speed, without wind: the first guess of the period."""
+    """Time of a nominal lap at cruise speed without wind [s]: the initial period."""
     try:
         legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
     except PathUndefined:

@@ -117,7 +117,7 @@ def test_no_line_at_all_is_a_no(replan):
     assert err == "<stdin>:1:1: warning: no line could be used; expected telemetry as JSON lines\n"
 
 
-def test_lines_that_are_none_are_told_of_and_skipped(replan, whole):
+def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
     bad = [
         b"not JSON\n",
         b"\n",
@@ -132,14 +132,14 @@ def test_lines_that_are_none_are_told_of_and_skipped(replan, whole):
     ]
     code, advice, err = replan(b"".join([*LINES[:2], *bad, *LINES[2:60]]))
     assert (code, advice) == (0, whole[:60])
-    told = err.splitlines()
-    assert [line.split(":")[:2] for line in told] == [
+    emitted = err.splitlines()
+    assert [line.split(":")[:2] for line in emitted] == [
         ["<stdin>", str(number)] for number in (3, 4, 5, 6, 7, 8, 9, 10, 10, 11, 12)
     ]
-    assert all(line.split(":")[3] == " warning" for line in told)
+    assert all(line.split(":")[3] == " warning" for line in emitted)
 
 
-def test_a_gap_is_told_of_and_flown_through(replan):
+def test_a_gap_gives_a_warning_and_is_flown_through(replan):
     code, advice, err = replan(b"".join(LINES[:40] + LINES[52:]))
     assert code == 0
     assert err == "<stdin>:41:12: warning: a gap of 13 s; expected lines more often\n"
@@ -201,13 +201,13 @@ def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
     assert kinds == ["start"] + ["telemetry", "decision"] * len(LINES)
 
 
-def test_a_recorded_flight_may_be_given_again_from_its_begin(replan, whole, tmp_path):
+def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:100]), "--log", log)
     code, advice, err = replan(b"".join(LINES[:150]), "--log", log)
     assert code == 0
     assert advice == whole[100:150]
-    assert err == "<stdin>:1:12: warning: lines up to 100 s are in the log already, and are passed over\n"
+    assert err == "<stdin>:1:12: warning: lines up to 100 s are in the log already, and are skipped\n"
     assert replan(b"".join(LINES[:150]), "--log", log)[:2] == (0, [])
 
 
@@ -223,7 +223,7 @@ def test_a_torn_last_line_is_dropped(replan, whole, tmp_path):
     assert all(json.loads(line) for line in log.read_text().splitlines())
 
 
-def test_a_decision_that_was_not_told_is_told_at_the_start(replan, whole, tmp_path):
+def test_a_decision_that_was_not_emitted_is_emitted_at_the_start(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:50]), "--log", log)
     log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:-1]))
@@ -256,19 +256,19 @@ def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path):
 
 def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
     log = tmp_path / "flight.jsonl"
-    told = []
-    for begin, end in ((0, 30), (30, 80), (80, 120)):
+    emitted = []
+    for start, end in ((0, 30), (30, 80), (80, 120)):
         process = started("--log", log)
         with process:
-            for line in LINES[begin:end]:
-                told.append(json.loads(ask(process, line)))
-                if told[-1]["time_s"] != json.loads(line)["time_s"]:
-                    # the kill fell between a decision that was told and its line in the log: it is told once more
-                    assert told.pop() == told[-1]
-                    told.append(json.loads(process.stdout.readline()))
+            for line in LINES[start:end]:
+                emitted.append(json.loads(ask(process, line)))
+                if emitted[-1]["time_s"] != json.loads(line)["time_s"]:
+                    # the kill fell between a decision that was emitted and its line in the log: it is emitted once more
+                    assert emitted.pop() == emitted[-1]
+                    emitted.append(json.loads(process.stdout.readline()))
             process.send_signal(signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL
-    assert told == whole[:120]
+    assert emitted == whole[:120]
 
 
 def test_two_processes_cannot_share_a_log(tmp_path, replan):
@@ -294,7 +294,7 @@ def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
     assert process.returncode == 130
     assert out == b""
     assert err in (b"", b"eadp: interrupted\n")  # some versions of typer say it without a word
-    # the interrupt may fall between a decision that was told and its line in the log
+    # the interrupt may fall between a decision that was emitted and its line in the log
     assert len(log.read_bytes().splitlines()) in (6, 7)
 
 

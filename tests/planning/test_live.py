@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.joint.held import HeldForecast
-from eadp.planning.live import BELIEVED, COMPLETED, EMPTY, LiveFlight, OutlierGate, Sample
+from eadp.planning.live import COMPLETED, EMPTY, MIN_AGREEING, LiveFlight, OutlierGate, Sample
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -52,12 +52,12 @@ def live(inputs):
     )
 
 
-def fixes(seen, every, shift_s=0.0, keys=()):
+def samples(seen, every, shift_s=0.0, keys=()):
     """Every so many observations and the last one, as telemetry with some of its optional keys."""
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
-            fix = Sample(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
-            yield fix._replace(**{key: getattr(o, key) for key in keys})
+            sample = Sample(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
+            yield sample._replace(**{key: getattr(o, key) for key in keys})
 
 
 def changes(pairs):
@@ -69,7 +69,7 @@ def changes(pairs):
     return result
 
 
-TOLD = ("velocity_mps", "heading_rad")
+MEASURED = ("velocity_mps", "heading_rad")
 
 
 @pytest.mark.parametrize(
@@ -78,34 +78,33 @@ TOLD = ("velocity_mps", "heading_rad")
         (1, (), 0),
         (5, (), 0),
         (10, (), 0),
-        (1, TOLD, 0),
-        (1, (*TOLD, "stage"), 0),
+        (1, MEASURED, 0),
+        (1, (*MEASURED, "stage"), 0),
         (5, ("stage",), 0),
-        (1, TOLD, EPOCH_S),
-        (0.5, TOLD, 0),
+        (1, MEASURED, EPOCH_S),
+        (0.5, MEASURED, 0),
     ],
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
     inputs, recorder = recorded
     step_s = 1 / rate_hz
-    flight, screen = live(inputs), OutlierGate(inputs.mission.cruise_mps)
+    flight, gate = live(inputs), OutlierGate(inputs.mission.cruise_mps)
     stages, decided = [], []
     advice = None
-    for fix in fixes(recorder.seen, round(step_s / 0.01), shift_s, keys):
-        assert screen.judge(fix) == (True, None)
-        screen.keep(fix)
-        answer, remarks = flight.take(fix)
-        assert remarks == ()
+    for sample in samples(recorder.seen, round(step_s / 0.01), shift_s, keys):
+        assert gate.accept(sample) == (True, None)
+        answer, notices = flight.update(sample)
+        assert notices == ()
         if answer is not None:
             advice = answer
-            stages.append((fix.time_s - shift_s, advice.stage))
-            decided.append((fix.time_s - shift_s, tuple(advice.parameters.values())))
+            stages.append((sample.time_s - shift_s, advice.stage))
+            decided.append((sample.time_s - shift_s, tuple(advice.parameters.values())))
     true_stages = changes((o.time_s, o.stage) for o in recorder.seen)
-    told_stages = changes(stages)
+    found_stages = changes(stages)
     if recorder.seen[-1].time_s - true_stages[-1][0] < step_s:  # the last stage may end before a line tells of it
-        true_stages, told_stages = true_stages[:-1], told_stages[: len(true_stages) - 1]
-    assert [stage for _, stage in told_stages] == [stage for _, stage in true_stages]
-    late_s = [told - true for (told, _), (true, _) in zip(told_stages, true_stages, strict=True)]
+        true_stages, found_stages = true_stages[:-1], found_stages[: len(true_stages) - 1]
+    assert [stage for _, stage in found_stages] == [stage for _, stage in true_stages]
+    late_s = [found - true for (found, _), (true, _) in zip(found_stages, true_stages, strict=True)]
     assert all(-0.02 < late < max(step_s, 1.0) + 0.01 for late in late_s)  # advice comes once a second at least
     # first choices lie between plateaus of the staircase and differ with what is known; the last path parameter and
     # the computations on the whole do not
@@ -130,7 +129,11 @@ def mean_of(pairs, index, end_s=None):
 def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     inputs, recorder = recorded
     flight = live(inputs)
-    times = [fix.time_s for fix in fixes(recorder.seen[:3000], 20, 0, TOLD) if flight.take(fix)[0] is not None]
+    times = [
+        sample.time_s
+        for sample in samples(recorder.seen[:3000], 20, 0, MEASURED)
+        if flight.update(sample)[0] is not None
+    ]
     assert times[0] == 0.2
     gaps = [later - now for now, later in itertools.pairwise(times)]
     assert max(gaps) < 1.01
@@ -145,13 +148,13 @@ def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     for _ in fly(inputs.world, recorder, outcome):
         pass
     flight = live(inputs)
-    told = {}
-    for fix in fixes(recorder.seen, 100):
-        advice, _ = flight.take(fix)
+    advised = {}
+    for sample in samples(recorder.seen, 100):
+        advice, _ = flight.update(sample)
         if advice is not None:
-            told[round(fix.time_s)] = advice
+            advised[round(sample.time_s)] = advice
     assert outcome.completed
-    half = told[round(outcome.duration_s / 2)]
+    half = advised[round(outcome.duration_s / 2)]
     assert half.completes_probability == pytest.approx(1.0, abs=0.01)
     assert half.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
     assert half.soc_end_forecast == pytest.approx(outcome.soc_final, abs=0.02)
@@ -163,14 +166,14 @@ def start(inputs, time_s=0.0, **changes):
     return Sample(time_s, x, y, 36.0, 0.9)._replace(**changes)
 
 
-def test_an_empty_battery_is_a_no_until_it_is_told_not_to_be(recorded):
+def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
     flight = live(recorded[0])
-    flight.take(start(recorded[0]))
-    advice, _ = flight.take(start(recorded[0], 1.0, soc=0.0))
+    flight.update(start(recorded[0]))
+    advice, _ = flight.update(start(recorded[0], 1.0, soc=0.0))
     assert (advice.reason, advice.soc_end_forecast, advice.completes_probability) == (EMPTY, 0.0, 0.0)
     assert not flight.forecast_completes
-    assert flight.take(start(recorded[0], 2.0, soc=0.0)) == (None, ())
-    advice, _ = flight.take(start(recorded[0], 3.0, soc=0.9))
+    assert flight.update(start(recorded[0], 2.0, soc=0.0)) == (None, ())
+    advice, _ = flight.update(start(recorded[0], 3.0, soc=0.9))
     assert advice.reason != EMPTY
 
 
@@ -179,48 +182,48 @@ def test_the_first_fix_may_be_anywhere(recorded, place):
     inputs = recorded[0]
     flight = live(inputs)
     for k in range(30):
-        fix = Sample(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
-        advice, remarks = flight.take(fix)
-        assert not any("failed" in remark.message for remark in remarks)
+        sample = Sample(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
+        advice, notices = flight.update(sample)
+        assert not any("failed" in notice.message for notice in notices)
         assert advice is not None
         assert 1 <= advice.stage <= 4
 
 
-def told_stage(flight, inputs, *stages):
-    """The stages that are flown after each that is told, and the remarks."""
+def reported_stages(flight, inputs, *stages):
+    """The stages that are flown after each reported one, and the notices."""
     answers = []
     for k, stage in enumerate(stages):
-        advice, remarks = flight.take(start(inputs, float(k), stage=stage))
-        answers.append((advice.stage, [remark.message for remark in remarks]))
+        advice, notices = flight.update(start(inputs, float(k), stage=stage))
+        answers.append((advice.stage, [notice.message for notice in notices]))
     return answers
 
 
-def test_stages_that_are_told_are_believed(recorded):
+def test_reported_stages_are_taken(recorded):
     inputs = recorded[0]
-    told = told_stage(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
-    assert told == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
+    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
+    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
 
 
-def test_a_jump_back_and_a_stage_that_is_none_are_told_of_once_and_ignored(recorded):
+def test_a_jump_back_and_an_unknown_stage_give_one_notice_and_are_ignored(recorded):
     inputs = recorded[0]
     back = "stage 2 is before stage 3, which is flown; ignored"
     none = "there is no stage 7; ignored"
-    told = told_stage(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
-    assert told == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [back])]
+    advised = reported_stages(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
+    assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [back])]
 
 
-def test_parameters_that_are_told_are_in_force(recorded):
+def test_reported_parameters_are_in_force(recorded):
     inputs = recorded[0]
     flight = live(inputs)
-    advice, remarks = flight.take(start(inputs, parameters={"c1": -300.0, "c9": 1.0}))
+    advice, notices = flight.update(start(inputs, parameters={"c1": -300.0, "c9": 1.0}))
     assert advice.in_force == {"c1": -300.0, "c2": 10.0}
-    assert [remark.message for remark in remarks] == ["the plan has no parameter c9; ignored"]
-    advice, remarks = flight.take(start(inputs, 1.0, parameters={"c2": 99.0, "c9": 1.0}))
+    assert [notice.message for notice in notices] == ["the plan has no parameter c9; ignored"]
+    advice, notices = flight.update(start(inputs, 1.0, parameters={"c2": 99.0, "c9": 1.0}))
     assert advice.in_force == {"c1": -300.0, "c2": 10.0}
-    assert [remark.message for remark in remarks] == ["c2 = 99 is outside its set; clipped"]
+    assert [notice.message for notice in notices] == ["c2 = 99 is outside its set; clipped"]
 
 
-def test_a_planner_that_fails_is_told_of_and_does_not_end_it(recorded):
+def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
     inputs = recorded[0]
 
     class Failing(Recorder):
@@ -229,47 +232,45 @@ def test_a_planner_that_fails_is_told_of_and_does_not_end_it(recorded):
 
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
     flight = LiveFlight(inputs.mission, lambda mission: Failing(inputs.planner()), lambda mission: held, 1.0)
-    advice, remarks = flight.take(start(inputs))
-    assert "the planner failed, and parameters stay: RuntimeError: out of order" in remarks[0].message
+    advice, notices = flight.update(start(inputs))
+    assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}
-    assert flight.take(start(inputs, 1.0))[1] == ()
+    assert flight.update(start(inputs, 1.0))[1] == ()
 
 
-# --- the screen
+# --- the outlier gate
 
 
-def judged(*pairs):
-    """Whether fixes of (time, x) are used, and what is odd about them."""
-    screen, answers = OutlierGate(15.0), []
+def accepted(*pairs):
+    """Whether samples of (time, x) are used, and what is odd about them."""
+    gate, answers = OutlierGate(15.0), []
     for time_s, x in pairs:
-        fix = Sample(time_s, x, 0.0, None, 0.5)
-        usable, remark = screen.judge(fix)
-        if usable:
-            screen.keep(fix)
-        answers.append((usable, remark.message if remark else None))
+        sample = Sample(time_s, x, 0.0, None, 0.5)
+        usable, notice = gate.accept(sample)
+        answers.append((usable, notice.message if notice else None))
     return answers
 
 
 def test_late_lines_and_duplicates_are_not_used():
-    answers = judged((1, 0), (2, 15), (2, 15), (1.5, 8), (3, 30))
+    answers = accepted((1, 0), (2, 15), (2, 15), (1.5, 8), (3, 30))
     assert answers[:2] == [(True, None)] * 2
     assert answers[2] == (False, "late: 2 s is not after 2 s")
     assert answers[3] == (False, "late: 1.5 s is not after 2 s")
     assert answers[4] == (True, None)
 
 
-def test_gaps_are_told_of_and_a_slow_stream_has_none():
-    assert [message for _, message in judged((0, 0), (1, 15), (9, 100))] == [None, None, "a gap of 8 s"]
-    assert [message for _, message in judged((0, 0), (8, 100), (16, 200))] == [None, "a gap of 8 s", None]
+def test_gaps_give_a_notice_and_a_slow_stream_has_none():
+    assert [message for _, message in accepted((0, 0), (1, 15), (9, 100))] == [None, None, "a gap of 8 s"]
+    assert [message for _, message in accepted((0, 0), (8, 100), (16, 200))] == [None, "a gap of 8 s", None]
 
 
 def test_outliers_are_not_used_unless_they_stay():
-    used = [usable for usable, _ in judged((0, 0), (1, 9000), (2, 30), (3, 9000), (4, 60))]
+    used = [usable for usable, _ in accepted((0, 0), (1, 9000), (2, 30), (3, 9000), (4, 60))]
     assert used == [True, False, True, False, True]
-    far = judged((0, 0), *((k, 9000 + 15 * k) for k in range(1, 5)))
-    assert [usable for usable, _ in far] == [True] + [False] * (BELIEVED - 1) + [True, True]
+    far = accepted((0, 0), *((k, 9000 + 15 * k) for k in range(1, 5)))
+    assert [usable for usable, _ in far] == [True] + [False] * (MIN_AGREEING - 1) + [True, True]
     assert "m from the last line's position" in far[1][1]
-    clock = judged((0, 0), (9e9, 0), (1, 15), (9e9, 0), (9e9 + 1, 15), (9e9 + 2, 30), (9e9 + 3, 45))
+    clock = accepted((0, 0), (9e9, 0), (1, 15), (9e9, 0), (9e9 + 1, 15), (9e9 + 2, 30), (9e9 + 3, 45))
     assert [usable for usable, _ in clock] == [True, False, True, False, False, True, True]
 
 
@@ -301,11 +302,11 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
     flight = live(INPUTS[planner])
     x, y = INPUTS[planner].mission.start_m
     time_s = 0.0
-    for step_s, dx, dy, fix in steps:
+    for step_s, dx, dy, sample in steps:
         time_s, x, y = time_s + step_s, x + dx, y + dy
-        fix = fix._replace(time_s=time_s)
-        advice, remarks = flight.take(fix._replace(x_m=x, y_m=y) if near else fix)
-        assert not any("failed" in remark.message for remark in remarks), remarks
+        sample = sample._replace(time_s=time_s)
+        advice, notices = flight.update(sample._replace(x_m=x, y_m=y) if near else sample)
+        assert not any("failed" in notice.message for notice in notices), notices
         if advice is None:
             continue
         numbers = [*advice.parameters.values(), *advice.in_force.values(), *(advice.wind_mps or ())]
@@ -317,13 +318,13 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
 def test_the_same_fixes_give_the_same_advice(recorded):
     inputs, recorder = recorded
     one, other = live(inputs), live(inputs_of())
-    for fix in fixes(recorder.seen[:12000], 100, 0, TOLD):
-        assert one.take(fix) == other.take(fix)
+    for sample in samples(recorder.seen[:12000], 100, 0, MEASURED):
+        assert one.update(sample) == other.update(sample)
 
 
-def test_a_mission_without_a_start_begins_at_the_first_fix(recorded):
+def test_a_mission_without_a_start_starts_at_the_first_sample(recorded):
     inputs = recorded[0]
     flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
-    advice, remarks = flight.take(Sample(3.0, -100.0, 220.0, 36.0, 0.9))
-    assert remarks == ()
+    advice, notices = flight.update(Sample(3.0, -100.0, 220.0, 36.0, 0.9))
+    assert notices == ()
     assert advice.stage == 1

@@ -35,7 +35,7 @@ def example():
             "power_w": round(o.power_w, 2),
             "soc": round(o.soc, 5),
             "velocity_mps": [round(value, 2) for value in o.velocity_mps],
-            "heading_deg": round(math.degrees(math.remainder(o.heading_rad, 2 * math.pi)), 1),
+            "heading_deg": round(90 - math.degrees(o.heading_rad), 1) % 360,
             "parameters": {name: round(value, 3) for name, value in zip(("c1", "c2"), o.parameters, strict=True)},
         }
 

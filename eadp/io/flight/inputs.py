@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from eadp import __version__
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
-from eadp.io.profile.model_file import ends_as_model, parse_profile
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
@@ -67,7 +68,7 @@ class Files:
 
     def document(self, path: str | None) -> Document:
         """A scenario's document, or that of the defaults."""
-        return Document("scenario", {}) if path is None else self.read(path, scenario_document)[1]
+        return Document(SourceText(Text("scenario", "")), {}) if path is None else self.read(path, scenario_document)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys overridden."""
@@ -81,7 +82,7 @@ class Files:
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
     """A profile and its warnings: a model, or measurements."""
-    return parse_profile(text, is_model=ends_as_model(text.name))
+    return parse_profile(text)
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def load_flight(
     ]
     scenario = files.scenario(scenario_path, overrides)
     if scenario_path is not None:
-        texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
+        texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()
@@ -280,12 +281,7 @@ def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
 def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
     try:
-        if stage.kind == LINE:
-            line_of(path, trigger, stage.sense)
-        elif stage.kind == CIRCLE:
-            circle_of(path, trigger, stage.sense)
-        else:
-            project(path, trigger)
+        stage.track(path, trigger).nearest(trigger)
     except PathUndefined as error:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 

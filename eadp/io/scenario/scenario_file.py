@@ -19,6 +19,7 @@ from pydantic import Field, TypeAdapter
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
@@ -236,7 +237,8 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
     InputError
         With every fault that was found.
     """
-    return scenario_of(Document("scenario", {}) if path is None else scenario_document(read_text(path)), overrides)
+    text = Text("scenario", "") if path is None else read_text(path)
+    return scenario_of(Document(SourceText(text), {}) if path is None else scenario_document(text), overrides)
 
 
 def scenario_document(text: Text) -> Document:

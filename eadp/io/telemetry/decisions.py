@@ -1,4 +1,4 @@
-"""Decisions as JSON lines: what `eadp replan` answers."""
+"""Decisions as JSON lines: the output of `eadp replan`."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from eadp.planning.live import Advice
 
 
 class DecisionLine(BaseModel):
-    """A line of decisions; null is what is not known."""
+    """A line of decisions; null where unknown."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
-    time_s: float = Field(description="of the telemetry line that it answers [s]")
-    stage: int = Field(description="the plan's stage that is flown, from 1")
-    lap: int = Field(description="the lap that is flown, from 0")
-    parameters: dict[str, float] = Field(description="to fly with, by name; path parameters wait for their stage")
-    in_force: dict[str, float] = Field(description="those that the plan has put into force by now")
+    time_s: float = Field(description="of the telemetry line [s]")
+    stage: int = Field(description="stage being flown, from 1")
+    lap: int = Field(description="lap being flown, from 0")
+    parameters: dict[str, float] = Field(description="decided, by name; path parameters wait for their stage")
+    in_force: dict[str, float] = Field(description="in force now")
     soc_end_forecast: float | None = Field(
-        description="state of charge at the end of the plan; below 0, by how much the battery is short"
+        description="state of charge at the end of the plan; negative by the shortfall of charge"
     )
-    completes_probability: float | None = Field(description="that the battery is not empty before the end")
-    reserve_probability: float | None = Field(description="that the reserve is kept")
-    remaining_s: float | None = Field(description="to the end of the plan [s]")
-    wind_mps: list[float] | None = Field(description="[x, y]: where the wind blows towards, as estimated [m/s]")
-    reason: str = Field(description="what has been decided and why")
+    completes_probability: float | None = Field(description="probability that the battery is not empty before the end")
+    reserve_probability: float | None = Field(description="probability that the reserve is kept")
+    remaining_s: float | None = Field(description="time to the end of the plan [s]")
+    wind_mps: list[float] | None = Field(description="[x, y]: estimated wind, the vector that it blows towards [m/s]")
+    reason: str = Field(description="the decision and its reason")
 
 
 def json_schema() -> dict[str, Any]:
@@ -45,6 +45,6 @@ def decision_line(advice: Advice) -> dict[str, Any]:
 def json_line(line: dict[str, Any]) -> str:
     """An object as one line of JSON, its end included; NaN and infinities are refused, as JSON has none.
 
-    It is ASCII: whatever the terminal's encoding, an answer must not fail to be told.
+    It is ASCII, so that it can be written in any encoding of the terminal.
     """
     return json.dumps(line, allow_nan=False) + "\n"

@@ -1,6 +1,6 @@
-"""The log of a flight that is re-planned: every line that was used and every decision, to go on from after a kill.
+"""Log of a flight on telemetry: every sample used and every decision, to resume from after a kill.
 
-One JSON object a line with a `kind`: `start`, with a hash of what the planner was told; `telemetry`; `decision`.
+One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from eadp.planning.live import Sample
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION = "start", "telemetry", "decision"
 SYNC_EVERY_S = 1.0
-"""A loss of power may cost this much; a kill costs nothing that is written."""
+"""Maximum loss at a power cut [s]; a kill loses nothing that is written."""
 
 
 class Entry(NamedTuple):
-    """A line of telemetry that was used, or, where `fix` is None, that its decision was told."""
+    """An entry: a sample that was used, or None for a decision that was emitted."""
 
-    fix: Sample | None
+    sample: Sample | None
 
 
 def hash_of(texts: Mapping[str, Text], overrides: Mapping[str, Any]) -> str:
-    """A hash of the texts that a planner was told, and of what was set on the command line."""
-    told = {kind: text.body for kind, text in texts.items()}
-    whole = json.dumps([told, dict(overrides)], sort_keys=True, default=str)
+    """Hash of the texts of the inputs, and of the settings on the command line."""
+    bodies = {kind: text.body for kind, text in texts.items()}
+    whole = json.dumps([bodies, dict(overrides)], sort_keys=True, default=str)
     return "sha256:" + hashlib.sha256(whole.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class ReplanLog:
-    """A log that is appended to; entries that stand in it are to be read before.
+    """A log to append to; its entries are read first.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ReplanLog:
     Attributes
     ----------
     warnings : list of Fault
-        What was odd about what stands in it, or about writing to it.
+        About its entries, or about writing to it.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class ReplanLog:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
         except (OSError, ValueError) as error:  # ValueError: a NUL in the name
             reason = getattr(error, "strerror", None) or str(error)
-            raise InputError.at(path, 1, 1, f"cannot be written: {reason}", "a writable place") from None
+            raise InputError.at(path, 1, 1, f"cannot be written: {reason}", "a writable path") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -80,18 +80,18 @@ class ReplanLog:
             pass
         start = {"kind": START, "schema": SCHEMA, "eadp": __version__, "inputs": inputs}
         try:
-            self._begin(start)
+            self._start(start)
         except BaseException:
             os.close(self._file)
             raise
 
     def entries(self) -> Iterator[Entry]:
-        """What stands in the log; a last line that was torn by a kill is dropped with a warning.
+        """Entries of the log; an incomplete last line is dropped with a warning.
 
         Raises
         ------
         InputError
-            At a line that is none of a log.
+            At a line that is no entry of a log.
         """
         reader = TelemetryReader(self._path)
         with self._open() as stream:
@@ -109,26 +109,26 @@ class ReplanLog:
                     yield entry
 
     def telemetry(self, document: Mapping[str, Any]) -> None:
-        """Append a line of telemetry that is going to be used."""
+        """Append a sample before it is used."""
         self._write({"kind": TELEMETRY, **{key: document[key] for key in KEYS if key in document}})
 
     def decision(self, line: Mapping[str, Any]) -> None:
-        """Append a decision that has been told."""
+        """Append a decision that was emitted."""
         self._write({"kind": DECISION, **line})
 
     def close(self) -> None:
-        """Bring everything to the disk."""
-        with contextlib.suppress(OSError):  # what has no disk behind it, such as a pipe
+        """Sync and close the file."""
+        with contextlib.suppress(OSError):  # a pipe cannot be synced
             os.fsync(self._file)
         os.close(self._file)
 
-    # --- what stands in it
+    # --- reading
 
     def _open(self) -> BinaryIO:
         os.lseek(self._file, 0, os.SEEK_SET)
         return os.fdopen(os.dup(self._file), "rb")
 
-    def _begin(self, start: Mapping[str, Any]) -> None:
+    def _start(self, start: Mapping[str, Any]) -> None:
         try:
             with self._open() as stream:
                 raw = stream.readline(10_000)
@@ -150,14 +150,14 @@ class ReplanLog:
             what = "is a log of another plan, profile, scenario or settings"
             raise InputError.at(self._path, 1, 1, what, "the log of these, or a new file")
         if first.get("eadp") != __version__:
-            what = f"was begun by eadp {first.get('eadp')}; this is {__version__}, whose decisions may differ"
+            what = f"was started by eadp {first.get('eadp')}; this is {__version__}, whose decisions may differ"
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
     def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> tuple[Entry | None, Fault | None]:
         expected = "a JSON object with the kind telemetry or decision"
         try:
             line = json.loads(raw)
-        except (ValueError, RecursionError):  # of which UnicodeDecodeError is one
+        except (ValueError, RecursionError):  # includes UnicodeDecodeError
             line = None
         kind = line.get("kind") if isinstance(line, dict) else None
         if kind == DECISION:
@@ -165,10 +165,10 @@ class ReplanLog:
         if kind != TELEMETRY:
             return None, Fault(self._path, number, 1, "is no line of a log", expected)
         del line["kind"]
-        fix, _, faults = reader.read(number, _encoded(line))
-        if fix is None:
+        sample, _, faults = reader.read(number, _encoded(line))
+        if sample is None:
             return None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
-        return Entry(fix), None
+        return Entry(sample), None
 
     def _drop(self, number: int, kept: int) -> None:
         os.ftruncate(self._file, kept)
@@ -187,7 +187,7 @@ class ReplanLog:
             if time.monotonic() >= self._sync_due_s:
                 os.fsync(self._file)
                 self._sync_due_s = time.monotonic() + SYNC_EVERY_S
-        except OSError as error:  # the flight goes on without
+        except OSError as error:  # the flight goes on without a log
             self._broken = True
             message = f"cannot be written any more, and the flight goes on without: {error.strerror}"
             self.warnings.append(Fault(self._path, 1, 1, message, severity="warning"))

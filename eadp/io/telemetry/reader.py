@@ -1,4 +1,4 @@
-"""Telemetry: one JSON object a line, read strictly; what is wrong with a line is told, and the line passed over."""
+"""Telemetry: one JSON object a line, read strictly; an invalid line gives a warning and is skipped."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Annotated, Any, BinaryIO
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import FieldSource
 from eadp.io.text.json import JsonObject, JsonReader
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.planning.live import Sample
 
 LINE_LIMIT_BYTES = 65_536
-UNKNOWN_KEYS_TOLD = 100
-"""So many unknown keys are told of; a stream that has more is told enough."""
+MAX_UNKNOWN_KEYS = 100
+"""Maximum number of warnings about unknown keys."""
 
 BOM = b"\xef\xbb\xbf"
 
@@ -31,7 +31,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class TelemetryLine(BaseModel):
-    """A line of telemetry. Other keys are passed over."""
+    """A line of telemetry. Other keys are ignored."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
@@ -41,15 +41,15 @@ class TelemetryLine(BaseModel):
     power_w: Watts | None = Field(description="a power in watts, or null where the sensor has no reading")
     soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(description="a state of charge, 0 to 1")
     stage: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="the plan's stage that is flown, a whole number from 1"
+        default=None, description="the stage being flown, a whole number from 1"
     )
     wind_mps: tuple[Speed, Speed] | None = Field(
-        default=None, description="[x, y]: where the wind blows towards, in metres per second"
+        default=None, description="[x, y]: the vector that the wind blows towards, in metres per second"
     )
     velocity_mps: tuple[Speed, Speed] | None = Field(
-        default=None, description="[x, y]: velocity over ground in metres per second"
+        default=None, description="[x, y]: ground velocity in metres per second"
     )
-    heading_deg: Finite | None = Field(default=None, description="where the nose points in degrees, 0 east, 90 north")
+    heading_deg: Finite | None = Field(default=None, description="the heading of the nose in degrees, 0 north, 90 east")
     parameters: dict[str, Finite] | None = Field(
         default=None, description='parameters in force by name, as in {"c1": -500}'
     )
@@ -65,12 +65,12 @@ def json_schema() -> dict[str, Any]:
 
 
 class TelemetryReader:
-    """Reads lines of one stream, and remembers which unknown keys it has told of.
+    """Reads the lines of one stream, and warns once of each unknown key.
 
     Parameters
     ----------
     name : str
-        What to call the stream in messages.
+        Name of the stream in messages.
     """
 
     def __init__(self, name: str) -> None:
@@ -78,12 +78,12 @@ class TelemetryReader:
         self._unknown: set[str] = set()
 
     def read(self, number: int, raw: bytes) -> tuple[Sample | None, JsonObject, list[Fault]]:
-        """Read one line; return the fix or None, the object for its places, and warnings.
+        """Read one line; return the sample or None, the object with its locations, and warnings.
 
         Parameters
         ----------
         number : int
-            Of the line, from 1.
+            Number of the line, from 1.
         raw : bytes
             The line, with or without its end.
         """
@@ -92,10 +92,10 @@ class TelemetryReader:
         try:
             document = self._document(number, raw)
             warnings = self._unknown_keys(number, document)
-            return self._fix(number, document), document, warnings
+            return self._sample(number, document), document, warnings
         except InputError as error:
-            told = replace(error.faults[0], line=number, source="", severity="warning")
-            return None, document, [*warnings, told]
+            fault = replace(error.faults[0], line=number, source="", severity="warning")
+            return None, document, [*warnings, fault]
 
     def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
         """A warning about a key of a line that has been read."""
@@ -116,10 +116,10 @@ class TelemetryReader:
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
         try:
-            value = JsonReader(FieldSource(Text(self._name, text))).document()
+            value = JsonReader(SourceText(Text(self._name, text))).document()
         except InputError as error:
             fault = error.faults[0]
-            # the reader knows files, and this is a line of one
+            # the JSON reader takes its text for a file
             message, expected = (
                 part.replace("the end of the file", "the end of the line") for part in (fault.message, fault.expected)
             )
@@ -131,14 +131,14 @@ class TelemetryReader:
     def _unknown_keys(self, number: int, document: JsonObject) -> list[Fault]:
         warnings = []
         for key in document:
-            if key in KEYS or key in self._unknown or len(self._unknown) >= UNKNOWN_KEYS_TOLD:
+            if key in KEYS or key in self._unknown or len(self._unknown) >= MAX_UNKNOWN_KEYS:
                 continue
             self._unknown.add(key)
             message = f"unknown key {printable(key, 60)}; ignored here and from now on"
             warnings.append(self.fault(number, document, key, message, f"one of {', '.join(KEYS)}"))
         return warnings
 
-    def _fix(self, number: int, document: JsonObject) -> Sample:
+    def _sample(self, number: int, document: JsonObject) -> Sample:
         known = {key: value for key, value in document.items() if key in KEYS}
         try:
             line = TelemetryLine.model_validate(known)
@@ -154,12 +154,12 @@ class TelemetryReader:
             stage=line.stage,
             wind_mps=line.wind_mps,
             velocity_mps=line.velocity_mps,
-            heading_rad=None if heading is None else math.radians(math.fmod(heading, 360.0)),
+            heading_rad=None if heading is None else math.radians(math.fmod(90.0 - heading, 360.0)),
             parameters=line.parameters or {},
         )
 
     def _fault_of(self, number: int, document: JsonObject, error: ValidationError) -> Fault:
-        """The first value that is wrong, else the keys that are missing: one warning a line."""
+        """A warning about the first invalid value, else about the missing keys."""
         wrong = [problem for problem in error.errors() if problem["type"] != "missing"]
         if not wrong:
             missing = [key for key in REQUIRED if key not in document]
@@ -185,12 +185,12 @@ class TelemetryReader:
 
 
 def numbered_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
-    """Lines of a stream with their numbers, as soon as they are there; of one that is too long only the begin.
+    """Lines of a stream with their numbers, as they arrive; a line that is too long is truncated.
 
     Raises
     ------
     InputError
-        Where the stream cannot be read on.
+        If the stream cannot be read.
     """
     number = 1
     while raw := _line(stream, name, number):
@@ -210,7 +210,7 @@ def _line(stream: BinaryIO, name: str, number: int) -> bytes:
 
 @contextmanager
 def open_telemetry(path: str) -> Iterator[BinaryIO]:
-    """A file of telemetry, a pipe, or standard input for `-`, to be read as it comes.
+    """A file of telemetry, a pipe, or standard input for `-`, read as it arrives.
 
     Raises
     ------

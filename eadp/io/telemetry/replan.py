@@ -1,4 +1,4 @@
-"""The planner on a stream of telemetry: line by line, with a log to go on from."""
+"""The planner on a stream of telemetry, line by line, with a log from which it resumes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from eadp.planning.joint.held import HeldForecast
 from eadp.planning.live import LiveFlight, OutlierGate
 from eadp.planning.registry import make_planner
 
-Tell = Callable[[dict[str, Any]], None]
+Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
 
 
-def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | None, tell: Tell, warn: Warn) -> bool:
+def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> bool:
     """Re-plan a flight from its telemetry, to the end of the stream.
 
     Parameters
@@ -27,21 +27,21 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     stream : binary stream
         Lines of telemetry.
     name : str
-        What to call it in messages.
+        Name of the stream in messages.
     log : ReplanLog or None
-        What stands in it is flown again in silence, then what comes is added.
-    tell, warn : functions
-        Take each decision and each warning as it is made.
+        Its entries are replayed without output, then new ones are appended.
+    emit, warn : functions
+        Called with each decision and with each warning.
 
     Returns
     -------
     bool
-        Whether the plan is done, or is forecast at the last line to be done before the battery is empty.
+        Whether the plan is complete, or forecast at the last line to be complete before the battery is empty.
 
     Raises
     ------
     InputError
-        At a line of the log that is none.
+        At a line that is no entry of a log.
     """
     settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
     flight = LiveFlight(
@@ -50,39 +50,38 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
         lambda mission: HeldForecast(settings, mission),
         settings.every_s,
     )
-    screen = OutlierGate(inputs.mission.cruise_mps)
-    known_to_s = _restore(flight, screen, log, tell, warn) if log is not None else None
+    gate = OutlierGate(inputs.mission.cruise_mps)
+    logged_to_s = _restore(flight, gate, log, emit, warn) if log is not None else None
     reader = TelemetryReader(name)
-    used = known_to_s is not None
-    passed_over = False
+    used = logged_to_s is not None
+    skipped = False
     for number, raw in numbered_lines(stream, name):
-        fix, document, warnings = reader.read(number, raw)
+        sample, document, warnings = reader.read(number, raw)
         for warning in warnings:
             warn(warning)
-        if fix is None:
+        if sample is None:
             continue
-        if known_to_s is not None and fix.time_s <= known_to_s:
-            if not passed_over:  # a recorded flight that is given again from its begin
-                passed_over = True
-                message = f"lines up to {known_to_s:.15g} s are in the log already, and are passed over"
+        if logged_to_s is not None and sample.time_s <= logged_to_s:
+            if not skipped:  # a recorded flight, again from its start
+                skipped = True
+                message = f"lines up to {logged_to_s:.15g} s are in the log already, and are skipped"
                 warn(reader.fault(number, document, "time_s", message, ""))
             continue
-        usable, remark = screen.judge(fix)
-        if remark is not None:
-            warn(reader.fault(number, document, remark.key, remark.message, remark.expected))
-        if not usable:
+        accepted, notice = gate.accept(sample)
+        if notice is not None:
+            warn(reader.fault(number, document, *notice))
+        if not accepted:
             continue
-        known_to_s, used = None, True
-        screen.keep(fix)
+        logged_to_s, used = None, True
         if log is not None:
             log.telemetry(document)
-        advice, remarks = flight.take(fix)
-        for remark in remarks:
-            warn(reader.fault(number, document, remark.key, remark.message, remark.expected))
+        advice, notices = flight.update(sample)
+        for notice in notices:
+            warn(reader.fault(number, document, *notice))
         if advice is not None:
             line = decision_line(advice)
-            tell(line)
-            if log is not None:  # told first: after a kill between the two it is told again, not lost
+            emit(line)
+            if log is not None:  # emitted first: after a kill between the two it is repeated, not lost
                 log.decision(line)
         if log is not None:
             _warn_all(log, warn)
@@ -91,20 +90,20 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     return flight.forecast_completes
 
 
-def _restore(flight: LiveFlight, screen: OutlierGate, log: ReplanLog, tell: Tell, warn: Warn) -> float | None:
-    """Fly again what stands in a log; tell what had not been told; return the time of the last line."""
-    untold, last_s = None, None
+def _restore(flight: LiveFlight, gate: OutlierGate, log: ReplanLog, emit: Emit, warn: Warn) -> float | None:
+    """Replay a log; emit the last decision if it is missing; return the time of the last line."""
+    pending, last_s = None, None
     for entry in log.entries():
-        if entry.fix is None:
-            untold = None
+        if entry.sample is None:
+            pending = None
             continue
-        last_s = entry.fix.time_s
-        screen.keep(entry.fix)
-        untold, _ = flight.take(entry.fix)
+        last_s = entry.sample.time_s
+        gate.keep(entry.sample)
+        pending, _ = flight.update(entry.sample)
     _warn_all(log, warn)
-    if untold is not None:
-        line = decision_line(untold)
-        tell(line)
+    if pending is not None:
+        line = decision_line(pending)
+        emit(line)
         log.decision(line)
     return last_s
 

@@ -1,8 +1,8 @@
-"""Computations over the rest of a mission: which configuration each segment gets of the charge that is left.
+"""Fractional multiple-choice knapsack: the computations of each segment within the remaining state of charge.
 
-Each segment offers configurations, by the charge that each takes and the value that it gives for its time; switching
-within a segment mixes two of them. The best mixes lie on the upper concave envelope of value over charge, and are found
-by filling the steps of all envelopes in the order of value per charge: the fractional multiple-choice knapsack.
+Each segment is a class of configurations with a use of charge and a value; switching within a segment mixes two of
+them. The optimal mixes lie on the upper concave envelope of value over charge. Filling the increments of all envelopes
+in descending order of value per charge is optimal.
 
 Source: Dantzig 1957 for the greedy filling, Sinha and Zoltners 1979 for multiple choice.
 """
@@ -16,16 +16,16 @@ import numpy as np
 from eadp.core.arrays import FloatArray, IntArray
 
 FULL = 1e-9
-"""A charge short by less than this is enough."""
+"""A shortfall of charge below this counts as none."""
 
 NEAR_ENVELOPE, SAME_POWER_W = 0.01, 1e-9
-"""A configuration whose value is below the best mix of the same power by less than this share of the whole range is as
-good; powers that differ by less are the same [W]."""
+"""A configuration is near the envelope if its value is below it by less than this share of the range of values; powers
+that differ by less than the second are equal [W]."""
 
 
 @dataclass(frozen=True)
 class ConcaveEnvelope:
-    """What the computations may do in a segment: configurations on the envelope, cheapest first.
+    """Upper concave envelope of value over power of a segment's configurations, in ascending order of power.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class ConcaveEnvelope:
         Value of each per second, rising.
     configurations : array, shape (k, computations)
     near : tuple of array
-        Powers, values and configurations of all that is on the envelope or nearly so, cheapest first.
+        Powers, values and configurations on the envelope or near it, in ascending order of power.
     """
 
     powers_w: FloatArray
@@ -43,8 +43,8 @@ class ConcaveEnvelope:
     configurations: FloatArray
     near: tuple[FloatArray, FloatArray, FloatArray]
 
-    def worth(self, scale: float) -> ConcaveEnvelope:
-        """The same with all values times `scale`."""
+    def scaled(self, scale: float) -> ConcaveEnvelope:
+        """The envelope with all values multiplied by `scale`."""
         powers_w, values, configurations = self.near
         return ConcaveEnvelope(
             self.powers_w, self.values * scale, self.configurations, (powers_w, values * scale, configurations)
@@ -52,7 +52,7 @@ class ConcaveEnvelope:
 
 
 def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> ConcaveEnvelope:
-    """The configurations that a best mix may use: the cheapest, and the vertices of the upper concave envelope.
+    """Upper concave envelope of configurations: the one of minimum power, and the vertices above it.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
     for i in order:
         if kept and values[i] <= values[kept[-1]] + 1e-15:
             continue
-        # the last kept vertex goes where the chord from the one before it passes above
+        # a vertex below the chord from the one before it to this one is not on the envelope
         while len(kept) > 1:
             a, b = kept[-2], kept[-1]
             if (values[b] - values[a]) * (powers_w[i] - powers_w[a]) > (values[i] - values[a]) * (
@@ -74,8 +74,8 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
             kept.pop()
         kept.append(int(i))
     best_w, best = powers_w[kept], values[kept]
-    least = np.interp(powers_w, best_w, best) - NEAR_ENVELOPE * (best[-1] - best[0])
-    near = (values >= least) & (powers_w <= best_w[-1] + SAME_POWER_W)
+    threshold = np.interp(powers_w, best_w, best) - NEAR_ENVELOPE * (best[-1] - best[0])
+    near = (values >= threshold) & (powers_w <= best_w[-1] + SAME_POWER_W)
     near[kept] = True
     rising = order[near[order]]
     return ConcaveEnvelope(
@@ -85,44 +85,44 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
 
 @dataclass(frozen=True)
 class Increments:
-    """The steps of all segments' envelopes: what each takes of the state of charge and adds to the objective.
+    """Increments of all segments' envelopes: the use of charge and the gain from each vertex to the next.
 
     Attributes
     ----------
-    segment, level : array of int, shape (steps,)
-        To which segment a step belongs, and which step of its envelope it is, from 0.
-    use, gain : array, shape (steps,)
-        State of charge that it takes; what it adds.
-    least_use, least_value : float
-        With every segment at its cheapest.
+    segment, level : array of int, shape (increments,)
+        The segment of each increment, and its index on the segment's envelope, from 0.
+    use, gain : array, shape (increments,)
+        State of charge that it takes; what it adds to the objective.
+    base_use, base_value : float
+        Use and value with every segment at minimum power.
     """
 
     segment: IntArray
     level: IntArray
     use: FloatArray
     gain: FloatArray
-    least_use: float
-    least_value: float
+    base_use: float
+    base_value: float
 
     @property
     def efficiency(self) -> FloatArray:
-        """Gain over use, infinite for steps that take nothing."""
+        """Gain over use; infinite for increments without use."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.use > 0, self.gain / np.maximum(self.use, 1e-300), np.inf)
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """Shares of steps that are taken.
+    """A filling of the knapsack.
 
     Attributes
     ----------
-    shares : array, shape (steps,)
-        Each in 0..1.
+    shares : array, shape (increments,)
+        Share of each increment that is taken, in 0..1.
     use, value : float
-        Altogether, the cheapest configurations included.
+        Total use and value, the configurations of minimum power included.
     feasible : bool
-        Whether the charge is enough for the cheapest.
+        Whether the charge suffices for the configurations of minimum power.
     """
 
     shares: FloatArray
@@ -131,38 +131,38 @@ class Allocation:
     feasible: bool
 
 
-def fill_greedy(steps: Increments, available: float) -> Allocation:
-    """The best shares: steps taken in the order of their gain per charge, the last one in part.
+def fill_greedy(increments: Increments, available: float) -> Allocation:
+    """Optimal filling: increments in descending order of gain per charge, the last one in part.
 
     Parameters
     ----------
-    steps : Steps
+    increments : Increments
     available : float
         State of charge that may be used.
 
     Returns
     -------
     Allocation
-        All zero, and not feasible, where even the cheapest configurations take more.
+        All zero, and not feasible, where even the configurations of minimum power use more.
 
-    Source: Dantzig 1957; envelopes make each segment's own steps come in order.
+    Source: Dantzig 1957; concavity keeps each segment's increments in order.
     """
-    shares = np.zeros(len(steps.use))
-    spare = available - steps.least_use
+    shares = np.zeros(len(increments.use))
+    spare = available - increments.base_use
     if spare < -FULL:
-        return Allocation(shares, steps.least_use, steps.least_value, feasible=False)
-    order = np.argsort(-steps.efficiency, kind="stable")
-    after = np.cumsum(steps.use[order])
+        return Allocation(shares, increments.base_use, increments.base_value, feasible=False)
+    order = np.argsort(-increments.efficiency, kind="stable")
+    after = np.cumsum(increments.use[order])
     whole = int(np.searchsorted(after, max(spare, 0.0) + FULL, side="right"))
     shares[order[:whole]] = 1.0
     if whole < len(order):
         before = float(after[whole - 1]) if whole else 0.0
         step = order[whole]
-        shares[step] = min(1.0, max(0.0, (spare - before) / float(steps.use[step])))
-    return allocation_of(steps, shares)
+        shares[step] = min(1.0, max(0.0, (spare - before) / float(increments.use[step])))
+    return allocation_of(increments, shares)
 
 
-def allocation_of(steps: Increments, shares: FloatArray) -> Allocation:
-    """What shares add up to."""
-    use = steps.least_use + float(steps.use @ shares)
-    return Allocation(shares, use, steps.least_value + float(steps.gain @ shares), feasible=True)
+def allocation_of(increments: Increments, shares: FloatArray) -> Allocation:
+    """The allocation with given shares of the increments."""
+    use = increments.base_use + float(increments.use @ shares)
+    return Allocation(shares, use, increments.base_value + float(increments.gain @ shares), feasible=True)

@@ -1,4 +1,4 @@
-"""Before take-off: will it finish, how surely, and what does each stage take?"""
+"""Forecast before take-off: probability of completion, and time and energy of each stage."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from eadp.planning.joint.settings import JointSettings
 
 @dataclass(frozen=True)
 class Preflight:
-    """What is to be expected of a mission.
+    """Forecast of a mission before take-off.
 
     Attributes
     ----------
     parameters : dict
-        By name: as planned, computations averaged over the time in which they have a choice.
+        Planned, by name; computations averaged over the time with a free set.
     forecast : Forecast
     feasible : bool
-        Whether the reserve is kept as surely as asked for.
+        Whether the reserve is kept with the probability of the settings.
     quality : float or None
-        U as planned.
+        Planned U.
     """
 
     parameters: dict[str, float]
@@ -42,12 +42,12 @@ def preflight(
 ) -> Preflight | None:
     """The forecast of a mission before take-off, in the wind of the weather forecast.
 
-    With `own`, the parameters are those that planner `joint` would choose now; without, those of take-off are kept.
+    With `own`, the parameters are those that planner `joint` would choose; without, those of take-off.
 
     Returns
     -------
     Preflight or None
-        None where the charge is replayed, or the plan cannot be flown in this wind.
+        None if the charge is replayed, or the plan cannot be flown in this wind.
     """
     plan, battery = mission.plan, mission.battery
     if battery.prescribed:
@@ -55,47 +55,45 @@ def preflight(
     margin_m = MARGIN_M
     if own is None:
         settings, margin_m = held_settings(settings, mission, mission.parameters), -NEAR_END_M
-    ahead = Forecaster(settings, mission, own, margin_m)
-    ahead.assume(wind_mps, gust_std_mps, battery.soc)
-    ahead.at(0.0, mission.start_m or (0.0, 0.0), 0.0)
-    if own is not None and ahead.open:
+    forecaster = Forecaster(settings, mission, own, margin_m)
+    forecaster.assume(wind_mps, gust_std_mps, battery.soc)
+    forecaster.start_at(0.0, mission.start_m or (0.0, 0.0), 0.0)
+    if own is not None and forecaster.open:
         try:
-            answer = MissionProgram(len(ahead.open)).solve(ahead.prospect, ahead.shares)
+            solution = MissionProgram(len(forecaster.open)).solve(forecaster.candidate, forecaster.shares)
         except Infeasible:
             return None
     else:
-        here = ahead.prospect(ahead.shares)
+        here = forecaster.candidate(forecaster.shares)
         if here is None:
             return None
-        answer = best_at(here)
-    shares = answer.prospect.shares
-    values = list(ahead.parameters_of(shares))
-    values[plan.path_count :] = _mean_configuration(ahead, answer)
+        solution = best_at(here)
+    shares = solution.candidate.shares
+    values = list(forecaster.parameters_of(shares))
+    values[plan.path_count :] = _mean_configuration(forecaster, solution)
     names = dict(zip(plan.names, values, strict=True))
-    quality = answer.value if ahead.open or len(answer.prospect.steps.use) else None
-    return Preflight(names, ahead.forecast(answer), answer.allocation.feasible, quality)
+    quality = solution.value if forecaster.open or len(solution.candidate.increments.use) else None
+    return Preflight(names, forecaster.forecast(solution), solution.allocation.feasible, quality)
 
 
-def _mean_configuration(ahead: Forecaster, answer: Solution) -> list[float]:
-    """Each computation's mean over the time in which it has a choice, as allocated."""
-    told = ahead.told(answer.prospect.shares)
-    assert told is not None
-    terms, segments = told
-    course = ahead.course(answer.prospect.shares)
+def _mean_configuration(forecaster: Forecaster, solution: Solution) -> list[float]:
+    """Mean of each computation over the time with a free set, as allocated."""
+    terms, load = forecaster.terms(solution.candidate.shares)
+    route = forecaster.route(solution.candidate.shares)
     count = terms.kinds[0].configurations.shape[1]
-    rho = len(course.parameters[0]) - count
-    menus = terms.menus
-    configurations = np.array([menu.configurations[0] for menu in menus])
-    steps = terms.steps
+    rho = len(route.parameters[0]) - count
+    envelopes = terms.envelopes
+    configurations = np.array([envelope.configurations[0] for envelope in envelopes])
+    increments = terms.increments
     for segment, level, share in zip(
-        steps.segment.tolist(), steps.level.tolist(), answer.allocation.shares.tolist(), strict=True
+        increments.segment.tolist(), increments.level.tolist(), solution.allocation.shares.tolist(), strict=True
     ):
-        menu = menus[segment].configurations
-        configurations[segment] += share * (menu[level + 1] - menu[level])
+        envelope = envelopes[segment].configurations
+        configurations[segment] += share * (envelope[level + 1] - envelope[level])
     means = []
     for k in range(count):
-        runs = np.array([not leg.stage.sets[rho + k].inhibited for leg in course.legs])
-        weights = segments.times_s * runs
+        runs = np.array([not leg.stage.sets[rho + k].inhibited for leg in route.legs])
+        weights = load.times_s * runs
         total = float(weights.sum())
         means.append(float(configurations[:, k] @ weights) / total if total > 0 else 0.0)
     return means

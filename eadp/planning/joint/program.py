@@ -4,12 +4,13 @@
     subject to  Σ_s use_s(p, x_s) ≤ available(p)                  the state of charge, less reserve and margin
                 0 ≤ x ≤ 1, p in its box
 
-Inhibited stages, power limits and trade-offs shape the menus that x fills, see `allocation`.
+Inhibited stages, power limits and trade-offs shape the envelopes whose increments x fills, see `knapsack`.
 
-The time that remains is a staircase in p: whole laps. On a step of it everything is smooth. Steps are found by a scan
-along each path parameter, in which the best x is told in closed form; from the best of it the program climbs by QPs:
-f and use linearised in p and x together, solved, evaluated, taken only where it is better and stays on its step, else
-with a shorter reach. A QP that fails ends the climb and is counted; what the scan has found stands.
+The remaining time is a step function of p, one step per whole lap, and smooth on each step. A scan along each path
+parameter finds the steps; at each point the optimal x has a closed form. From the best point the program climbs by
+sequential QPs: f and use are linearised in p and x together, and a QP's solution is accepted only if its value is
+greater and it lies on the same step; otherwise the trust region shrinks. A QP that fails ends the climb and is counted;
+the best point of the scan stays the solution.
 
 Source: letter, Sec. VI, which names this optimisation as future work.
 """
@@ -31,47 +32,47 @@ from eadp.planning.joint.knapsack import FULL, Allocation, Increments, allocatio
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 Shares = tuple[float, ...]
-"""Path parameters as shares of their boxes."""
+"""Path parameters as shares of their sets."""
 
-COARSE, MOST_HALVINGS, LEAST_PROMISE = 13, 60, 2e-5
-"""A scan: places over a box, halvings towards edges of steps, and what a step must promise to be looked at."""
+COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 2e-5
+"""A scan: points over a set, maximum halvings towards edges of steps, and minimum bound of the gain of a step."""
 
-GRIDS, SEARCHED, LEAST_STEP = {2: 11, 3: 5}, 3, 1e-3
-"""Places a side of a grid over two or three path parameters, how many of its best are searched round, and how finely.
-More parameters are scanned one after the other."""
+GRIDS, SEARCHED, MIN_STEP = {2: 11, 3: 5}, 3, 1e-3
+"""Points per side of a grid over two or three path parameters, how many of its best points start a pattern search, and
+the search's smallest step. More parameters are scanned one after the other."""
 
-PASSES, FIRST_REACH, LEAST_REACH = 6, 0.1, 1e-5
+MAX_QPS, FIRST_REACH, MIN_REACH = 6, 0.1, 1e-5
 DIFFERENCE = 1e-3
-PROXIMALS, FIRMEST, LEAST_COLUMN = (1e-3, 3e-2), 0.3, 1e-2
-LEAST_GAIN = 1e-7
+PROXIMALS, FALLBACK_PROXIMAL, MIN_COLUMN = (1e-3, 3e-2), 0.3, 1e-2
+MIN_GAIN = 1e-7
 SCANNED, SOLVED, CLOSED_FORM, INFEASIBLE = "scanned", "solved", "closed form", "infeasible"
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """The rest of the mission at some path parameters: what its computations may take and give, and what there is.
+    """The knapsack at given path parameters: increments and available state of charge.
 
-    `shape` tells on which step of the staircase it lies; `least_value` of the steps holds what the path is worth.
-    A state of charge that is short by `tolerance` more or less makes no difference.
+    `shape` identifies the step that it lies on; `base_value` of the increments includes the path's value. Shortfalls
+    that differ by less than `tolerance` are equivalent.
     """
 
     shares: Shares
     shape: tuple[int, ...]
-    steps: Increments
+    increments: Increments
     available: float
     tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The best that was found: where, how the charge is allocated, and how it was found.
+    """A solution of the program: candidate, allocation of the charge, QPs solved, and status.
 
-    `failures` counts QPs that had no answer; `short` is the state of charge that lacks where nothing is feasible.
+    `failures` counts QPs without a solution.
     """
 
-    prospect: Candidate
+    candidate: Candidate
     allocation: Allocation
-    passes: int
+    qp_solves: int
     status: str
     failures: int = 0
 
@@ -81,51 +82,51 @@ class Solution:
         return self.allocation.value
 
     @property
-    def short(self) -> float:
-        """State of charge that lacks, 0 where it is enough."""
-        return max(0.0, self.prospect.steps.least_use - self.prospect.available)
+    def shortfall(self) -> float:
+        """State of charge missing for the configurations of minimum power; 0 where it suffices."""
+        return max(0.0, self.candidate.increments.base_use - self.candidate.available)
 
 
-Outlook = Callable[[Shares], Candidate | None]
-"""Prospects at path parameters; None where the plan cannot be flown at them."""
+CandidateAt = Callable[[Shares], Candidate | None]
+"""Candidate at path parameters; None where the plan cannot be flown at them."""
 
 
 class _NoSlope(Exception):
-    """A step of the staircase is too narrow to tell how it slopes: there is nothing to climb."""
+    """A step is too narrow for finite differences, and the climb ends."""
 
 
-def best_at(prospect: Candidate) -> Solution:
-    """The best computations at given path parameters, in closed form."""
-    allocation = fill_greedy(prospect.steps, prospect.available)
-    return Solution(prospect, allocation, 0, CLOSED_FORM if allocation.feasible else INFEASIBLE)
+def best_at(candidate: Candidate) -> Solution:
+    """The optimal computations at given path parameters, in closed form."""
+    allocation = fill_greedy(candidate.increments, candidate.available)
+    return Solution(candidate, allocation, 0, CLOSED_FORM if allocation.feasible else INFEASIBLE)
 
 
 @dataclass
 class MissionProgram:
-    """The program of one mission; OSQP's problems are built once for each number of variables.
+    """The program of one mission; OSQP is set up once for each number of variables.
 
     Parameters
     ----------
     dimensions : int
-        Number of path parameters that leave a choice.
+        Number of free path parameters.
     climb : bool
-        Whether to climb by QPs from the scan's best.
+        Whether to climb by QPs from the best point of the scan.
     """
 
     dimensions: int
     climb: bool = True
     _programs: dict[tuple[int, float], QuadraticProgram] = field(default_factory=dict)
 
-    def solve(self, outlook: Outlook, warm: Shares, least: float = -math.inf) -> Solution:
-        """The best path parameters and computations.
+    def solve(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
+        """The optimal path parameters and computations.
 
         Parameters
         ----------
-        outlook : function
+        candidate_at : function
         warm : tuple of float, shape (dimensions,)
-            Where to begin: the last plan's.
-        least : float
-            What an answer has to be worth to be of use: along one parameter no step that promises less is looked for.
+            Starting point: the shares in force.
+        threshold : float
+            Value that a solution needs to be of use: the scan of one parameter skips steps whose bound is lower.
 
         Raises
         ------
@@ -134,123 +135,86 @@ class MissionProgram:
         """
         known: dict[Shares, Solution | None] = {}
 
-        def look(shares: Shares) -> Solution | None:
+        def evaluate(shares: Shares) -> Solution | None:
             if shares not in known:
-                prospect = outlook(shares)
-                known[shares] = None if prospect is None else best_at(prospect)
+                candidate = candidate_at(shares)
+                known[shares] = None if candidate is None else best_at(candidate)
             return known[shares]
 
-        best = _better(look(warm), None)
+        best = _better(evaluate(warm), None)
         if self.dimensions in GRIDS:
-            best = _gridded(look, best, self.dimensions)
+            best = _grid_search(evaluate, best, self.dimensions)
         else:
             for _ in range(2 if self.dimensions > 1 else 1):
                 for axis in range(self.dimensions):
-                    best = _scanned(look, best, warm, axis, least)
+                    best = _scan(evaluate, best, warm, axis, threshold)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
-            enough = best.short + best.prospect.tolerance
-            as_good = [answer for answer in known.values() if answer is not None and answer.short <= enough]
-            return max(as_good, key=lambda answer: answer.value) if math.isfinite(enough) else best
+            enough = best.shortfall + best.candidate.tolerance
+            as_good = [solution for solution in known.values() if solution is not None and solution.shortfall <= enough]
+            return max(as_good, key=lambda solution: solution.value) if math.isfinite(enough) else best
         if self.dimensions:
-            best = Solution(best.prospect, best.allocation, 0, SCANNED)
-        return self.climbed(outlook, best) if self.climb and self.dimensions else best
+            best = Solution(best.candidate, best.allocation, 0, SCANNED)
+        return self.climbed(candidate_at, best) if self.climb and self.dimensions else best
 
-    def climbed(self, outlook: Outlook, start: Solution) -> Solution:
-        """From an answer upwards by QPs; the answer itself where they find nothing better."""
-        best, passes, failures = start, 0, 0
+    def climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
+        """Climb from a solution by QPs; return the solution itself where they find no better one."""
+        best, qp_solves, failures = start, 0, 0
         reach = FIRST_REACH
-        while passes < PASSES and reach >= LEAST_REACH:
+        while qp_solves < MAX_QPS and reach >= MIN_REACH:
             try:
-                shares, x = self._pass(outlook, best, reach)
+                shares, x = self._qp_step(candidate_at, best, reach)
             except _NoSlope:
                 break
             except (SolverFailed, Infeasible):
                 failures += 1
                 break
-            passes += 1
-            trial = self._evaluated(outlook, shares, x, best)
+            qp_solves += 1
+            trial = self._evaluate_step(candidate_at, shares, x, best)
             if trial is None or trial.value <= best.value:
                 reach /= 4
                 continue
             gained = trial.value - best.value
             best = trial
-            if gained < LEAST_GAIN:
+            if gained < MIN_GAIN:
                 break
-        status = SOLVED if passes and not failures else start.status
-        return Solution(best.prospect, best.allocation, passes, status, failures)
-
-    def allocated(self, prospect: Candidate, warm: FloatArray | None = None) -> Solution:
-        """The computations at given path parameters by QPs alone, in sequence until shares stop moving.
-
-        Parameters
-        ----------
-        prospect : Prospect
-        warm : array, optional
-            Shares to begin from.
-        """
-        steps = prospect.steps
-        if steps.least_use > prospect.available + FULL or not len(steps.use):
-            return best_at(prospect)
-        x = warm if warm is not None and len(warm) == len(steps.use) else np.zeros(len(steps.use))
-        best = allocation_of(steps, np.zeros(len(steps.use)))
-        passes = 0
-        for _ in range(PASSES):
-            try:
-                moved = self._allocation_pass(prospect, x)
-            except (SolverFailed, Infeasible):
-                closed = best_at(prospect)
-                return Solution(prospect, closed.allocation, passes, closed.status, 1)
-            passes += 1
-            trial = allocation_of(steps, _within(steps, moved, prospect.available))
-            still = float(np.abs(moved - x).max()) < 1e-6
-            x = moved
-            if trial.value > best.value:
-                best = trial
-            if still:
-                break
-        return Solution(prospect, best, passes, SOLVED)
+        status = SOLVED if qp_solves and not failures else start.status
+        return Solution(best.candidate, best.allocation, qp_solves, status, failures)
 
     # --- QPs
 
-    def _pass(self, outlook: Outlook, at: Solution, reach: float) -> tuple[Shares, FloatArray]:
-        """One QP in path parameters and shares, both as where to go."""
-        prospect, steps, x = at.prospect, at.prospect.steps, at.allocation.shares
+    def _qp_step(self, candidate_at: CandidateAt, at: Solution, reach: float) -> tuple[Shares, FloatArray]:
+        """One QP in path parameters and shares; return its solution."""
+        candidate, increments, x = at.candidate, at.candidate.increments, at.allocation.shares
         d = self.dimensions
         gain, use = np.zeros(d + len(x)), np.zeros(d + len(x))
-        gain[d:], use[d:] = steps.gain, steps.use
+        gain[d:], use[d:] = increments.gain, increments.use
         lower, upper = np.zeros(d + len(x)), np.ones(d + len(x))
         for j in range(d):
-            gain[j], use[j] = self._slope(outlook, at, j)
-            lower[j] = -min(reach, prospect.shares[j])
-            upper[j] = min(reach, 1.0 - prospect.shares[j])
+            gain[j], use[j] = self._slope(candidate_at, at, j)
+            lower[j] = -min(reach, candidate.shares[j])
+            upper[j] = min(reach, 1.0 - candidate.shares[j])
         now = np.concatenate((np.zeros(d), x))
-        moved = self._solved(gain, use, prospect.available - steps.least_use, lower, upper, now)
+        moved = self._solve_qp(gain, use, candidate.available - increments.base_use, lower, upper, now)
         shares = tuple(
-            min(1.0, max(0.0, share + step)) for share, step in zip(prospect.shares, moved[:d].tolist(), strict=True)
+            min(1.0, max(0.0, share + step)) for share, step in zip(candidate.shares, moved[:d].tolist(), strict=True)
         )
         return shares, np.clip(moved[d:], 0.0, 1.0)
 
-    def _allocation_pass(self, prospect: Candidate, x: FloatArray) -> FloatArray:
-        steps = prospect.steps
-        ends = np.zeros(len(x)), np.ones(len(x))
-        moved = self._solved(steps.gain, steps.use, prospect.available - steps.least_use, *ends, x)
-        return np.clip(moved, 0.0, 1.0)
-
-    def _solved(
+    def _solve_qp(
         self, gain: FloatArray, use: FloatArray, spare: float, lower: FloatArray, upper: FloatArray, now: FloatArray
     ) -> FloatArray:
-        """max gain·z − ½ε|y − y_now|² subject to use·z ≤ spare within bounds, y being z by columns that weigh the same.
+        """max gain·z − ½ε|y − y_now|² subject to use·z ≤ spare within bounds, where y is z scaled by columns.
 
-        Gain and use are scaled to 1, and each column by the larger of its own two: a path parameter's are a hundred
-        times those of a leg's computations, and unscaled OSQP did not come to an end with one problem in two hundred.
-        Where it does not with a small ε, it is asked again with a larger one, which it does easily, and unscaled.
+        Gain and use are scaled to 1, and each column by the larger of its two entries: a path parameter's are a hundred
+        times those of a leg's computations, and unscaled, OSQP fails on one problem in two hundred. Where it fails with
+        a small ε, it is run unscaled and with larger ones.
         """
         gain = gain / max(float(np.abs(gain).max()), 1e-300)
-        most_use = max(float(np.abs(use).max()), 1e-300)
-        use = use / most_use
-        weights = np.maximum(np.maximum(np.abs(gain), np.abs(use)), LEAST_COLUMN)
+        largest_use = max(float(np.abs(use).max()), 1e-300)
+        use = use / largest_use
+        weights = np.maximum(np.maximum(np.abs(gain), np.abs(use)), MIN_COLUMN)
 
         def solved(proximal: float, *, scaled: bool) -> FloatArray:
             column = weights if scaled else np.ones(len(gain))
@@ -259,7 +223,7 @@ class MissionProgram:
                     -gain / column - proximal * now * column,
                     np.vstack([use / column, np.eye(len(gain))]),
                     np.concatenate(([-UNBOUNDED], lower * column)),
-                    np.concatenate(([max(spare, 0.0) / most_use], upper * column)),
+                    np.concatenate(([max(spare, 0.0) / largest_use], upper * column)),
                     np.clip(now, lower, upper) * column,
                 )
                 / column
@@ -268,7 +232,7 @@ class MissionProgram:
         for proximal, scaled in itertools.product(PROXIMALS, (True, False)):
             with contextlib.suppress(SolverFailed):
                 return solved(proximal, scaled=scaled)
-        return solved(FIRMEST, scaled=False)
+        return solved(FALLBACK_PROXIMAL, scaled=False)
 
     def _program(self, variables: int, proximal: float) -> QuadraticProgram:
         if (variables, proximal) not in self._programs:
@@ -276,47 +240,47 @@ class MissionProgram:
             self._programs[variables, proximal] = QuadraticProgram(filled_rows, proximal)
         return self._programs[variables, proximal]
 
-    def _slope(self, outlook: Outlook, at: Solution, axis: int) -> tuple[float, float]:
-        """How value, and use less what is available, change with a path parameter at fixed shares: one-sided."""
-        here, x = at.prospect, at.allocation.shares
+    def _slope(self, candidate_at: CandidateAt, at: Solution, axis: int) -> tuple[float, float]:
+        """One-sided derivatives of value, and of use minus available charge, by a path parameter at fixed shares."""
+        here, x = at.candidate, at.allocation.shares
         for step in (-DIFFERENCE, DIFFERENCE):
             share = here.shares[axis] + step
             if not 0.0 <= share <= 1.0:
                 continue
-            there = outlook((*here.shares[:axis], share, *here.shares[axis + 1 :]))
-            if there is None or there.shape != here.shape or len(there.steps.use) != len(x):
+            there = candidate_at((*here.shares[:axis], share, *here.shares[axis + 1 :]))
+            if there is None or there.shape != here.shape or len(there.increments.use) != len(x):
                 continue
-            a, b = allocation_of(here.steps, x), allocation_of(there.steps, x)
+            a, b = allocation_of(here.increments, x), allocation_of(there.increments, x)
             use = (b.use - there.available) - (a.use - here.available)
             return (b.value - a.value) / step, use / step
         raise _NoSlope
 
-    def _evaluated(self, outlook: Outlook, shares: Shares, x: FloatArray, at: Solution) -> Solution | None:
-        """What a QP's answer is really worth: its shares, cut to the charge that there is, or the closed form's."""
-        prospect = outlook(shares)
-        if prospect is None or prospect.shape != at.prospect.shape:
+    def _evaluate_step(self, candidate_at: CandidateAt, shares: Shares, x: FloatArray, at: Solution) -> Solution | None:
+        """The solution at a QP's path parameters: the better of the QP's shares, made feasible, and the closed form."""
+        candidate = candidate_at(shares)
+        if candidate is None or candidate.shape != at.candidate.shape:
             return None
-        if prospect.steps.least_use > prospect.available + FULL:
+        if candidate.increments.base_use > candidate.available + FULL:
             return None
-        if len(x) != len(prospect.steps.use):
+        if len(x) != len(candidate.increments.use):
             return None
-        own = allocation_of(prospect.steps, _within(prospect.steps, x, prospect.available))
-        closed = fill_greedy(prospect.steps, prospect.available)
-        return Solution(prospect, own if own.value >= closed.value else closed, 0, SOLVED)
+        own = allocation_of(candidate.increments, _within(candidate.increments, x, candidate.available))
+        closed = fill_greedy(candidate.increments, candidate.available)
+        return Solution(candidate, own if own.value >= closed.value else closed, 0, SOLVED)
 
 
-def _within(steps: Increments, x: FloatArray, available: float) -> FloatArray:
-    """Shares taken back until the charge is enough: those of least gain per charge first."""
-    excess = steps.least_use + float(steps.use @ x) - available
+def _within(increments: Increments, x: FloatArray, available: float) -> FloatArray:
+    """Shares reduced until they are feasible, in ascending order of gain per charge."""
+    excess = increments.base_use + float(increments.use @ x) - available
     if excess <= 0:
         return x
     x = x.copy()
-    for i in np.argsort(steps.efficiency, kind="stable"):
-        taken = float(steps.use[i] * x[i])
+    for i in np.argsort(increments.efficiency, kind="stable"):
+        taken = float(increments.use[i] * x[i])
         if taken <= 0:
             continue
         if taken >= excess:
-            x[i] -= excess / float(steps.use[i])
+            x[i] -= excess / float(increments.use[i])
             break
         x[i] = 0.0
         excess -= taken
@@ -324,73 +288,84 @@ def _within(steps: Increments, x: FloatArray, available: float) -> FloatArray:
 
 
 def _better(new: Solution | None, old: Solution | None) -> Solution | None:
-    """The better of two: a feasible one, then by value; of two that are not, the one that lacks less."""
+    """The better of two: the feasible one, then the greater value; of two infeasible ones the smaller shortfall."""
     if new is None or old is None:
         return old if new is None else new
     if new.allocation.feasible != old.allocation.feasible:
         return new if new.allocation.feasible else old
     if not new.allocation.feasible:
-        return new if new.short < old.short else old
+        return new if new.shortfall < old.shortfall else old
     return new if new.value > old.value else old
 
 
-def _gridded(look: Callable[[Shares], Solution | None], best: Solution | None, dimensions: int) -> Solution | None:
-    """The best of a grid over all path parameters, and of searches from its best places with steps that are halved.
+def _grid_search(
+    evaluate: Callable[[Shares], Solution | None], best: Solution | None, dimensions: int
+) -> Solution | None:
+    """The best of a grid over all path parameters, and of pattern searches from its best points.
 
-    Parameters that compete for charge are best along an edge that no search by one of them alone goes along.
+    Parameters that compete for charge have their optimum along an edge that no search by a single one follows.
 
     Source: pattern search (Hooke and Jeeves 1961).
     """
-    places = np.linspace(0.0, 1.0, GRIDS[dimensions]).tolist()
-    found = [answer for shares in itertools.product(places, repeat=dimensions) if (answer := look(shares)) is not None]
+    points = np.linspace(0.0, 1.0, GRIDS[dimensions]).tolist()
+    found = [
+        solution
+        for shares in itertools.product(points, repeat=dimensions)
+        if (solution := evaluate(shares)) is not None
+    ]
     if best is not None:
         found.append(best)
     found.sort(
-        key=lambda answer: (answer.allocation.feasible, answer.value if answer.allocation.feasible else -answer.short)
+        key=lambda solution: (
+            solution.allocation.feasible,
+            solution.value if solution.allocation.feasible else -solution.shortfall,
+        )
     )
     for start in found[-SEARCHED:]:
         own = start
         step = 0.5 / (GRIDS[dimensions] - 1)
-        while own.allocation.feasible and step > LEAST_STEP:
-            centre = own.prospect.shares
+        while own.allocation.feasible and step > MIN_STEP:
+            centre = own.candidate.shares
             for moves in itertools.product((-step, 0.0, step), repeat=dimensions):
                 there = tuple(min(1.0, max(0.0, c + move)) for c, move in zip(centre, moves, strict=True))
-                own = _better(look(there), own) or own
-            if own.prospect.shares == centre:
+                own = _better(evaluate(there), own) or own
+            if own.candidate.shares == centre:
                 step /= 2
         best = _better(own, best)
     return best
 
 
-def _scanned(
-    look: Callable[[Shares], Solution | None], best: Solution | None, warm: Shares, axis: int, least: float
+def _scan(
+    evaluate: Callable[[Shares], Solution | None], best: Solution | None, warm: Shares, axis: int, threshold: float
 ) -> Solution | None:
-    """The best along one path parameter: over its box, then up to the edges of those steps that could be better.
+    """The best along one path parameter: over its set, then towards the edges of steps that could be better.
 
-    Branch and bound: no step is looked at that could not be worth `least`.
+    Branch and bound: cells whose bound is below `threshold` are skipped.
     """
-    base = best.prospect.shares if best is not None else warm
+    base = best.candidate.shares if best is not None else warm
 
     def at(share: float) -> Solution | None:
-        return look((*base[:axis], share, *base[axis + 1 :]))
+        return evaluate((*base[:axis], share, *base[axis + 1 :]))
 
-    places = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
-    found = [at(share) for share in places]
-    for answer in found:
-        best = _better(answer, best)
+    points = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
+    found = [at(share) for share in points]
+    for solution in found:
+        best = _better(solution, best)
     if best is None:
         return None
-    cells = list(itertools.pairwise(zip(places, found, strict=True)))
+    cells = list(itertools.pairwise(zip(points, found, strict=True)))
     rises = [
         abs(b.value - a.value) / (high - low)
         for (low, a), (high, b) in cells
         if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
     ]
     slope = max(rises, default=1.0)
-    queue = [(-_promise(low, high, slope), i, low, high) for i, (low, high) in enumerate(cells) if _broken(low, high)]
+    queue = [
+        (-_upper_bound(low, high, slope), i, low, high) for i, (low, high) in enumerate(cells) if _broken(low, high)
+    ]
     heapq.heapify(queue)
-    for count in range(len(cells), len(cells) + MOST_HALVINGS):
-        if not queue or -queue[0][0] <= max(best.value + LEAST_PROMISE, least):
+    for count in range(len(cells), len(cells) + MAX_HALVINGS):
+        if not queue or -queue[0][0] <= max(best.value + MIN_BOUND_GAIN, threshold):
             break
         _, _, low, high = heapq.heappop(queue)
         share = (low[0] + high[0]) / 2
@@ -398,28 +373,28 @@ def _scanned(
         best = _better(middle[1], best)
         assert best is not None
         for left, right in ((low, middle), (middle, high)):
-            if right[0] - left[0] > LEAST_REACH and _broken(left, right):
-                heapq.heappush(queue, (-_promise(left, right, slope), 2 * count + (left is middle), left, right))
+            if right[0] - left[0] > MIN_REACH and _broken(left, right):
+                heapq.heappush(queue, (-_upper_bound(left, right, slope), 2 * count + (left is middle), left, right))
     return best
 
 
-_Place = tuple[float, Solution | None]
+_Point = tuple[float, Solution | None]
 
 
 def _alike(a: Solution, b: Solution) -> bool:
-    """Whether two answers lie on one step of the staircase, both feasible or both not."""
-    return a.prospect.shape == b.prospect.shape and a.allocation.feasible == b.allocation.feasible
+    """Whether two solutions lie on one step, both feasible or both not."""
+    return a.candidate.shape == b.candidate.shape and a.allocation.feasible == b.allocation.feasible
 
 
-def _broken(low: _Place, high: _Place) -> bool:
-    """Whether an edge of a step, or of what is feasible, lies between two places."""
+def _broken(low: _Point, high: _Point) -> bool:
+    """Whether an edge of a step, or of the feasible set, lies between two points."""
     a, b = low[1], high[1]
     if a is None or b is None:
         return a is not b
     return not _alike(a, b)
 
 
-def _promise(low: _Place, high: _Place, slope: float) -> float:
-    """What could at most be found between two places, steps being no steeper than those seen."""
-    values = [answer.value for _, answer in (low, high) if answer is not None and answer.allocation.feasible]
+def _upper_bound(low: _Point, high: _Point, slope: float) -> float:
+    """Upper bound of the value between two points, if no step is steeper than those evaluated."""
+    values = [solution.value for _, solution in (low, high) if solution is not None and solution.allocation.feasible]
     return max(values, default=-math.inf) + slope * (high[0] - low[0])

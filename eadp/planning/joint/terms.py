@@ -1,10 +1,10 @@
-"""From what is left to fly and what is known of it to the mission program's terms: time, power, charge, worth."""
+"""Terms of the mission program: time, use of charge and value of each leg of a route, for the knapsack."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,31 +14,30 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import jitted
 from eadp.core.flight.battery import drains_per_s
 from eadp.errors import Infeasible
-from eadp.models.battery import Battery
-from eadp.models.computing import Computing
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Box, Plan
+from eadp.models.plan.plan import Box
 from eadp.models.plan.route import Route
-from eadp.planning.base import TradeOff
+from eadp.planning.base import Mission, PlannerSettings, allowed_levels
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
+from eadp.planning.joint.settings import JointSettings
 
 QUALITY, TOTAL = "quality", "total"
-MOST_CONFIGURATIONS = 50_000
+MAX_CONFIGURATIONS = 50_000
 DELIVERABLE = 0.98
-"""Share of the largest power a battery could deliver that is planned with at most."""
+"""Maximum planned power as a share of the battery's maximum power."""
 
 
 class RouteLoad(NamedTuple):
-    """The rest of the mission leg by leg.
+    """Time and motion power of the legs of a route.
 
     Attributes
     ----------
     times_s : array, shape (segments,)
-        [s]
+        Duration [s].
     motion_w, peak_w : array, shape (segments,)
-        Mean power of the motion, and its highest within the segment [W].
+        Mean and maximum power of the motion within the segment [W].
     time_std_s, energy_std_j : float
-        Standard deviations of the whole time [s] and of the motion's energy over it [J].
+        Standard deviations of the total time [s] and of the motion's energy over it [J].
     """
 
     times_s: FloatArray
@@ -49,7 +48,7 @@ class RouteLoad(NamedTuple):
 
 
 class FlownShares(NamedTuple):
-    """What has been flown: for each parameter the time in which it had a choice [s], and the area of its share [s]."""
+    """For each parameter, the time flown with a free set [s], and the time integral of its share of the set [s]."""
 
     times_s: Sequence[float]
     areas_s: Sequence[float]
@@ -57,194 +56,176 @@ class FlownShares(NamedTuple):
 
 @dataclass(frozen=True)
 class KnapsackTerms:
-    """A segment list in the program's terms.
+    """The rest of a mission as a multiple-choice knapsack.
 
     Attributes
     ----------
-    steps : Steps
-    kinds : tuple of Menu
-        The menus that there are.
+    increments : Increments
+    kinds : tuple of ConcaveEnvelope
+        The distinct envelopes.
     kind_of : array of int, shape (segments,)
-        Which of them each segment has.
+        Index of each segment's envelope in `kinds`.
     soc_per_j : float
-        How the state of charge at the end moves with energy, dI/dP k_b/Q_c at the mean power [1/J].
+        Derivative of the final state of charge by energy, dI/dP k_b/Q_c at the mean power [1/J].
     mean_w : float
-        Power with the computations half way [W].
+        Mean power with the computations half way between minimum and maximum [W].
     beyond_w : float
-        Power by which even the cheapest is more than the battery can deliver [W]; 0 where it is not.
-    least_soc : float
-        State of charge at the end below which even the cheapest is more, somewhere on the way, than b Q_c V crate.
-    worth : array, shape (parameters,)
-        What a share of each parameter adds to the objective per second.
+        Excess of the minimum power over what the battery can deliver [W]; 0 where there is none.
+    min_soc : float
+        Final state of charge below which the minimum power exceeds b Q_c V crate somewhere on the route.
     """
 
-    steps: Increments
+    increments: Increments
     kinds: tuple[ConcaveEnvelope, ...]
     kind_of: IntArray
     soc_per_j: float
     mean_w: float
     beyond_w: float
-    least_soc: float
-    worth: FloatArray
+    min_soc: float
 
     @property
-    def menus(self) -> tuple[ConcaveEnvelope, ...]:
-        """Of each segment."""
+    def envelopes(self) -> tuple[ConcaveEnvelope, ...]:
+        """Envelope of each segment."""
         return tuple(self.kinds[kind] for kind in self.kind_of.tolist())
 
     @property
     def rises_w(self) -> FloatArray:
-        """By how much each step raises the computations' power [W], shape (steps,)."""
-        rises, of_step = np.zeros(len(self.steps.use)), self.kind_of[self.steps.segment]
-        for kind, menu in enumerate(self.kinds):
-            chosen = of_step == kind
-            rises[chosen] = np.diff(menu.powers_w)[self.steps.level[chosen]]
+        """Rise of the computations' power by each increment [W], shape (increments,)."""
+        rises, kind_of = np.zeros(len(self.increments.use)), self.kind_of[self.increments.segment]
+        for kind, envelope in enumerate(self.kinds):
+            chosen = kind_of == kind
+            rises[chosen] = np.diff(envelope.powers_w)[self.increments.level[chosen]]
         return rises
 
     @property
-    def lowest_w(self) -> FloatArray:
-        """Power of each segment's cheapest configuration [W], shape (segments,)."""
-        return np.array([menu.powers_w[0] for menu in self.kinds])[self.kind_of]
+    def base_w(self) -> FloatArray:
+        """Minimum power of the computations on each segment [W], shape (segments,)."""
+        return np.array([envelope.powers_w[0] for envelope in self.kinds])[self.kind_of]
 
 
 class TermBuilder:
-    """Turns courses into the program's terms; menus are made once for each kind of segment.
+    """Builds the terms of routes; envelopes are built once for each kind of segment.
 
     Parameters
     ----------
-    plan, computing, battery
-        As the mission has them.
-    weights : mapping
-        Weight of each parameter by name; equal without any.
-    levels : mapping
-        Values that computations may take, where the settings restrict them.
-    trade_offs : sequence of TradeOff
-    objective : str
-        `quality`, U averaged over the flight; or `total`, the sum over time of the computations, weighted.
+    mission : Mission
+    settings : PlannerSettings
+        Weights and levels are used here.
+    own : JointSettings
+        Trade-offs and objective: `quality`, U averaged over the flight; or `total`, the weighted sum of the
+        computations over time.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        computing: Computing,
-        battery: Battery,
-        weights: Mapping[str, float],
-        levels: Mapping[str, tuple[float, ...]],
-        trade_offs: Sequence[TradeOff],
-        objective: str,
-    ) -> None:
-        self._plan, self._computing, self._battery = plan, computing, battery
-        self._levels, self._trade_offs, self._objective = levels, trade_offs, objective
-        self._rho = plan.path_count
-        self._weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in plan.names])
+    def __init__(self, mission: Mission, settings: PlannerSettings, own: JointSettings) -> None:
+        self._mission, self._settings = mission, settings
+        self._plan, self._battery = mission.plan, mission.battery
+        self._trade_offs, self._objective = own.trade_offs, own.objective
+        self._rho = mission.plan.path_count
+        weights = settings.weights
+        self._weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in mission.plan.names])
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
-        self._menus: dict[object, ConcaveEnvelope] = {}
+        self._envelopes: dict[object, ConcaveEnvelope] = {}
         self._scale_s = 0.0
-        empty_v = battery.voltage_at(0.0)
-        self._cell = (
-            empty_v,
-            battery.voltage_at(1.0) - empty_v,
-            battery.resistance_ohm,
-            battery.drain_per_as,
-            battery.power_per_soc_w,
-        )
+        b = mission.battery
+        empty_v = b.voltage_at(0.0)
+        self._cell = (empty_v, b.voltage_at(1.0) - empty_v, b.resistance_ohm, b.drain_per_as, b.power_per_soc_w)
 
-    def terms(
-        self, course: Route, segments: RouteLoad, past: FlownShares, soc: float, reserve_soc: float
-    ) -> KnapsackTerms:
-        """The program's terms of a course.
+    def terms(self, route: Route, load: RouteLoad, past: FlownShares, soc: float, reserve_soc: float) -> KnapsackTerms:
+        """The terms of a route.
 
         Parameters
         ----------
-        course : Course
-        segments : Segments
-        past : Past
+        route : Route
+        load : RouteLoad
+        past : FlownShares
         soc, reserve_soc : float
-            State of charge now, and what it is to be at the end.
+            State of charge now, and the one to keep at the end.
         """
-        times, total_s = segments.times_s, float(segments.times_s.sum())
-        worth, worth_past = self._worth(course, times, past)
+        times, total_s = load.times_s, float(load.times_s.sum())
+        value_rates, base_value = self._value_rates(route, times, past)
         b = self._battery
-        highest, lowest = np.zeros(len(times)), np.zeros(len(times))
-        alike = course.grouped(lambda stage, own: self._key(stage.sets, own))
+        max_w, base_w = np.zeros(len(times)), np.zeros(len(times))
+        alike = route.grouped(lambda stage, own: self._key(stage.sets, own))
         for first, members in alike:
-            powers = self.configurations(course.legs[first].stage.sets, course.parameters[first])[1]
-            lowest[members], highest[members] = powers[0], powers[-1]
-        # not below the reserve on the way
-        volts, room, beyond, least_soc = jitted(_on_the_way, drains_per_s)(
-            times, segments.motion_w, segments.peak_w, lowest, highest, soc, min(reserve_soc, soc), self._cell
+            powers = self.configurations(route.legs[first].stage.sets, route.parameters[first])[1]
+            base_w[members], max_w[members] = powers[0], powers[-1]
+        # the reserve bounds the state of charge from below on the whole route
+        volts, room, beyond, min_soc = jitted(_power_limits, drains_per_s)(
+            times, load.motion_w, load.peak_w, base_w, max_w, soc, min(reserve_soc, soc), self._cell
         )
-        groups = _Groups(worth_past, len(times))
-        steps_of = jitted(_steps, drains_per_s)
+        kinds: list[ConcaveEnvelope] = []
+        found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
+        kind_of = np.zeros(len(times), dtype=np.intp)
+        base_use = energy_j = 0.0
+        increments_of = jitted(_increments, drains_per_s)
         for first, members in alike:
-            stage, own = course.legs[first].stage, course.parameters[first]
-            powers = self.configurations(stage.sets, own)[1]
+            sets, own = route.legs[first].stage.sets, route.parameters[first]
+            powers = self.configurations(sets, own)[1]
             allowed = np.maximum(np.searchsorted(powers, room[members], side="right"), 1)
             for count in sorted({*allowed.tolist()}):
                 index = members[allowed == count]
-                menu = self._menu(stage.sets, own, count, worth)
-                groups.add(
-                    menu,
-                    index,
-                    steps_of(index, times, segments.motion_w, volts, menu.powers_w, menu.values, self._cell),
+                envelope = self._envelope(sets, own, count, value_rates)
+                seconds, own_use, segment, level, use, gain = increments_of(
+                    index, times, load.motion_w, volts, envelope.powers_w, envelope.values, self._cell
                 )
-        mean_w = (float(segments.motion_w @ times) + groups.energy_j) / max(total_s, 1e-9)
+                kind_of[index] = len(kinds)
+                kinds.append(envelope)
+                found.append((segment, level, use, gain))
+                energy_j += seconds * float(envelope.powers_w[0] + envelope.powers_w[-1]) / 2
+                base_use += own_use
+                base_value += seconds * float(envelope.values[0])
+        segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        mean_w = (float(load.motion_w @ times) + energy_j) / max(total_s, 1e-9)
         voltage = float(volts.mean())
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
         slope = b.drain_per_as / math.sqrt(discriminant)
-        return KnapsackTerms(
-            groups.steps(), tuple(groups.kinds), groups.kind_of, slope, mean_w, beyond, least_soc, worth
-        )
+        increments = Increments(segment, level, use, gain, base_use, base_value)
+        return KnapsackTerms(increments, tuple(kinds), kind_of, slope, mean_w, beyond, min_soc)
 
-    # --- worth
+    # --- values
 
-    def _worth(self, course: Route, times: FloatArray, past: FlownShares) -> tuple[FloatArray, float]:
-        """What a share of each parameter is worth per second, and what the past and the path are worth."""
+    def _value_rates(self, route: Route, times: FloatArray, past: FlownShares) -> tuple[FloatArray, float]:
+        """Value of each parameter's share per second, and the value of what is flown and of the path."""
         count, rho = len(self._plan.names), self._rho
         times_s, areas_s = np.array(past.times_s), np.array(past.areas_s)
         if self._objective == TOTAL:
-            # Σ w c dt, over what the first course seen could give at most, so that it too is about 0..1
-            most = np.array([self._plan.hull(j).hi if j >= rho else 0.0 for j in range(count)])
+            # Σ w c dt, relative to the maximum on the first route, so that it too lies in about 0..1
+            maxima = np.array([self._plan.hull(j).hi if j >= rho else 0.0 for j in range(count)])
             if not self._scale_s:
-                self._scale_s = float((times_s + course.free @ times).max(initial=1.0))
-            worth = self._weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
-            worth /= max(float((worth * most).sum()), 1e-12) * max(self._scale_s, 1e-9)
-            return worth, 0.0
-        return jitted(_quality)(course.free, course.shares, times, times_s, areas_s, self._weights, rho)
+                self._scale_s = float((times_s + route.free @ times).max(initial=1.0))
+            rates = self._weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
+            rates /= max(float((rates * maxima).sum()), 1e-12) * max(self._scale_s, 1e-9)
+            return rates, 0.0
+        return jitted(_quality)(route.free, route.shares, times, times_s, areas_s, self._weights, rho)
 
-    # --- menus
+    # --- envelopes
 
-    def _menu(self, sets: Sequence[Box], own: Vector, allowed: int, worth: FloatArray) -> ConcaveEnvelope:
-        """What the computations may do in a stage: the best mixes of its `allowed` cheapest configurations."""
-        ours = worth[self._rho :]
-        most = float(ours.max(initial=0.0))
-        ratio = tuple(np.round(ours / most, 4).tolist()) if most > 0 else ()
-        key = (self._key(sets, own), allowed, ratio)
-        if key not in self._menus:
+    def _envelope(self, sets: Sequence[Box], own: Vector, allowed: int, value_rates: FloatArray) -> ConcaveEnvelope:
+        """Envelope of the first `allowed` configurations of a stage in ascending order of power."""
+        rates = value_rates[self._rho :]
+        scale = float(rates.max(initial=0.0))
+        # cached for a largest rate of 1
+        relative = rates / scale if scale > 0 else rates
+        key = (self._key(sets, own), allowed, tuple(np.round(relative, 4).tolist()))
+        if key not in self._envelopes:
             configurations, powers = self.configurations(sets, own)
-            self._menus[key] = self._of_envelope(configurations[:allowed], powers[:allowed], sets, ours, most)
-        base = self._menus[key]  # for a worth of 1 of the dearest parameter
-        return base.worth(most)
+            values = self._values_of(configurations[:allowed], sets, relative)
+            self._envelopes[key] = concave_envelope(powers[:allowed], values, configurations[:allowed])
+        return self._envelopes[key].scaled(scale)
 
-    def _of_envelope(
-        self, configurations: FloatArray, powers: FloatArray, sets: Sequence[Box], worth: FloatArray, most: float
-    ) -> ConcaveEnvelope:
-        values = self._worth_of(configurations, sets, worth / most if most > 0 else worth)
-        return concave_envelope(powers, values, configurations)
-
-    def _worth_of(self, configurations: FloatArray, sets: Sequence[Box], worth: FloatArray) -> FloatArray:
-        """What configurations are worth per second in a stage, `worth` being that of a computation's share each."""
+    def _values_of(self, configurations: FloatArray, sets: Sequence[Box], rates: FloatArray) -> FloatArray:
+        """Value of configurations per second in a stage, from the rate of each computation's share."""
         values = np.zeros(len(configurations))
         for k, box in enumerate(sets[self._rho :]):
             column = configurations[:, k]
             if self._objective == TOTAL:
-                values += worth[k] * column
+                values += rates[k] * column
             elif not box.fixed:
-                values += worth[k] * (column - box.lo) / (box.hi - box.lo)
+                values += rates[k] * (column - box.lo) / (box.hi - box.lo)
         return values
 
     def configurations(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
-        """All that the computations may do in a stage within the trade-offs, and their powers [W], cheapest first."""
+        """Configurations of a stage within the trade-offs, and their powers [W], in ascending order of power."""
         key = self._key(sets, own)
         if key not in self._lists:
             self._lists[key] = self._listed(sets, own)
@@ -255,16 +236,16 @@ class TermBuilder:
         return (*((box.lo, box.hi) for box in sets[self._rho :]), path)
 
     def _listed(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
-        rho, names = self._rho, self._plan.names
-        levels = [self._values(rho + k, box) for k, box in enumerate(sets[rho:])]
-        while math.prod(len(values) for values in levels) > MOST_CONFIGURATIONS:
+        rho, names, computing = self._rho, self._plan.names, self._mission.computing
+        levels = [allowed_levels(self._settings, self._mission, rho + k, box) for k, box in enumerate(sets[rho:])]
+        while math.prod(len(values) for values in levels) > MAX_CONFIGURATIONS:
             longest = max(range(len(levels)), key=lambda k: len(levels[k]))
             if len(levels[longest]) <= 2:
                 break
             kept = levels[longest][::2]
             levels[longest] = kept if kept[-1] == levels[longest][-1] else (*kept, levels[longest][-1])
         rows, powers = [], []
-        for choice in itertools.islice(itertools.product(*levels), MOST_CONFIGURATIONS):
+        for choice in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
             values = (*own[:rho], *choice)
             if any(
                 sum(row.coefficients.get(name, 0.0) * value for name, value in zip(names, values, strict=True))
@@ -273,58 +254,23 @@ class TermBuilder:
             ):
                 continue
             try:
-                powers.append(self._computing.power_w(values, sets))
+                powers.append(computing.power_w(values, sets))
             except Infeasible:
                 continue
             rows.append(choice)
-        if not rows:  # the trade-offs leave nothing: the lowest, as where nothing is feasible
+        if not rows:  # no configuration satisfies the trade-offs: the lowest levels, as where nothing is feasible
             rows = [tuple(values[0] for values in levels)]
-            powers = [self._computing.power_w((*own[:rho], *rows[0]), sets)]
+            powers = [computing.power_w((*own[:rho], *rows[0]), sets)]
         order = np.argsort(powers, kind="stable")
         return np.array(rows, dtype=float).reshape(len(rows), len(levels))[order], np.array(powers)[order]
 
-    def _values(self, index: int, box: Box) -> tuple[float, ...]:
-        own = self._levels.get(self._plan.names[index])
-        if own is not None:
-            inside = tuple(sorted(level for level in own if box.lo <= level <= box.hi))
-            return inside or (box.lo,)
-        return self._computing.levels(index - self._rho, box)
 
-
-class _Groups:
-    """Steps of segments that share a menu, gathered."""
-
-    def __init__(self, value: float, segments: int) -> None:
-        self.kinds: list[ConcaveEnvelope] = []
-        self.kind_of = np.zeros(segments, dtype=np.intp)
-        self.energy_j = 0.0
-        self._value, self._use = value, 0.0
-        self._found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
-
-    def add(self, menu: ConcaveEnvelope, index: IntArray, steps: _StepsOfMenu) -> None:
-        """Segments of a menu, and their steps."""
-        seconds, least_use, segment, level, use, gain = steps
-        self.kind_of[index] = len(self.kinds)
-        self.kinds.append(menu)
-        self.energy_j += seconds * float(menu.powers_w[0] + menu.powers_w[-1]) / 2
-        self._use += least_use
-        self._value += seconds * float(menu.values[0])
-        self._found.append((segment, level, use, gain))
-
-    def steps(self) -> Increments:
-        """All of them."""
-        if len(self._found) == 1:
-            return Increments(*self._found[0], self._use, self._value)
-        segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*self._found, strict=True))
-        return Increments(segment, level, use, gain, self._use, self._value)
-
-
-_StepsOfMenu = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
+_EnvelopeIncrements = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
 _Cell = tuple[float, float, float, float, float]
 """Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W]."""
 
 
-# What follows is written in that part of numpy that may be compiled, see `eadp.core.compiled`.
+# The functions below keep to what numba compiles, see `eadp.core.compiled`.
 
 
 def _quality(
@@ -336,52 +282,52 @@ def _quality(
     weights: FloatArray,
     path: int,
 ) -> tuple[FloatArray, float]:
-    """What a share of each parameter adds to U per second, and what the past and the path, `path` parameters, add."""
-    # by parameter: time in which it has a choice, and the area of its share, the past's and the path's to come
+    """Value of each parameter's share per second in U, and of the flown shares and the first `path` parameters."""
+    # of each parameter: time with a free set, and time integral of its share, flown and, of the path, ahead
     free_s = past_s + free @ times_s
     areas_s = past_areas_s.copy()
     areas_s[:path] += shares[:path] @ times_s
     live = (free_s > 0.0) & (weights > 0.0)
     weight = np.where(live, weights, 0.0).sum()
-    worth: FloatArray = np.where(live, weights / (max(weight, 1e-12) * np.maximum(free_s, 1e-9)), 0.0)
-    return worth, (worth * areas_s).sum()
+    value_rates: FloatArray = np.where(live, weights / (max(weight, 1e-12) * np.maximum(free_s, 1e-9)), 0.0)
+    return value_rates, (value_rates * areas_s).sum()
 
 
-def _on_the_way(
+def _power_limits(
     times_s: FloatArray,
     motion_w: FloatArray,
     peak_w: FloatArray,
-    lowest_w: FloatArray,
-    highest_w: FloatArray,
+    base_w: FloatArray,
+    max_w: FloatArray,
     soc: float,
     floor: float,
     cell: _Cell,
 ) -> tuple[FloatArray, FloatArray, float, float]:
-    """Voltage of each segment, room for its computations [W], and `beyond_w` and `least_soc` of `KnapsackTerms`.
+    """Voltage of each segment, limit of its computations [W], and `beyond_w` and `min_soc` of `KnapsackTerms`.
 
-    The state of charge falls as the highest computations take it, but not below `floor`.
+    The state of charge falls as computations of maximum power drain it, but not below `floor`.
     """
-    empty_v, rise_v, resistance_ohm, per_as, most_w = cell
+    empty_v, rise_v, resistance_ohm, per_as, per_soc_w = cell
     volts = np.full(len(times_s), empty_v + rise_v * max(floor, 0.0))
     charge_end = volts
     for _ in range(3 if rise_v != 0.0 else 1):
-        taken = times_s * drains_per_s(motion_w + highest_w, volts, resistance_ohm, per_as)
+        taken = times_s * drains_per_s(motion_w + max_w, volts, resistance_ohm, per_as)
         taken = taken * min(1.0, (soc - floor) / max(taken.sum(), 1e-12))
         charge_end = soc - np.cumsum(taken)
         volts = empty_v + rise_v * np.maximum(charge_end + taken / 2, 0.0)
-    room = np.maximum(charge_end, 0.0) * most_w - peak_w
+    room = np.maximum(charge_end, 0.0) * per_soc_w - peak_w
     beyond = 0.0
     if resistance_ohm > 0:
         deliverable = volts**2 / (4 * resistance_ohm)
         room = np.minimum(room, DELIVERABLE * deliverable - peak_w)
-        beyond = max((peak_w + lowest_w - deliverable).max(), 0.0)
-    # y ≤ b Q_c V crate at the end of each segment, at its cheapest, told as a charge at the end of all
-    cheapest = times_s * drains_per_s(motion_w + lowest_w, volts, resistance_ohm, per_as)
-    least_soc = ((peak_w + lowest_w) / most_w - (cheapest.sum() - np.cumsum(cheapest))).max()
-    return volts, room, beyond, least_soc
+        beyond = max((peak_w + base_w - deliverable).max(), 0.0)
+    # y ≤ b Q_c V crate at the end of each segment at minimum power, as a state of charge at the end of the route
+    base_use = times_s * drains_per_s(motion_w + base_w, volts, resistance_ohm, per_as)
+    min_soc = ((peak_w + base_w) / per_soc_w - (base_use.sum() - np.cumsum(base_use))).max()
+    return volts, room, beyond, min_soc
 
 
-def _steps(
+def _increments(
     index: IntArray,
     times_s: FloatArray,
     motion_w: FloatArray,
@@ -389,8 +335,8 @@ def _steps(
     powers_w: FloatArray,
     values: FloatArray,
     cell: _Cell,
-) -> _StepsOfMenu:
-    """Of segments that share a menu: their time [s], what the cheapest takes, and each step as in `Increments`."""
+) -> _EnvelopeIncrements:
+    """Increments of segments that share an envelope, after their total time [s] and their use at minimum power."""
     _, _, resistance_ohm, per_as, _ = cell
     count = len(powers_w) - 1
     seconds = times_s[index]

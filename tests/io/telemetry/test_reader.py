@@ -1,4 +1,4 @@
-"""Lines of telemetry: read strictly, and what is wrong told in one line each, at its place."""
+"""Lines of telemetry: read strictly, one warning for each invalid line, with its location."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
 
 def read(raw, number=7):
     raw = raw if isinstance(raw, bytes) else raw.encode()
-    fix, _, warnings = TelemetryReader("<stdin>").read(number, raw)
-    return fix, [str(warning) for warning in warnings]
+    sample, _, warnings = TelemetryReader("<stdin>").read(number, raw)
+    return sample, [str(warning) for warning in warnings]
 
 
 def test_a_line():
-    fix, warnings = read(json.dumps(GOOD) + "\r\n")
+    sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
-    assert fix[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert fix[5:] == (None, None, None, None, {})
+    assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
+    assert sample[5:] == (None, None, None, None, {})
 
 
 def test_all_keys():
     more = {"stage": 2, "wind_mps": [0, 5], "velocity_mps": [1.5, -2], "heading_deg": 450, "parameters": {"c1": -5}}
-    fix, warnings = read(json.dumps({**GOOD, **more, "power_w": None}))
+    sample, warnings = read(json.dumps({**GOOD, **more, "power_w": None}))
     assert warnings == []
-    assert fix.power_w is None
-    assert (fix.stage, fix.wind_mps, fix.velocity_mps, fix.parameters) == (2, (0, 5), (1.5, -2), {"c1": -5})
-    assert fix.heading_rad == pytest.approx(math.pi / 2)
+    assert sample.power_w is None
+    assert (sample.stage, sample.wind_mps, sample.velocity_mps, sample.parameters) == (2, (0, 5), (1.5, -2), {"c1": -5})
+    assert sample.heading_rad == pytest.approx(0.0)
 
 
 def test_null_is_an_absent_optional_key():
-    fix, warnings = read(json.dumps({**GOOD, "stage": None, "wind_mps": None, "parameters": None}))
+    sample, warnings = read(json.dumps({**GOOD, "stage": None, "wind_mps": None, "parameters": None}))
     assert warnings == []
-    assert (fix.stage, fix.parameters) == (None, {})
+    assert (sample.stage, sample.parameters) == (None, {})
 
 
 HEAD = "<stdin>:7:"
@@ -78,12 +78,12 @@ def test_what_is_no_line_of_telemetry(raw, warning):
         ("x_m", '"2"', "'2'; expected a position in metres, east"),
         ("x_m", "1e300", "1e+300; expected a position in metres, east"),
         ("power_w", "[36]", "a list of 1; expected a power in watts, or null where the sensor has no reading"),
-        ("stage", "0", "0; expected the plan's stage that is flown, a whole number from 1"),
-        ("stage", "1.5", "1.5; expected the plan's stage that is flown, a whole number from 1"),
+        ("stage", "0", "0; expected the stage being flown, a whole number from 1"),
+        ("stage", "1.5", "1.5; expected the stage being flown, a whole number from 1"),
         (
             "wind_mps",
             "[1, 2, 3]",
-            "[1.0, 2.0, 3.0]; expected [x, y]: where the wind blows towards, in metres per second",
+            "[1.0, 2.0, 3.0]; expected [x, y]: the vector that the wind blows towards, in metres per second",
         ),
         (
             "parameters",
@@ -94,17 +94,17 @@ def test_what_is_no_line_of_telemetry(raw, warning):
 )
 def test_what_is_no_value(key, value, shown):
     raw = json.dumps({name: inner for name, inner in GOOD.items() if name != key})[:-1] + f', "{key}": {value}}}'
-    fix, warnings = read(raw)
-    assert fix is None
+    sample, warnings = read(raw)
+    assert sample is None
     assert len(warnings) == 1
     assert warnings[0].startswith(f"{HEAD}{raw.rindex(value) + 1}: warning: {key} cannot be {shown}")
 
 
-def test_unknown_keys_are_told_of_once_and_passed_over():
+def test_unknown_keys_give_one_warning_and_are_ignored():
     reader = TelemetryReader("log.jsonl")
     raw = json.dumps({**GOOD, "altitude_m": 30, "mode": "AUTO"}).encode()
-    fix, _, warnings = reader.read(1, raw)
-    assert fix is not None
+    sample, _, warnings = reader.read(1, raw)
+    assert sample is not None
     assert [str(warning).partition("; expected")[0] for warning in warnings] == [
         "log.jsonl:1:82: warning: unknown key altitude_m; ignored here and from now on",
         "log.jsonl:1:94: warning: unknown key mode; ignored here and from now on",
@@ -142,16 +142,27 @@ JSON = st.recursive(
 
 @given(st.binary(max_size=200) | st.text().map(lambda text: text.encode("utf-8", "surrogatepass")))
 def test_no_bytes_crash_it(raw):
-    fix, warnings = read(raw)
-    assert fix is None
+    sample, warnings = read(raw)
+    assert sample is None
     assert len(warnings) >= 1
     assert all("\n" not in warning for warning in warnings)
 
 
+@pytest.mark.parametrize(
+    ("heading_deg", "nose"),
+    [(0, (0, 1)), (90, (1, 0)), (180, (0, -1)), (270, (-1, 0)), (45, (0.5**0.5, 0.5**0.5)), (-90, (-1, 0))],
+)
+def test_a_heading_is_a_compass_bearing(heading_deg, nose):
+    """Worked by hand: x is east and y north, so 90 points along x."""
+    sample, warnings = read(json.dumps({**GOOD, "heading_deg": heading_deg}))
+    assert warnings == []
+    assert (math.cos(sample.heading_rad), math.sin(sample.heading_rad)) == pytest.approx(nose, abs=1e-12)
+
+
 @given(st.dictionaries(st.sampled_from([*GOOD, "stage", "wind_mps", "parameters", "heading_deg", "?"]), JSON))
 def test_no_object_crashes_it(document):
-    fix, warnings = read(json.dumps({**GOOD, **document}))
-    assert fix is not None or warnings
+    sample, warnings = read(json.dumps({**GOOD, **document}))
+    assert sample is not None or warnings
     assert all(warning.startswith("<stdin>:7:") and "\n" not in warning for warning in warnings)
-    if fix is not None:
-        assert all(math.isfinite(value) for value in fix[:3])
+    if sample is not None:
+        assert all(math.isfinite(value) for value in sample[:3])

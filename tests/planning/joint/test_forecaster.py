@@ -14,7 +14,7 @@ from common import ROOT
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
-from eadp.planning.joint.forecaster import LEAST_STD, Forecast, Forecaster, ripple_w
+from eadp.planning.joint.forecaster import MIN_STD, Forecast, Forecaster, ripple_w
 from eadp.planning.joint.program import best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
@@ -34,7 +34,7 @@ def inputs_of(**overrides):
     )
 
 
-class Told(NamedTuple):
+class Evaluated(NamedTuple):
     """A forecast, and when it was made."""
 
     time_s: float
@@ -50,24 +50,26 @@ class Following(TrackingPlanner):
     def __init__(self, settings, estimator, mission, moments_s):
         super().__init__(settings, estimator, mission)
         held = {name: (value,) for name, value in zip(mission.plan.names, mission.parameters, strict=True)}
-        self.ahead = Forecaster(replace(settings, levels=held), mission)
-        self.told = []
+        self.forecaster = Forecaster(replace(settings, levels=held), mission)
+        self.evaluated = []
         self._moments_s = list(moments_s)
 
     def update(self, observation):
         o = observation
-        self.ahead.see(o)
+        self.forecaster.update_stage(o)
         read = o.time_s >= self._next_reading_s - 1e-9
         decision = super().update(o)
         if read:
-            self.ahead.read(o, self._computing_w)
+            self.forecaster.observe(o, self._computing_w)
         if self._moments_s and o.time_s >= self._moments_s[0]:
             self._moments_s.pop(0)
             ripple = ripple_w(self._estimator.state_w) if self.period_s else 0.0
-            self.ahead.at(o.time_s, (o.x_m, o.y_m), ripple)
-            answer = best_at(self.ahead.prospect(self.ahead.shares))
-            forecast = self.ahead.forecast(answer)
-            self.told.append(Told(o.time_s, o.soc, forecast, self.ahead.home(answer), self.ahead.wind_mps))
+            self.forecaster.start_at(o.time_s, (o.x_m, o.y_m), ripple)
+            solution = best_at(self.forecaster.candidate(self.forecaster.shares))
+            forecast = self.forecaster.forecast(solution)
+            self.evaluated.append(
+                Evaluated(o.time_s, o.soc, forecast, self.forecaster.home(solution), self.forecaster.wind_mps)
+            )
         return decision
 
 
@@ -76,7 +78,7 @@ class SweepFlight(NamedTuple):
 
     inputs: object
     outcome: Outcome
-    told: list
+    evaluated: list
     steps: list
 
     def energy_wh(self, from_s):
@@ -91,7 +93,7 @@ def flown(moments_s=MOMENTS_S, **overrides):
     scenario = inputs.scenario
     pilot, outcome = Following(scenario.planner, scenario.estimator, inputs.mission, moments_s), Outcome()
     steps = list(fly(inputs.world, pilot, outcome))
-    return SweepFlight(inputs, outcome, pilot.told, steps)
+    return SweepFlight(inputs, outcome, pilot.evaluated, steps)
 
 
 @pytest.fixture(scope="module")
@@ -106,20 +108,20 @@ def gusty():
 
 def errors(flight):
     """What came less what was told, of time, energy and charge at the end, with the spreads that were told."""
-    for told in flight.told:
-        f = told.forecast
+    for one in flight.evaluated:
+        f = one.forecast
         yield (
-            (flight.outcome.duration_s - told.time_s - f.remaining_s, f.remaining_std_s),
-            (flight.energy_wh(told.time_s) - f.energy_wh, f.energy_std_wh),
+            (flight.outcome.duration_s - one.time_s - f.remaining_s, f.remaining_std_s),
+            (flight.energy_wh(one.time_s) - f.energy_wh, f.energy_std_wh),
             (flight.outcome.soc_final - f.soc_end, f.soc_end_std),
         )
 
 
 def test_in_calm_air_time_energy_and_charge_are_told(calm):
     assert calm.outcome.completed
-    assert len(calm.told) == len(MOMENTS_S)
-    for told, (time, energy, soc) in zip(calm.told, errors(calm), strict=True):
-        f = told.forecast
+    assert len(calm.evaluated) == len(MOMENTS_S)
+    for one, (time, energy, soc) in zip(calm.evaluated, errors(calm), strict=True):
+        f = one.forecast
         assert abs(time[0]) < max(0.01 * f.remaining_s, 1.0)
         assert abs(energy[0]) < 0.03 * f.energy_wh + 0.01
         assert abs(soc[0]) < 0.01
@@ -139,28 +141,28 @@ def test_spreads_hold_in_gusts(gusty, which, within, spread, most):
 def test_spreads_shrink_on_the_way(calm, gusty):
     for name in ("remaining_std_s", "energy_std_wh", "soc_end_std"):
         for flights in ([calm], gusty):
-            spreads = np.array([[getattr(told.forecast, name) for told in flight.told] for flight in flights])
+            spreads = np.array([[getattr(one.forecast, name) for one in flight.evaluated] for flight in flights])
             assert (spreads > 0).all()
             first, last = spreads.mean(axis=0)[[0, -1]]
             assert last < first / 2
 
 
 def test_gusts_make_forecasts_less_sure(calm, gusty):
-    for told, other in zip(calm.told, gusty[0].told, strict=True):
-        assert other.forecast.remaining_std_s > told.forecast.remaining_std_s
+    for one, other in zip(calm.evaluated, gusty[0].evaluated, strict=True):
+        assert other.forecast.remaining_std_s > one.forecast.remaining_std_s
 
 
 def test_the_wind_is_found(calm, gusty):
-    assert calm.told[-1].wind_mps == pytest.approx((0, 0), abs=0.2)
+    assert calm.evaluated[-1].wind_mps == pytest.approx((0, 0), abs=0.2)
     true = (6 * math.cos(math.radians(30)), 6 * math.sin(math.radians(30)))
-    found = np.array([flight.told[-1].wind_mps for flight in gusty])
+    found = np.array([flight.evaluated[-1].wind_mps for flight in gusty])
     assert found.mean(axis=0) == pytest.approx(true, abs=0.6)
     assert np.abs(found - true).max() < 1.5
 
 
 def test_stages_add_up_to_the_rest(calm):
-    for told in calm.told:
-        f = told.forecast
+    for one in calm.evaluated:
+        f = one.forecast
         assert sum(seconds for seconds, _ in f.stages.values()) == pytest.approx(f.remaining_s)
         assert sum(energy for _, energy in f.stages.values()) == pytest.approx(f.energy_wh)
         assert set(f.stages) <= {1, 2, 3, 4}
@@ -168,11 +170,13 @@ def test_stages_add_up_to_the_rest(calm):
 
 def test_each_stage_takes_its_share(calm):
     """Time and energy of each of the four stages from the first moment on, all laps together."""
-    begun = [(0.0, 1), *((time_s, i % 4 + 1) for i, time_s in enumerate(calm.outcome.stage_times_s, 1))]
-    first_s = calm.told[0].time_s
-    ends = [*(time_s for time_s, _ in begun[1:]), calm.outcome.duration_s]
-    for stage, (seconds, energy_wh) in calm.told[0].forecast.stages.items():
-        spans = [(max(a, first_s), b) for (a, own), b in zip(begun, ends, strict=True) if own == stage and b > first_s]
+    started = [(0.0, 1), *((time_s, i % 4 + 1) for i, time_s in enumerate(calm.outcome.stage_times_s, 1))]
+    first_s = calm.evaluated[0].time_s
+    ends = [*(time_s for time_s, _ in started[1:]), calm.outcome.duration_s]
+    for stage, (seconds, energy_wh) in calm.evaluated[0].forecast.stages.items():
+        spans = [
+            (max(a, first_s), b) for (a, own), b in zip(started, ends, strict=True) if own == stage and b > first_s
+        ]
         took_s = sum(b - a for a, b in spans)
         took_wh = sum(calm.energy_wh(a) - calm.energy_wh(b) for a, b in spans)
         # triggers fire 20 m early: legs begin and end so much sooner, the first and the last alone are shorter
@@ -192,20 +196,20 @@ def test_probabilities_are_those_of_a_normal_distribution(soc_end, std, reserve)
 def test_a_forecast_without_a_spread_is_sure():
     assert Forecast(1.0, 0.0, 1.0, 0.0, 0.1, 0.0, 0.05, {}).reserve_probability == 1
     assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, 0.0, 0.05, {}).reserve_probability == 0
-    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, LEAST_STD / 9, 0.05, {}).completes_probability == 1
+    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, MIN_STD / 9, 0.05, {}).completes_probability == 1
 
 
 def test_the_margin_is_z_standard_deviations(calm):
     """What may be used is the charge less the reserve and a margin of the quantile that is asked for."""
     inputs = calm.inputs
-    told = []
+    evaluated = []
     for probability in (0.5, 0.95):
-        ahead = Forecaster(inputs.scenario.planner, inputs.mission, JointSettings(reserve_probability=probability))
-        ahead.assume((0.0, 0.0), 0.0, 1.0)
-        ahead.at(0.0, inputs.mission.start_m, 0.0)
-        prospect = ahead.prospect(ahead.shares)
-        told.append((prospect.available, ahead.forecast(best_at(prospect)).soc_end_std))
-    (even, _), (sure, std) = told
+        forecaster = Forecaster(inputs.scenario.planner, inputs.mission, JointSettings(reserve_probability=probability))
+        forecaster.assume((0.0, 0.0), 0.0, 1.0)
+        forecaster.start_at(0.0, inputs.mission.start_m, 0.0)
+        candidate = forecaster.candidate(forecaster.shares)
+        evaluated.append((candidate.available, forecaster.forecast(best_at(candidate)).soc_end_std))
+    (even, _), (sure, std) = evaluated
     assert even == pytest.approx(1.0 - inputs.scenario.planner.reserve_soc)
     assert even - sure == pytest.approx(SURE * std)
 
@@ -214,7 +218,7 @@ def test_the_margin_is_z_standard_deviations(calm):
 
 
 def test_without_a_home_nothing_is_told_of_it(calm):
-    assert all(told.home == (None, None) for told in calm.told)
+    assert all(one.home == (None, None) for one in calm.evaluated)
 
 
 def test_home_is_reached_until_the_point_of_no_return():
@@ -222,21 +226,21 @@ def test_home_is_reached_until_the_point_of_no_return():
     moments_s = tuple(range(10, 200, 10))
     flight = flown(moments_s, **CALM, **{"battery.capacity_ah": 0.2, "home.position_m": [0.0, -2500.0]})
     mission, reserve = flight.inputs.mission, flight.inputs.scenario.planner.reserve_soc
-    lowest_w = mission.motion_w + min(mission.computing.power_w((-1000.0, 10.0), mission.plan.stages[0].sets), 99)
-    places = {round(step.time_s, 1): (step.x_m, step.y_m) for step in flight.steps}
+    base_w = mission.motion_w + min(mission.computing.power_w((-1000.0, 10.0), mission.plan.stages[0].sets), 99)
+    points = {round(step.time_s, 1): (step.x_m, step.y_m) for step in flight.steps}
     seen = []
-    for told in flight.told:
-        distance = math.dist(places[round(told.time_s, 1)], mission.home_m)
+    for one in flight.evaluated:
+        distance = math.dist(points[round(one.time_s, 1)], mission.home_m)
         volts, ohm = mission.battery.voltage_v, mission.battery.resistance_ohm
-        current = min(np.roots([ohm, -volts, lowest_w]))
+        current = min(np.roots([ohm, -volts, base_w]))
         takes = current * distance / mission.cruise_mps / 3600 / mission.battery.capacity_ah
-        spare = told.soc - reserve
-        reachable, lost_s = told.home
+        spare = one.soc - reserve
+        reachable, lost_s = one.home
         if spare > 1.4 * takes:
             assert (reachable, lost_s) == (True, None)
         if spare < 0.9 * takes:
             assert reachable is False
-            assert lost_s == max((each.time_s for each in flight.told if each.home[0]), default=0.0)
+            assert lost_s == max((each.time_s for each in flight.evaluated if each.home[0]), default=0.0)
         seen.append(reachable)
     assert seen == sorted(seen, reverse=True), "once it is too far it stays too far"
     assert len(set(seen)) == 2
@@ -244,12 +248,12 @@ def test_home_is_reached_until_the_point_of_no_return():
 
 def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
     inputs = inputs_of(**{"home.position_m": [-2000.0, 0.0]})
-    ahead = Forecaster(inputs.scenario.planner, inputs.mission)
+    forecaster = Forecaster(inputs.scenario.planner, inputs.mission)
     reached = []
     for speed in (0.0, 14.0):
-        ahead.assume((speed, 0.0), 0.0, 0.5)
-        ahead.at(0.0, (0.0, 0.0), 0.0)
-        reached.append(ahead.home(best_at(ahead.prospect(ahead.shares)))[0])
+        forecaster.assume((speed, 0.0), 0.0, 0.5)
+        forecaster.start_at(0.0, (0.0, 0.0), 0.0)
+        reached.append(forecaster.home(best_at(forecaster.candidate(forecaster.shares)))[0])
     assert reached == [True, False]
 
 

@@ -93,13 +93,13 @@ def test_charge_is_not_left_over_where_it_is_short(tight):
 
 
 def test_a_drop_of_charge_is_answered_at_once(dropped):
-    i = next(i for i, record in enumerate(dropped.records) if record.why == JUMPED)
+    i = next(i for i, record in enumerate(dropped.records) if record.cause == JUMPED)
     before, after = dropped.records[i - 1], dropped.records[i]
     assert 93.0 - 1e-6 <= after.time_s <= 93.0 + 0.1 + STEP_S
     assert after.available_wh < before.available_wh - 0.9 * 0.06 * 0.5 * 14.8
     assert after.parameters[0] < before.parameters[0]
     assert after.reserve_probability > 0.9
-    assert sum(record.why == JUMPED for record in dropped.records) == 1
+    assert sum(record.cause == JUMPED for record in dropped.records) == 1
 
 
 def test_path_parameters_change_where_they_are_latched_alone(dropped, tight):
@@ -122,10 +122,10 @@ def test_dearer_computations_come_first():
     """The highest is flown first, though the charge but for its margin does not last for it to the end."""
     flight = flown(**CALM, **{"battery.capacity_ah": 0.29, "battery.letter_crate_per_h": 300})
     # z is 1.645: all but the margin is planned to be spent
-    short = [r for r in flight.records if r.time_s > 30 and r.soc_end - RESERVE < 1.7 * r.soc_end_std]
-    assert short[0].parameters[1] == 10
-    assert short[0].remaining_s > 200
-    assert any(r.parameters[1] == 2 for r in short)
+    shortfall = [r for r in flight.records if r.time_s > 30 and r.soc_end - RESERVE < 1.7 * r.soc_end_std]
+    assert shortfall[0].parameters[1] == 10
+    assert shortfall[0].remaining_s > 200
+    assert any(r.parameters[1] == 2 for r in shortfall)
     assert flight.outcome.soc_final >= RESERVE
 
 
@@ -140,7 +140,7 @@ def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
     for record in dropped.records:
         row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
         assert set(row["parameters"]) == {"c1", "c2"}
-        assert row["why"] in (TIME, NEW_STAGE, JUMPED)
+        assert row["cause"] in (TIME, NEW_STAGE, JUMPED)
         assert row["reason"]
         assert -1000 <= row["parameters"]["c1"] <= 0
         assert 2 <= row["parameters"]["c2"] <= 10
@@ -155,7 +155,7 @@ def test_records_say_what_came(dropped):
         assert abs(late_s) < 4 * record.remaining_std_s + 2
         assert abs(dropped.outcome.soc_final - record.soc_end) < 4 * record.soc_end_std + 0.005
         assert 0 <= record.reserve_probability <= record.completes_probability <= 1
-        assert record.quality_ahead == pytest.approx(dropped.quality(), abs=0.02)
+        assert record.quality_forecast == pytest.approx(dropped.quality(), abs=0.02)
 
 
 def test_reports_count_what_was_solved(dropped):
@@ -174,7 +174,7 @@ def test_a_gain_below_min_gain_changes_nothing():
     assert {record.parameters[0] for record in calm.records} == {-700.0}
     assert any(record.reason.startswith("kept: no change gains enough") for record in calm.records)
     assert eager.records[-1].parameters[0] > -700.0
-    assert eager.records[-1].quality_ahead > calm.records[-1].quality_ahead
+    assert eager.records[-1].quality_forecast > calm.records[-1].quality_forecast
 
 
 def test_the_objective_total_adds_up_computations(tight):
@@ -186,7 +186,7 @@ def test_the_objective_total_adds_up_computations(tight):
         return flight.mean(1) * flight.outcome.duration_s
 
     assert added(total) >= added(tight) - 5 * 10
-    assert all(record.quality_ahead is None for record in total.records)
+    assert all(record.quality_forecast is None for record in total.records)
 
 
 def test_levels_and_trade_offs_are_kept():
@@ -257,18 +257,18 @@ def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
 def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_since_when_and_by_how_much():
     battery = Battery(14.8, 0.05, 0.2, letter_crate_per_h=1e3)
     decisions, _ = north(planner_of(LINE, battery), battery, 100)
-    told = [(k, decision) for k, decision in enumerate(decisions, 1) if decision.record is not None]
-    first_s = told[0][0]
+    evaluated = [(k, decision) for k, decision in enumerate(decisions, 1) if decision.record is not None]
+    first_s = evaluated[0][0]
     pattern = r"infeasible since (\S+) s: short by (\S+) of the charge, (\S+) Wh; lowest configuration"
-    for k, decision in told:
+    for k, decision in evaluated:
         assert decision.parameters == (2.0,)
-        since, short, short_wh = map(float, re.fullmatch(pattern, decision.reason).groups())
+        since, shortfall, short_wh = map(float, re.fullmatch(pattern, decision.reason).groups())
         assert since == first_s
-        assert short_wh == pytest.approx(short * 0.2 * 14.8, abs=0.01)
+        assert short_wh == pytest.approx(shortfall * 0.2 * 14.8, abs=0.01)
         record = decision.record
         assert record.status == "infeasible"
         # the charge that lacks is that of the lowest to the end, of the reserve, and of a margin of 1.64 deviations
-        assert short == pytest.approx(RESERVE + 1.645 * record.soc_end_std - record.soc_end, abs=2e-3)
+        assert shortfall == pytest.approx(RESERVE + 1.645 * record.soc_end_std - record.soc_end, abs=2e-3)
         assert k - first_s < 1 or record.reserve_probability < 0.05
 
 
@@ -307,7 +307,7 @@ def test_it_re_plans_each_second_however_seldom_and_noisy_the_gauge(every_s, noi
 def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
     faults = [{"at_s": 2.0, "soc_drop": 0.06}, {"at_s": 20.0, "soc_drop": 0.06}]
     flight = flown(**{"planner.joint.start_after_s": 300.0, "time_limit_s": 60.0, "faults": faults})
-    assert [record.why for record in flight.records] == [JUMPED, JUMPED]
+    assert [record.cause for record in flight.records] == [JUMPED, JUMPED]
     assert [record.time_s for record in flight.records] == pytest.approx([5.0, 20.0], abs=1.0 + STEP_S)
     assert len(flight.pilot.seen) < 80
 
@@ -315,14 +315,14 @@ def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
 def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
     none = np.zeros(0, dtype=np.intp)
 
-    def outlook(shares):  # a higher share is worth more, and all of them lack a little
+    def candidate_at(shares):  # a higher share is worth more, and all of them lack a little
         (p,) = shares
-        steps = Increments(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
-        return Candidate(shares, (1, 2), steps, 0.4995, 0.005)
+        increments = Increments(none, none, np.zeros(0), np.zeros(0), 0.5 + 0.004 * p, 0.6 + 0.4 * p)
+        return Candidate(shares, (1, 2), increments, 0.4995, 0.005)
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
-    pilot._ahead = SimpleNamespace(prospect=outlook, shares=(0.0,), open=[0], before_latch=True)
-    answer, looked = pilot._answer(NEW_STAGE)
-    assert looked
-    assert answer.prospect.shares == (0.0,)
-    assert answer.allocation.feasible
+    pilot._forecaster = SimpleNamespace(candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True)
+    solution, searched = pilot._solve(NEW_STAGE)
+    assert searched
+    assert solution.candidate.shares == (0.0,)
+    assert solution.allocation.feasible

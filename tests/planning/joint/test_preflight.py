@@ -52,26 +52,26 @@ def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
     expected = inputs.preflight()
     assert expected is not None
     assert expected.feasible
-    told, outcome = expected.forecast, flown(inputs)
+    evaluated, outcome = expected.forecast, flown(inputs)
     assert outcome.completed
-    assert told.completes_probability > 0.95
-    assert told.reserve_probability > 0.9
+    assert evaluated.completes_probability > 0.95
+    assert evaluated.reserve_probability > 0.9
     quality = outcome.parameters.quality({})
     if planner == "static":
-        assert outcome.duration_s == pytest.approx(told.remaining_s, rel=0.02)
-        assert abs(outcome.duration_s - told.remaining_s) < 3 * told.remaining_std_s
-        assert abs(outcome.totals.energy_j / 3600 - told.energy_wh) < 3 * told.energy_std_wh
-        assert abs(outcome.soc_final - told.soc_end) < 3 * told.soc_end_std
+        assert outcome.duration_s == pytest.approx(evaluated.remaining_s, rel=0.02)
+        assert abs(outcome.duration_s - evaluated.remaining_s) < 3 * evaluated.remaining_std_s
+        assert abs(outcome.totals.energy_j / 3600 - evaluated.energy_wh) < 3 * evaluated.energy_std_wh
+        assert abs(outcome.soc_final - evaluated.soc_end) < 3 * evaluated.soc_end_std
         assert [*expected.parameters.values()] == pytest.approx([*inputs.mission.parameters])
         assert expected.quality == pytest.approx(quality, abs=0.02)
     else:  # it is sure of more on the way, and spends what it had to save before take-off
         reserve = inputs.scenario.planner.reserve_soc
         assert outcome.soc_final >= reserve
-        assert outcome.soc_final < told.soc_end + 2 * told.soc_end_std
-        assert told.remaining_s * 0.98 < outcome.duration_s < told.remaining_s * 1.2
+        assert outcome.soc_final < evaluated.soc_end + 2 * evaluated.soc_end_std
+        assert evaluated.remaining_s * 0.98 < outcome.duration_s < evaluated.remaining_s * 1.2
         assert expected.quality - 0.02 < quality < expected.quality + 0.25
-    assert sum(seconds for seconds, _ in told.stages.values()) == pytest.approx(told.remaining_s)
-    assert sum(energy for _, energy in told.stages.values()) == pytest.approx(told.energy_wh)
+    assert sum(seconds for seconds, _ in evaluated.stages.values()) == pytest.approx(evaluated.remaining_s)
+    assert sum(energy for _, energy in evaluated.stages.values()) == pytest.approx(evaluated.energy_wh)
 
 
 @pytest.mark.parametrize("planner", ["static", "joint"])
@@ -87,13 +87,13 @@ def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
 def test_joint_is_planned_as_it_would_be_in_the_air():
     """With charge for all, the highest of both; with less, widest spacing before the least computations or the like."""
     plenty = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 3.0}).preflight()
-    short = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 0.35}).preflight()
+    shortfall = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 0.35}).preflight()
     assert plenty.parameters["c1"] > -30
     assert plenty.parameters["c2"] == pytest.approx(10)
     assert plenty.quality > 0.95
-    assert short.parameters["c1"] < plenty.parameters["c1"]
-    assert short.quality < plenty.quality
-    assert short.feasible
+    assert shortfall.parameters["c1"] < plenty.parameters["c1"]
+    assert shortfall.quality < plenty.quality
+    assert shortfall.feasible
 
 
 def test_a_charge_that_is_replayed_is_not_forecast():

@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import linprog
 
 from eadp.errors import Infeasible, SolverFailed
-from eadp.planning.joint import program as mission_program
+from eadp.planning.joint import program as module
 from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from eadp.planning.joint.program import (
     CLOSED_FORM,
@@ -21,6 +21,7 @@ from eadp.planning.joint.program import (
     SOLVED,
     Candidate,
     MissionProgram,
+    Solution,
     best_at,
 )
 
@@ -58,11 +59,11 @@ class Mission:
         self.values = [values / top for values in self.values]
         self.weight = rng.uniform(0.2, 0.8)
         self.margin = rng.uniform(0, 0.03, dimensions)
-        least, most = (self.told((end,) * dimensions, 1.0).steps for end in (0.0, 1.0))
+        least, most = (self.candidate((end,) * dimensions, 1.0).increments for end in (0.0, 1.0))
         share = rng.uniform(0.05, 1.05) if tight is None else tight
-        self.available = least.least_use + share * (most.least_use + most.use.sum() - least.least_use)
+        self.available = least.base_use + share * (most.base_use + most.use.sum() - least.base_use)
 
-    def told(self, shares, available):
+    def candidate(self, shares, available):
         p = np.array(shares)
         laps = math.ceil(self.first + self.rise @ p - 1e-12)
         # within a step the last leg shortens, as a plan is cut where it is over
@@ -72,38 +73,38 @@ class Mission:
         total = times.sum()
         kinds = len(self.legs_s)
         segment, level, use, gain = [], [], [], []
-        least_use = least_value = 0.0
+        base_use = base_value = 0.0
         for kind in range(kinds):
             own = times[kind::kinds]
             powers = (self.motion[kind] + self.powers[kind]) * 1e-5
-            least_use += own.sum() * powers[0]
-            least_value += own.sum() * self.values[kind][0]
+            base_use += own.sum() * powers[0]
+            base_value += own.sum() * self.values[kind][0]
             count = len(powers) - 1
             segment.append(np.repeat(np.arange(kind, len(times), kinds), count))
             level.append(np.tile(np.arange(count), laps))
             use.append(np.outer(own, np.diff(powers)).ravel())
             gain.append(np.outer(own, np.diff(self.values[kind])).ravel())
-        worth = (1 - self.weight) / total
-        steps = Increments(
+        value_rates = (1 - self.weight) / total
+        increments = Increments(
             np.concatenate(segment),
             np.concatenate(level),
             np.concatenate(use),
-            np.concatenate(gain) * worth,
-            least_use,
-            least_value * worth + self.weight * float(p.mean()),
+            np.concatenate(gain) * value_rates,
+            base_use,
+            base_value * value_rates + self.weight * float(p.mean()),
         )
-        return Candidate(tuple(shares), (laps,), steps, available - float(self.margin @ p**2))
+        return Candidate(tuple(shares), (laps,), increments, available - float(self.margin @ p**2))
 
     def __call__(self, shares):
         assert len(shares) == self.dimensions
         assert all(0 <= share <= 1 for share in shares)
-        return self.told(shares, self.available)
+        return self.candidate(shares, self.available)
 
     def by_brute_force(self):
         """The best value over a fine grid, and None where nothing is feasible."""
         axis = np.linspace(0, 1, PLACES if self.dimensions == 1 else PLACES_EACH).tolist()
-        found = (best_at(self(place)) for place in itertools.product(axis, repeat=self.dimensions))
-        return max((answer.value for answer in found if answer.allocation.feasible), default=None)
+        found = (best_at(self(point)) for point in itertools.product(axis, repeat=self.dimensions))
+        return max((solution.value for solution in found if solution.allocation.feasible), default=None)
 
 
 @dataclass
@@ -120,15 +121,38 @@ def compared():
     return [Compared(mission, mission.by_brute_force()) for mission in missions]
 
 
-def checked(mission, answer):
+def allocated(program, candidate, warm=None):
+    """The computations at given path parameters by QPs alone, in sequence until shares stop moving."""
+    increments, best = candidate.increments, best_at(candidate)
+    if not best.allocation.feasible or not len(increments.use):
+        return best
+    zeros, ones = np.zeros(len(increments.use)), np.ones(len(increments.use))
+    x = warm if warm is not None and len(warm) == len(zeros) else zeros
+    spare, value, count = candidate.available - increments.base_use, allocation_of(increments, zeros), 0
+    for _ in range(module.MAX_QPS):
+        try:
+            moved = np.clip(program._solve_qp(increments.gain, increments.use, spare, zeros, ones, x), 0.0, 1.0)
+        except (SolverFailed, Infeasible):
+            return Solution(candidate, best.allocation, count, best.status, 1)
+        count += 1
+        trial = allocation_of(increments, module._within(increments, moved, candidate.available))
+        still, x = float(np.abs(moved - x).max()) < 1e-6, moved
+        if trial.value > value.value:
+            value = trial
+        if still:
+            break
+    return Solution(candidate, value, count, SOLVED)
+
+
+def checked(mission, solution):
     """The answer is what it says: within its boxes and its charge, at its value."""
-    prospect = mission(answer.prospect.shares)
-    x = answer.allocation.shares
+    candidate = mission(solution.candidate.shares)
+    x = solution.allocation.shares
     assert ((x >= 0) & (x <= 1)).all()
-    assert answer.allocation.use <= prospect.available + FULL
-    again = allocation_of(prospect.steps, x)
-    assert answer.value == pytest.approx(again.value)
-    assert answer.short <= FULL
+    assert solution.allocation.use <= candidate.available + FULL
+    again = allocation_of(candidate.increments, x)
+    assert solution.value == pytest.approx(again.value)
+    assert solution.shortfall <= FULL
 
 
 def gaps(compared, dimensions, **settings):
@@ -137,12 +161,12 @@ def gaps(compared, dimensions, **settings):
         mission = each.mission
         if mission.dimensions != dimensions:
             continue
-        answer = MissionProgram(dimensions, **settings).solve(mission, (0.5,) * dimensions)
+        solution = MissionProgram(dimensions, **settings).solve(mission, (0.5,) * dimensions)
         if each.best is None:
             continue
-        assert answer.allocation.feasible, "brute force has found something"
-        checked(mission, answer)
-        found.append(each.best - answer.value)
+        assert solution.allocation.feasible, "brute force has found something"
+        checked(mission, solution)
+        found.append(each.best - solution.value)
     assert len(found) > INSTANCES[dimensions] / 2
     return found
 
@@ -184,25 +208,27 @@ def test_climbing_never_loses(compared):
 
 def test_the_closed_form_is_the_linear_programs(compared):
     for each in compared[::7]:
-        prospect = each.mission((0.37,) * each.mission.dimensions)
-        answer = best_at(prospect)
-        if not answer.allocation.feasible or not len(prospect.steps.use):
+        candidate = each.mission((0.37,) * each.mission.dimensions)
+        solution = best_at(candidate)
+        if not solution.allocation.feasible or not len(candidate.increments.use):
             continue
-        spare = prospect.available - prospect.steps.least_use
-        exact = linprog(-prospect.steps.gain, A_ub=prospect.steps.use[None, :] * 100, b_ub=[spare * 100], bounds=(0, 1))
-        assert answer.value == pytest.approx(prospect.steps.least_value - exact.fun, abs=LP)
-        assert answer.status == CLOSED_FORM
+        spare = candidate.available - candidate.increments.base_use
+        exact = linprog(
+            -candidate.increments.gain, A_ub=candidate.increments.use[None, :] * 100, b_ub=[spare * 100], bounds=(0, 1)
+        )
+        assert solution.value == pytest.approx(candidate.increments.base_value - exact.fun, abs=LP)
+        assert solution.status == CLOSED_FORM
 
 
 def test_qps_alone_find_the_computations(compared):
     program, found = MissionProgram(1), []
     for each in compared[::3]:
-        prospect = each.mission((0.42,) * each.mission.dimensions)
-        answer, closed = program.allocated(prospect), best_at(prospect)
-        assert answer.allocation.feasible == closed.allocation.feasible
+        candidate = each.mission((0.42,) * each.mission.dimensions)
+        solution, closed = allocated(program, candidate), best_at(candidate)
+        assert solution.allocation.feasible == closed.allocation.feasible
         if closed.allocation.feasible:
-            assert answer.allocation.use <= prospect.available + FULL
-            found.append(closed.value - answer.value)
+            assert solution.allocation.use <= candidate.available + FULL
+            found.append(closed.value - solution.value)
     assert min(found) >= -LP
     assert median(found) <= QP_GAP
     assert max(found) <= WORST_GAP
@@ -211,12 +237,12 @@ def test_qps_alone_find_the_computations(compared):
 def test_from_a_warm_start_few_qps_are_needed(compared):
     mission = next(each.mission for each in compared if each.best is not None)
     program = MissionProgram(1)
-    prospect = mission((0.42,) * mission.dimensions)
-    cold = program.allocated(prospect)
-    warm = program.allocated(prospect, cold.allocation.shares)
-    assert warm.passes <= cold.passes
+    candidate = mission((0.42,) * mission.dimensions)
+    cold = allocated(program, candidate)
+    warm = allocated(program, candidate, cold.allocation.shares)
+    assert warm.qp_solves <= cold.qp_solves
     assert warm.value == pytest.approx(cold.value, abs=QP_GAP)
-    other = program.allocated(prospect, np.ones(1))  # of another length: left aside
+    other = allocated(program, candidate, np.ones(1))  # of another length: left aside
     assert other.value == pytest.approx(cold.value, abs=QP_GAP)
 
 
@@ -225,19 +251,18 @@ def test_slopes_are_those_of_value_and_of_use_less_what_is_available(dimensions)
     mission, program = feasible_mission(dimensions), MissionProgram(dimensions)
     mission.margin = np.full(dimensions, 0.2)
     checked_axes = 0
-    for place in itertools.product((0.13, 0.37, 0.61, 0.88), repeat=dimensions):
-        answer = best_at(mission(place))
+    for point in itertools.product((0.13, 0.37, 0.61, 0.88), repeat=dimensions):
+        solution = best_at(mission(point))
         for axis in range(dimensions):
             near = [
-                mission(tuple(p + d * (i == axis) for i, p in enumerate(place)))
-                for d in (-2 * mission_program.DIFFERENCE, 0.0)
+                mission(tuple(p + d * (i == axis) for i, p in enumerate(point))) for d in (-2 * module.DIFFERENCE, 0.0)
             ]
             if near[0].shape != near[1].shape:
                 continue
-            one, other = (allocation_of(prospect.steps, answer.allocation.shares) for prospect in near)
-            span = 2 * mission_program.DIFFERENCE
+            one, other = (allocation_of(candidate.increments, solution.allocation.shares) for candidate in near)
+            span = 2 * module.DIFFERENCE
             spare = [near[0].available - one.use, near[1].available - other.use]
-            found = program._slope(mission, answer, axis)
+            found = program._slope(mission, solution, axis)
             assert found[0] == pytest.approx((other.value - one.value) / span, rel=SLOPE, abs=SLOPE)
             assert found[1] == pytest.approx((spare[0] - spare[1]) / span, rel=SLOPE, abs=SLOPE)
             checked_axes += 1
@@ -258,18 +283,18 @@ def test_qps_that_fail_are_counted_and_answered_by_the_scan(monkeypatch, error):
 
     mission = feasible_mission()
     scanned = MissionProgram(1, climb=False).solve(mission, (0.5,))
-    monkeypatch.setattr(mission_program.QuadraticProgram, "solve", fail)
-    answer = MissionProgram(1).solve(mission, (0.5,))
-    assert (answer.failures, answer.passes, answer.status) == (1, 0, SCANNED)
-    assert answer.value == scanned.value
-    allocated = MissionProgram(1).allocated(mission((0.5,)))
+    monkeypatch.setattr(module.QuadraticProgram, "solve", fail)
+    solution = MissionProgram(1).solve(mission, (0.5,))
+    assert (solution.failures, solution.qp_solves, solution.status) == (1, 0, SCANNED)
+    assert solution.value == scanned.value
+    by_qps = allocated(MissionProgram(1), mission((0.5,)))
     closed = best_at(mission((0.5,)))
-    assert (allocated.failures, allocated.status) == (1, CLOSED_FORM)
-    assert allocated.value == closed.value
+    assert (by_qps.failures, by_qps.status) == (1, CLOSED_FORM)
+    assert by_qps.value == closed.value
 
 
 def test_a_qp_that_fails_later_leaves_what_was_found(monkeypatch):
-    mission, solve, calls = feasible_mission(2), mission_program.QuadraticProgram.solve, []
+    mission, solve, calls = feasible_mission(2), module.QuadraticProgram.solve, []
 
     def sometimes(self, *arguments):
         calls.append(1)
@@ -277,11 +302,11 @@ def test_a_qp_that_fails_later_leaves_what_was_found(monkeypatch):
             raise SolverFailed("now")
         return solve(self, *arguments)
 
-    monkeypatch.setattr(mission_program.QuadraticProgram, "solve", sometimes)
-    answer = MissionProgram(2).solve(mission, (0.5, 0.5))
-    assert answer.failures == 1
-    assert answer.passes == 1
-    checked(mission, answer)
+    monkeypatch.setattr(module.QuadraticProgram, "solve", sometimes)
+    solution = MissionProgram(2).solve(mission, (0.5, 0.5))
+    assert solution.failures == 1
+    assert solution.qp_solves == 1
+    checked(mission, solution)
 
 
 def test_a_plan_that_cannot_be_flown_anywhere():
@@ -294,70 +319,70 @@ def test_a_plan_that_cannot_be_flown_anywhere():
 def test_a_plan_that_cannot_be_flown_at_some_parameters(until, warm):
     mission = Mission(5, 1, tight=0.9)
 
-    def outlook(shares):
+    def candidate_at(shares):
         return mission(shares) if shares[0] <= until else None
 
-    answer = MissionProgram(1).solve(outlook, (warm,))
-    axis = [place for place in np.linspace(0, 1, 1000).tolist() if place <= until]
-    best = max(found.value for place in axis if (found := best_at(mission((place,)))).allocation.feasible)
-    assert best - answer.value <= WORST_GAP
+    solution = MissionProgram(1).solve(candidate_at, (warm,))
+    axis = [point for point in np.linspace(0, 1, 1000).tolist() if point <= until]
+    best = max(found.value for point in axis if (found := best_at(mission((point,)))).allocation.feasible)
+    assert best - solution.value <= WORST_GAP
 
 
 def test_too_little_charge_everywhere_says_what_lacks_least():
     mission = Mission(6, 1, tight=-0.5)
-    answer = MissionProgram(1).solve(mission, (0.7,))
-    assert answer.status == INFEASIBLE
-    assert not answer.allocation.feasible
-    shorts = [best_at(mission((place,))).short for place in np.linspace(0, 1, 1000).tolist()]
-    assert answer.short == pytest.approx(min(shorts), abs=1e-3)
+    solution = MissionProgram(1).solve(mission, (0.7,))
+    assert solution.status == INFEASIBLE
+    assert not solution.allocation.feasible
+    shorts = [best_at(mission((point,))).shortfall for point in np.linspace(0, 1, 1000).tolist()]
+    assert solution.shortfall == pytest.approx(min(shorts), abs=1e-3)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.004, 0.02])
 def test_of_plans_that_lack_alike_the_best_is_taken(tolerance):
     mission = Mission(6, 1, tight=-0.5)
 
-    def outlook(shares):
+    def candidate_at(shares):
         return replace(mission(shares), tolerance=tolerance)
 
-    answer = MissionProgram(1).solve(outlook, (0.7,))
+    solution = MissionProgram(1).solve(candidate_at, (0.7,))
     least = MissionProgram(1).solve(mission, (0.7,))
-    assert answer.short <= least.short + tolerance
-    places = [best_at(mission((place,))) for place in np.linspace(0, 1, 13).tolist()]
-    for other in places:
-        assert other.short > least.short + tolerance or other.value <= answer.value
-    assert (answer.value > least.value) == (tolerance > 0)
+    assert solution.shortfall <= least.shortfall + tolerance
+    points = [best_at(mission((point,))) for point in np.linspace(0, 1, 13).tolist()]
+    for other in points:
+        assert other.shortfall > least.shortfall + tolerance or other.value <= solution.value
+    assert (solution.value > least.value) == (tolerance > 0)
 
 
 def test_without_path_parameters_the_closed_form_is_the_answer():
     mission = feasible_mission()
-    answer = MissionProgram(0).solve(lambda shares: mission((0.5,)), ())
-    assert answer.status == CLOSED_FORM
-    assert answer.value == best_at(mission((0.5,))).value
+    solution = MissionProgram(0).solve(lambda shares: mission((0.5,)), ())
+    assert solution.status == CLOSED_FORM
+    assert solution.value == best_at(mission((0.5,))).value
 
 
 def test_a_step_that_is_feasible_at_its_edge_alone():
     """Charge that is enough below 0.31 only, where the path is worth the more the higher p."""
     none = np.zeros(0)
 
-    def outlook(shares):
+    def candidate_at(shares):
         (p,) = shares
-        places = none.astype(np.intp)
-        return Candidate(shares, (int(p * 5),), Increments(places, places, none, none, 0.4 + (p > 0.31), p), 0.9)
+        points = none.astype(np.intp)
+        return Candidate(shares, (int(p * 5),), Increments(points, points, none, none, 0.4 + (p > 0.31), p), 0.9)
 
-    answer = MissionProgram(1).solve(outlook, (1.0,))
-    assert answer.value == pytest.approx(0.31, abs=5e-4)
+    solution = MissionProgram(1).solve(candidate_at, (1.0,))
+    assert solution.value == pytest.approx(0.31, abs=5e-4)
 
 
 def test_status_tells_how_it_was_found():
     mission = feasible_mission()
-    answer = MissionProgram(1).solve(mission, (0.5,))
-    assert answer.passes > 0
-    assert answer.status == SOLVED
+    solution = MissionProgram(1).solve(mission, (0.5,))
+    assert solution.qp_solves > 0
+    assert solution.status == SOLVED
     assert MissionProgram(1, climb=False).solve(mission, (0.5,)).status == SCANNED
 
 
 def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
-    looked = {True: 0, False: 0}
+    searched = {True: 0, False: 0}
     decided = 0
     for each in compared:
         mission, here = each.mission, best_at(each.mission((0.5,) * each.mission.dimensions))
@@ -366,12 +391,12 @@ def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
         found = {}
         for bounded in (False, True):
 
-            def outlook(shares, mission=mission, bounded=bounded):
-                looked[bounded] += 1
+            def candidate_at(shares, mission=mission, bounded=bounded):
+                searched[bounded] += 1
                 return mission(shares)
 
             least = here.value + PAYS if bounded else -math.inf
-            found[bounded] = MissionProgram(1).solve(outlook, (0.5,), least)
+            found[bounded] = MissionProgram(1).solve(candidate_at, (0.5,), least)
         best, useful = found[False].value, found[True].value
         if abs(best - here.value - PAYS) > WORST_GAP / 10:
             decided += best > here.value + PAYS
@@ -379,4 +404,4 @@ def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
         if useful > here.value + PAYS:
             assert useful == pytest.approx(best, abs=MEDIAN_GAP)
     assert decided > 10
-    assert looked[True] < looked[False]
+    assert searched[True] < searched[False]

@@ -18,9 +18,10 @@ from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing, join_profile
 from eadp.models.profile import Profile
-from eadp.planning.base import TradeOff
-from eadp.planning.joint import terms as prospects
+from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.joint import terms as module
 from eadp.planning.joint.knapsack import fill_greedy
+from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import QUALITY, TOTAL, FlownShares, RouteLoad, TermBuilder
 
 ALGEBRA = 1e-9
@@ -95,23 +96,25 @@ class Case:
         first = tuple(self.plan.hull(i).hi for i in range(count)) if self.plan.has_sets else ()
         follower = Tracked(self.plan, first, (0.0, -50.0))
         decided = tuple(box.lo + 0.7 * (box.hi - box.lo) for box in (self.plan.hull(i) for i in range(len(first))))
-        self.course = follower.route(decided)
-        n = len(self.course.legs)
+        self.route = follower.route(decided)
+        n = len(self.route.legs)
         motion = rng.uniform(30, 40, n)
-        self.segments = RouteLoad(rng.uniform(2, 20, n), motion, motion + rng.uniform(0, 3, n), 5.0, 100.0)
+        self.load = RouteLoad(rng.uniform(2, 20, n), motion, motion + rng.uniform(0, 3, n), 5.0, 100.0)
         self.past = FlownShares(rng.uniform(0, 100, count).tolist(), (rng.uniform(0, 100, count) * 0.5).tolist())
-        self.terrain = TermBuilder(
-            self.plan, self.computing, self.battery, self.weights, self.levels, self.trade_offs, self.objective
+        self.term_builder = TermBuilder(
+            Mission(self.plan, self.computing, self.battery, 15.0, first),
+            PlannerSettings(weights=self.weights, levels=self.levels),
+            JointSettings(objective=self.objective, trade_offs=self.trade_offs),
         )
 
     def terms(self):
-        return self.terrain.terms(self.course, self.segments, self.past, self.soc, self.reserve)
+        return self.term_builder.terms(self.route, self.load, self.past, self.soc, self.reserve)
 
     # --- the same in plain loops
 
     def choices(self, i):
         """Configurations of a leg that trade-offs and levels allow: (values, power)."""
-        rho, leg, own = self.plan.path_count, self.course.legs[i], self.course.parameters[i]
+        rho, leg, own = self.plan.path_count, self.route.legs[i], self.route.parameters[i]
         lists = []
         for k, box in enumerate(leg.stage.sets[rho:]):
             name = self.plan.names[rho + k]
@@ -142,13 +145,13 @@ class Case:
         rho = self.plan.path_count
         for j, name in enumerate(self.plan.names):
             time, area = self.past.times_s[j], self.past.areas_s[j]
-            for i, leg in enumerate(self.course.legs):
+            for i, leg in enumerate(self.route.legs):
                 box = leg.stage.sets[j]
                 if box.lo == box.hi:
                     continue
-                value = self.course.parameters[i][j] if j < rho else shares_of_legs[i][j - rho]
-                time += self.segments.times_s[i]
-                area += (min(max(value, box.lo), box.hi) - box.lo) / (box.hi - box.lo) * self.segments.times_s[i]
+                value = self.route.parameters[i][j] if j < rho else shares_of_legs[i][j - rho]
+                time += self.load.times_s[i]
+                area += (min(max(value, box.lo), box.hi) - box.lo) / (box.hi - box.lo) * self.load.times_s[i]
             if time > 0 and self.weight(name) > 0:
                 weights += self.weight(name)
                 total += self.weight(name) * area / time
@@ -160,18 +163,18 @@ class Case:
         The battery is drained in small steps at the voltage that it then has; a flight that would go below the reserve
         is drained so much slower that it ends there.
         """
-        b, steps = self.battery, 50
+        b, increments = self.battery, 50
         floor = min(self.reserve, self.soc)
 
         def drained(slower):
             soc, found = self.soc, []
-            for i, seconds in enumerate(self.segments.times_s):
-                power, ends = self.segments.motion_w[i] + self.choices(i)[-1][1], [soc]
-                for _ in range(steps):
+            for i, seconds in enumerate(self.load.times_s):
+                power, ends = self.load.motion_w[i] + self.choices(i)[-1][1], [soc]
+                for _ in range(increments):
                     rate = soc_rate_per_s(power, b.voltage_at(soc), b.resistance_ohm, b.capacity_ah, b.k_b_per_s)
-                    soc += slower * rate * seconds / steps
+                    soc += slower * rate * seconds / increments
                     ends.append(soc)
-                found.append((ends[steps // 2], ends[-1]))
+                found.append((ends[increments // 2], ends[-1]))
             return found
 
         if drained(1.0)[-1][1] >= floor:
@@ -195,8 +198,8 @@ class Case:
 
     def use(self, i, power):
         b = self.battery
-        total = self.segments.motion_w[i] + power
-        return self.segments.times_s[i] * -soc_rate_per_s(
+        total = self.load.motion_w[i] + power
+        return self.load.times_s[i] * -soc_rate_per_s(
             total, self.volts(i), b.resistance_ohm, b.capacity_ah, b.k_b_per_s
         )
 
@@ -224,13 +227,13 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_least_is_every_leg_at_its_cheapest(name):
+def test_the_base_is_every_leg_at_minimum_power(name):
     it = CASES[name]()
     terms = it.terms()
-    least = sum(it.use(i, it.choices(i)[0][1]) for i in range(len(it.course.legs)))
-    assert terms.steps.least_use == pytest.approx(least, rel=it.algebra)
+    least = sum(it.use(i, it.choices(i)[0][1]) for i in range(len(it.route.legs)))
+    assert terms.increments.base_use == pytest.approx(least, rel=it.algebra)
     assert terms.beyond_w == 0
-    assert len(terms.menus) == len(it.course.legs)
+    assert len(terms.envelopes) == len(it.route.legs)
 
 
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -238,50 +241,50 @@ def test_the_least_is_every_leg_at_its_cheapest(name):
 def test_compiled_terms_are_the_plain_ones(name):
     it = CASES[name]()
     plain, wind = it.terms(), (3.0, -4.0)
-    times = it.course.times_s(15.0, wind)
+    times = it.route.times_s(15.0, wind)
     compiled.enable()
     try:
-        fast, fast_times = it.terms(), it.course.times_s(15.0, wind)
+        fast, fast_times = it.terms(), it.route.times_s(15.0, wind)
     finally:
         compiled.enable(False)
     assert np.array(fast_times) == pytest.approx(np.array(times), rel=ALGEBRA)
-    for name in ("use", "gain", "least_use", "least_value"):
-        assert getattr(fast.steps, name) == pytest.approx(getattr(plain.steps, name), rel=ALGEBRA, abs=1e-15)
+    for name in ("use", "gain", "base_use", "base_value"):
+        assert getattr(fast.increments, name) == pytest.approx(getattr(plain.increments, name), rel=ALGEBRA, abs=1e-15)
     for name in ("segment", "level"):
-        assert (getattr(fast.steps, name) == getattr(plain.steps, name)).all()
-    for name in ("soc_per_j", "mean_w", "beyond_w", "least_soc", "worth"):
+        assert (getattr(fast.increments, name) == getattr(plain.increments, name)).all()
+    for name in ("soc_per_j", "mean_w", "beyond_w", "min_soc"):
         assert getattr(fast, name) == pytest.approx(getattr(plain, name), rel=ALGEBRA)
     assert (fast.kind_of == plain.kind_of).all()
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_menus_hold_configurations_with_what_they_take_and_are_worth(name):
+def test_envelopes_hold_configurations_with_use_and_value(name):
     it = CASES[name]()
     terms, rho = it.terms(), it.plan.path_count
-    base = [it.choices(i)[0][0] for i in range(len(it.course.legs))]
+    base = [it.choices(i)[0][0] for i in range(len(it.route.legs))]
     at_base = it.quality(base)
-    for i, menu in enumerate(terms.menus):
+    for i, envelope in enumerate(terms.envelopes):
         allowed = dict(it.choices(i))
-        for power, value, row in zip(menu.powers_w, menu.values, menu.configurations, strict=True):
+        for power, value, row in zip(envelope.powers_w, envelope.values, envelope.configurations, strict=True):
             choice = tuple(row.tolist())
             assert allowed[choice] == pytest.approx(power, rel=ALGEBRA)
             if len(it.plan.names) > rho:
                 moved = [*base[:i], choice, *base[i + 1 :]]
-                gained = (value - menu.values[0]) * it.segments.times_s[i]
+                gained = (value - envelope.values[0]) * it.load.times_s[i]
                 assert gained == pytest.approx(it.quality(moved) - at_base, abs=1e-6)
-        own = terms.steps.segment == i
-        order = np.argsort(terms.steps.level[own])
-        uses = [it.use(i, power) for power in menu.powers_w]
-        assert terms.steps.use[own][order] == pytest.approx(np.diff(uses), rel=max(it.algebra, 1e-6), abs=1e-12)
-        gains = np.diff(menu.values) * it.segments.times_s[i]
-        assert terms.steps.gain[own][order] == pytest.approx(gains, abs=ALGEBRA)
+        own = terms.increments.segment == i
+        order = np.argsort(terms.increments.level[own])
+        uses = [it.use(i, power) for power in envelope.powers_w]
+        assert terms.increments.use[own][order] == pytest.approx(np.diff(uses), rel=max(it.algebra, 1e-6), abs=1e-12)
+        gains = np.diff(envelope.values) * it.load.times_s[i]
+        assert terms.increments.gain[own][order] == pytest.approx(gains, abs=ALGEBRA)
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_least_value_is_the_quality_with_every_leg_at_its_cheapest(name):
+def test_the_base_value_is_the_quality_with_every_leg_at_minimum_power(name):
     it = CASES[name]()
-    base = [it.choices(i)[0][0] for i in range(len(it.course.legs))]
-    assert it.terms().steps.least_value == pytest.approx(it.quality(base), abs=1e-6)
+    base = [it.choices(i)[0][0] for i in range(len(it.route.legs))]
+    assert it.terms().increments.base_value == pytest.approx(it.quality(base), abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["one computation", "two computations", "trade-offs", "falling voltage"])
@@ -289,28 +292,30 @@ def test_filled_terms_are_the_best_mixes_of_all_configurations(name):
     it = CASES[name]()
     terms = it.terms()
     share = 0.4
-    available = terms.steps.least_use + share * terms.steps.use.sum()
+    available = terms.increments.base_use + share * terms.increments.use.sum()
     # one share for each configuration of each leg, that add up to 1
     uses, gains, owners = [], [], []
-    base = [it.choices(i)[0][0] for i in range(len(it.course.legs))]
+    base = [it.choices(i)[0][0] for i in range(len(it.route.legs))]
     at_base = it.quality(base)
     least = most = 0.0
-    for i in range(len(it.course.legs)):
+    for i in range(len(it.route.legs)):
         least += it.use(i, it.choices(i)[0][1])
         most += it.use(i, it.choices(i)[-1][1])
         for choice, power in it.choices(i):
             uses.append(it.use(i, power))
             gains.append(it.quality([*base[:i], choice, *base[i + 1 :]]) - at_base)
             owners.append(i)
-    sums = np.array([[owner == i for owner in owners] for i in range(len(it.course.legs))], dtype=float)
+    sums = np.array([[owner == i for owner in owners] for i in range(len(it.route.legs))], dtype=float)
     spare = least + share * (most - least)
     exact = linprog(
         -np.array(gains), A_ub=100 * np.array([uses]), b_ub=[100 * spare], A_eq=sums, b_eq=np.ones(len(sums))
     )
     best = at_base - exact.fun
     # a battery's use bends upwards with power: configurations off the envelope in power may be worth a trace more
-    assert fill_greedy(terms.steps, available).value == pytest.approx(best, abs=max(it.algebra / 10, 1e-4))
-    assert fill_greedy(terms.steps, available).value <= best + (ALGEBRA if it.algebra == ALGEBRA else it.algebra / 10)
+    assert fill_greedy(terms.increments, available).value == pytest.approx(best, abs=max(it.algebra / 10, 1e-4))
+    assert fill_greedy(terms.increments, available).value <= best + (
+        ALGEBRA if it.algebra == ALGEBRA else it.algebra / 10
+    )
 
 
 def test_total_adds_up_the_computations_over_time():
@@ -319,23 +324,23 @@ def test_total_adds_up_the_computations_over_time():
     most = 1.0 * 10 + 2.0 * 3
     free_s = max(
         it.past.times_s[j]
-        + sum(t for t, leg in zip(it.segments.times_s, it.course.legs, strict=True) if not leg.stage.sets[j].fixed)
+        + sum(t for t, leg in zip(it.load.times_s, it.route.legs, strict=True) if not leg.stage.sets[j].fixed)
         for j in range(3)
     )
-    for i, menu in enumerate(terms.menus):
-        weighed = menu.configurations @ np.array([1.0, 2.0]) / (most * free_s)
-        running = not all(box.inhibited for box in it.course.legs[i].stage.sets[1:])
-        assert menu.values == pytest.approx(weighed if running else [0.0], rel=1e-3)
+    for i, envelope in enumerate(terms.envelopes):
+        weighed = envelope.configurations @ np.array([1.0, 2.0]) / (most * free_s)
+        running = not all(box.inhibited for box in it.route.legs[i].stage.sets[1:])
+        assert envelope.values == pytest.approx(weighed if running else [0.0], rel=1e-3)
 
 
 def test_a_stage_that_inhibits_computations_takes_and_gives_nothing():
     it = case(TWO, both())
     terms = it.terms()
-    for i, leg in enumerate(it.course.legs):
+    for i, leg in enumerate(it.route.legs):
         if leg.stage.sets[1].inhibited:
-            assert terms.menus[i].powers_w.tolist() == [0]
-            assert terms.menus[i].configurations.tolist() == [[0, 0]]
-            assert i not in terms.steps.segment
+            assert terms.envelopes[i].powers_w.tolist() == [0]
+            assert terms.envelopes[i].configurations.tolist() == [[0, 0]]
+            assert i not in terms.increments.segment
 
 
 # --- limits -----------------------------------------------------------------------------------------------------------
@@ -345,10 +350,10 @@ def test_the_crate_bounds_every_configuration():
     it = case(battery=no_limit(letter_crate_per_h=4.0), soc=0.9, reserve=0.8)
     terms, charges = it.terms(), it.charges()
     assert charges[-1][1] == pytest.approx(0.8), "it would take more than there is above the reserve"
-    for i, menu in enumerate(terms.menus):
-        limit = charges[i][1] * 1.0 * 14.8 * 4.0 - it.segments.peak_w[i]
+    for i, envelope in enumerate(terms.envelopes):
+        limit = charges[i][1] * 1.0 * 14.8 * 4.0 - it.load.peak_w[i]
         allowed = [power for _, power in it.choices(i) if power <= limit]
-        assert menu.powers_w[-1] == pytest.approx(max(allowed, default=it.choices(i)[0][1]))
+        assert envelope.powers_w[-1] == pytest.approx(max(allowed, default=it.choices(i)[0][1]))
 
 
 @pytest.mark.parametrize("letter_crate_per_h", [2.5, 6.0, 20.0])
@@ -358,9 +363,9 @@ def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(lette
     it = case(battery=no_limit(letter_crate_per_h=letter_crate_per_h), seed=seed)
 
     def within(soc):
-        for i in reversed(range(len(it.course.legs))):
+        for i in reversed(range(len(it.route.legs))):
             cheapest = it.choices(i)[0][1]
-            if it.segments.peak_w[i] + cheapest > soc * 1.0 * 14.8 * letter_crate_per_h:
+            if it.load.peak_w[i] + cheapest > soc * 1.0 * 14.8 * letter_crate_per_h:
                 return False
             soc += it.use(i, cheapest)
         return True
@@ -369,16 +374,16 @@ def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(lette
     while high - low > 1e-10:
         middle = (low + high) / 2
         low, high = (low, middle) if within(middle) else (middle, high)
-    assert it.terms().least_soc == pytest.approx(high, abs=1e-8)
+    assert it.terms().min_soc == pytest.approx(high, abs=1e-8)
 
 
-@pytest.mark.parametrize("most_w", [30.0, 41.0, 60.0])
-def test_power_that_the_battery_cannot_deliver_is_told(most_w):
+@pytest.mark.parametrize("max_w", [30.0, 41.0, 60.0])
+def test_power_that_the_battery_cannot_deliver_is_reported(max_w):
     # V²/4R is the most that comes out of it
-    it = case(battery=no_limit(resistance_ohm=14.8**2 / (4 * most_w)))
-    worst = max(it.choices(i)[0][1] + it.segments.peak_w[i] - most_w for i in range(len(it.course.legs)))
+    it = case(battery=no_limit(resistance_ohm=14.8**2 / (4 * max_w)))
+    worst = max(it.choices(i)[0][1] + it.load.peak_w[i] - max_w for i in range(len(it.route.legs)))
     assert it.terms().beyond_w == pytest.approx(max(worst, 0.0))
-    assert (worst > 0) == (most_w < 50)
+    assert (worst > 0) == (max_w < 50)
 
 
 def test_without_a_resistance_any_power_is_delivered():
@@ -388,28 +393,28 @@ def test_without_a_resistance_any_power_is_delivered():
 def test_a_battery_delivers_no_more_than_it_can():
     # V²/4R = 45 W at 14.8 V
     it = case(battery=no_limit(resistance_ohm=14.8**2 / 180))
-    for i, menu in enumerate(it.terms().menus):
-        limit = prospects.DELIVERABLE * 45 - it.segments.peak_w[i]
+    for i, envelope in enumerate(it.terms().envelopes):
+        limit = module.DELIVERABLE * 45 - it.load.peak_w[i]
         cheapest = it.choices(i)[0][1]
-        assert menu.powers_w[-1] <= max(limit, cheapest) + ALGEBRA
-        assert np.isfinite(it.terms().steps.use).all()
+        assert envelope.powers_w[-1] <= max(limit, cheapest) + ALGEBRA
+        assert np.isfinite(it.terms().increments.use).all()
 
 
 def test_a_battery_that_stays_nearly_full_allows_every_configuration():
     it = case(battery=no_limit(capacity_ah=5.0, letter_crate_per_h=10.0), soc=0.9, reserve=0.03)
     terms = it.terms()
-    takes = terms.steps.least_use + terms.steps.use.sum()
+    takes = terms.increments.base_use + terms.increments.use.sum()
     lowest = 0.9 - takes
     assert lowest * 5.0 * 14.8 * 10.0 > 100, "more than any leg asks for, to the end"
-    for i, menu in enumerate(terms.menus):
-        assert menu.powers_w[-1] == pytest.approx(it.choices(i)[-1][1])
+    for i, envelope in enumerate(terms.envelopes):
+        assert envelope.powers_w[-1] == pytest.approx(it.choices(i)[-1][1])
 
 
 @pytest.mark.parametrize("volts_empty", [None, 11.0])
 def test_soc_per_joule_by_differences(volts_empty):
     it = case(battery=no_limit(voltage_empty_v=volts_empty))
     terms, b = it.terms(), it.battery
-    volts = float(np.mean([it.volts(i) for i in range(len(it.course.legs))]))
+    volts = float(np.mean([it.volts(i) for i in range(len(it.route.legs))]))
     rates = [
         -soc_rate_per_s(terms.mean_w + d, volts, b.resistance_ohm, b.capacity_ah, b.k_b_per_s)
         for d in (-DIFFERENCE_W, DIFFERENCE_W)
@@ -421,8 +426,8 @@ def test_soc_per_joule_by_differences(volts_empty):
 def test_mean_power_is_with_the_computations_half_way():
     it = case()
     terms = it.terms()
-    half = [(menu.powers_w[0] + menu.powers_w[-1]) / 2 for menu in terms.menus]
-    expected = np.average(it.segments.motion_w + half, weights=it.segments.times_s)
+    half = [(envelope.powers_w[0] + envelope.powers_w[-1]) / 2 for envelope in terms.envelopes]
+    expected = np.average(it.load.motion_w + half, weights=it.load.times_s)
     assert terms.mean_w == pytest.approx(expected)
 
 
@@ -431,24 +436,24 @@ def test_mean_power_is_with_the_computations_half_way():
 
 def test_trade_offs_that_leave_nothing_leave_the_lowest():
     it = case(trade_offs=(TradeOff({"c2": 1.0}, 99.0),))
-    for i, menu in enumerate(it.terms().menus):
-        box = it.course.legs[i].stage.sets[1]
-        assert menu.configurations.tolist() == [[box.lo]]
+    for i, envelope in enumerate(it.terms().envelopes):
+        box = it.route.legs[i].stage.sets[1]
+        assert envelope.configurations.tolist() == [[box.lo]]
 
 
 def test_levels_outside_a_set_leave_its_lower_end():
     it = case(levels={"c2": (3.0, 8.0)})
-    for i, menu in enumerate(it.terms().menus):
-        box = it.course.legs[i].stage.sets[1]
+    for i, envelope in enumerate(it.terms().envelopes):
+        box = it.route.legs[i].stage.sets[1]
         inside = [level for level in (3.0, 8.0) if box.lo <= level <= box.hi] or [box.lo]
-        assert set(menu.configurations[:, 0].tolist()) <= set(inside)
+        assert set(envelope.configurations[:, 0].tolist()) <= set(inside)
 
 
 def test_many_configurations_are_thinned_and_keep_their_ends(monkeypatch):
-    monkeypatch.setattr(prospects, "MOST_CONFIGURATIONS", 12)
+    monkeypatch.setattr(module, "MAX_CONFIGURATIONS", 12)
     it = case(TWO, both())
-    sets, own = it.course.legs[0].stage.sets, it.course.parameters[0]
-    configurations, powers = it.terrain.configurations(sets, own)
+    sets, own = it.route.legs[0].stage.sets, it.route.parameters[0]
+    configurations, powers = it.term_builder.configurations(sets, own)
     assert len(configurations) <= 12
     assert (np.diff(powers) >= 0).all()
     for row in ([2.0, 1.0], [10.0, 3.0]):
@@ -456,7 +461,7 @@ def test_many_configurations_are_thinned_and_keep_their_ends(monkeypatch):
 
 
 def test_many_computations_of_two_values_each_come_to_an_end(monkeypatch):
-    monkeypatch.setattr(prospects, "MOST_CONFIGURATIONS", 3)
+    monkeypatch.setattr(module, "MAX_CONFIGURATIONS", 3)
     it = case(TWO, both(), levels={"c2": (2.0, 10.0), "c3": (1.0, 3.0)})
     product, calls = math.prod, []
 
@@ -466,31 +471,30 @@ def test_many_computations_of_two_values_each_come_to_an_end(monkeypatch):
             raise RecursionError("it goes on and on")
         return product(values)
 
-    monkeypatch.setattr(prospects.math, "prod", counted)
+    monkeypatch.setattr(module.math, "prod", counted)
     try:
-        it.terrain.configurations(it.course.legs[0].stage.sets, it.course.parameters[0])
+        it.term_builder.configurations(it.route.legs[0].stage.sets, it.route.parameters[0])
     except RecursionError:
         pytest.fail("it goes on and on")
 
 
-def test_menus_are_made_once_for_each_kind_of_leg():
+def test_envelopes_are_built_once_for_each_kind_of_leg():
     it = case(TWO, both())
-    menus = it.terms().menus
-    kinds = {leg.stage.index for leg in it.course.legs}
-    assert len({id(menu.powers_w) for menu in menus}) <= len(kinds)
-    same = [menu for menu, leg in zip(menus, it.course.legs, strict=True) if leg.stage.index == 1]
-    assert all(menu.powers_w is same[0].powers_w for menu in same)
+    envelopes = it.terms().envelopes
+    kinds = {leg.stage.index for leg in it.route.legs}
+    assert len({id(envelope.powers_w) for envelope in envelopes}) <= len(kinds)
+    same = [envelope for envelope, leg in zip(envelopes, it.route.legs, strict=True) if leg.stage.index == 1]
+    assert all(envelope.powers_w is same[0].powers_w for envelope in same)
 
 
-def test_no_weight_on_what_is_free_is_worth_nothing():
+def test_no_weight_on_what_is_free_has_no_value():
     it = case(weights={"c1": 0.0, "c2": 0.0})
     terms = it.terms()
-    assert not terms.worth.any()
-    assert terms.steps.least_value == 0
-    assert not terms.steps.gain.any()
+    assert terms.increments.base_value == 0
+    assert not terms.increments.gain.any()
 
 
-def test_stages_whose_path_sets_alone_differ_share_a_menu():
+def test_stages_whose_path_sets_alone_differ_share_an_envelope():
     same = ONE.replace("[0, 0]\n", "[2, 10]\n").replace("[2, 6]\n", "[2, 10]\n").replace("[4, 4]\n", "[2, 10]\n")
     assert {stage.sets[0].lo for stage in case(same, fps()).plan.stages} == {0.0, 5.0}
     assert len(case(same, fps()).terms().kinds) == 1
