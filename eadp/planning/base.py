@@ -361,6 +361,15 @@ def allowed_levels(settings: PlannerSettings, mission: Mission, index: int, box:
     return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
 
 
+def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float, ...]]:
+    """Levels with at most `limit` combinations: drops every second one of the longest list while it has over two."""
+    kept = list(levels)
+    while math.prod(map(len, kept)) > limit and max(map(len, kept)) > 2:
+        k = max(range(len(kept)), key=lambda i: len(kept[i]))
+        kept[k] = (*kept[k][:-1:2], kept[k][-1])
+    return kept
+
+
 def next_multiple(time_s: float, every_s: float) -> float:
     """The first multiple of a period after a time [s]."""
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s

@@ -239,19 +239,8 @@ class InnerLoop:
         end = min(end, k + room * int(self._c[READ_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
             return self._run_uncompiled(k, end)
-        k, events = self._fly(
-            self._s,
-            self._watch,
-            self._c,
-            self._noise,
-            self._late,
-            self._readings,
-            k,
-            end,
-            self._path,
-            self._curve,
-            self._replay,
-        )
+        state = (self._s, self._watch, self._c, self._noise, self._late, self._readings)
+        k, events = self._fly(*state, k, end, self._path, self._curve, self._replay)
         return k, events
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:

@@ -106,7 +106,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         world.wind,
         np.random.default_rng(world.seed),
     )
-    bridge = _SensorBridge(world, planner, inner_loop)
+    bridge = _SensorBridge(world, planner, inner_loop, outcome.records)
     losses = _losses(world)
     alarms = [step + bridge.late for step, _ in losses]
     parameters, stage = executor.parameters, executor.stage
@@ -124,12 +124,11 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
 
     variable = inner_loop.variable
     while k < steps:
-        if losses and k >= losses[-1][0]:
+        if k >= losses[-1][0]:
             losses.pop()
-        if alarms and k >= alarms[-1]:
+        if k >= alarms[-1]:
             alarms.pop()
-        loss = losses[-1] if losses else (steps, 0.0)
-        alarm = alarms[-1] if alarms else steps
+        loss, alarm = losses[-1], alarms[-1]
         inner_loop.fault(*loss)
         k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm, k - k % log_every + log_every))
         time_s = k * step_s
@@ -139,9 +138,6 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         due = k >= next_update or k == alarm
         if due:
             bridge.update(k, executor)
-            record = bridge.decision.record
-            if record is not None and (not outcome.records or record is not outcome.records[-1]):
-                outcome.records.append(record)
         if k % log_every == 0:
             bridge.ingest(k)
             last_logged = k
@@ -179,7 +175,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
 class _SensorBridge:
     """Measurements from the inner loop to the planner, and its last decision."""
 
-    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop) -> None:
+    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, records: list[DecisionRecord]) -> None:
         self._step_s = world.step_s
         self._planner = planner
         self._inner_loop = inner_loop
@@ -188,6 +184,7 @@ class _SensorBridge:
         self.late = self._suite.late
         """Delay of the measurements in steps."""
         inner_loop.sense(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late)
+        self._records = records
         self.decision = Decision(world.parameters, 0.0)
 
     def update(self, k: int, executor: PlanExecutor) -> None:
@@ -196,7 +193,10 @@ class _SensorBridge:
         x, y, power_w, soc, vx, vy, heading = self._inner_loop.measured(k)
         plan = executor.cursor, executor.joined_m, executor.stages_started
         observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
-        self.decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
+        decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
+        if decision.record is not None and decision.record is not self.decision.record:
+            self._records.append(decision.record)
+        self.decision = decision
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
@@ -230,13 +230,13 @@ def step_at(time_s: float, step_s: float, max_step: int) -> int:
 def _losses(world: World) -> list[tuple[int, float]]:
     """Steps with a sudden loss of charge and its amount, in descending order; of a replayed charge, 0.
 
-    The planner is updated at each.
+    The planner is updated at each. The first entry is beyond the end of any flight.
     """
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:
         points = world.battery.prescribed
         drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(points) if t == after]
-    losses: dict[int, float] = {}
+    losses = {MAX_STEPS: 0.0}
     for at_s, drop in sorted(drops):
         step = step_at(at_s, world.step_s, MAX_STEPS)
         losses[step] = losses.get(step, 0.0) + drop

@@ -37,6 +37,7 @@ from eadp.core.flight.battery import current_slope_a_per_w, currents_a
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
+from eadp.planning.base import thinned
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 Table = list[list[float]]
@@ -262,7 +263,7 @@ class Horizon:
 
     def _list_choices(self) -> None:
         """Every combination of levels that satisfies the trade-offs, in order of power."""
-        choices = np.array(list(itertools.product(*_thinned(self._c.levels))), dtype=float)
+        choices = np.array(list(itertools.product(*thinned(self._c.levels, CHOICES))), dtype=float)
         choices = choices[(choices @ self._rows.T >= self._min_rows - _slack(self._min_rows)).all(axis=1)]
         powers = np.array([self._c.power(choice.tolist()) for choice in choices], dtype=float)
         order = np.argsort(powers, kind="stable")
@@ -364,13 +365,13 @@ class Horizon:
             relaxed, best = chosen, objective
         return HorizonSolution(relaxed, chosen, objective, best, qp_solves)
 
-    def _reals(self, chosen: FloatArray, least: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
+    def _reals(self, chosen: FloatArray, objective: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
         """The relaxed solution, its objective and the number of QPs."""
         starts = [chosen]
         if self._increasing and not len(self._rows):
             steps = self._fill_greedy(forecast)
             filled, value = np.array([[step.c] for step in steps]), sum(step.value for step in steps)
-            if value >= least - SAME * abs(least) and _is_optimal(steps):
+            if value >= objective - SAME * abs(objective) and _is_optimal(steps):
                 return self._ascent_to(value, filled, chosen, forecast)
             starts.append(filled)
         return self._best_ascent(starts, forecast)
@@ -752,40 +753,25 @@ class _Search:
     def _branched(self, charge: float, made: list[int], best: float) -> tuple[list[int], float, bool]:
         """A plan of greater value, if there is one: depth first, from the choices of greatest value down."""
         steps, work = len(self._needed), 0
-        stack: list[tuple[int, float, float, _Link | None]] = [(0, charge, 0.0, None)]
+        stack: list[tuple[tuple[int, ...], float, float]] = [((), charge, 0.0)]
         while stack and work < WORK:
             work += steps
-            m, charge, value, chain = stack.pop()
+            chain, charge, value = stack.pop()
+            m = len(chain)
             enough = best + SAME * abs(best) - value
             if self._bound(m, charge, enough) <= enough:
                 continue
-            if m == steps and chain is not None:
-                made, best = chain.choices(), value
+            if m == steps:
+                made, best = [*chain], value
                 continue
             top, branches = self._top[m], []
             i = bisect_right(self._needed[m], charge) - 1
             while i >= 0:
                 i = bisect_left(top, top[i])
-                branches.append((m + 1, charge - self._beyond[m][i], value + top[i], _Link(i, chain)))
+                branches.append(((*chain, i), charge - self._beyond[m][i], value + top[i]))
                 i -= 1
             stack.extend(reversed(branches))
         return made, best, not stack
-
-
-class _Link(NamedTuple):
-    """The last choice of a sequence, and those before it."""
-
-    choice: int
-    before: _Link | None
-
-    def choices(self) -> list[int]:
-        """The whole sequence, in order."""
-        found = []
-        link: _Link | None = self
-        while link is not None:
-            found.append(link.choice)
-            link = link.before
-        return found[::-1]
 
 
 def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[float]]:
@@ -810,15 +796,6 @@ def _reach(rows: FloatArray, left: FloatArray) -> FloatArray:
     shares = np.divide(left[:, None], rows, out=np.ones_like(rows), where=rows > 0)
     reach: FloatArray = np.clip(shares.min(axis=0), TIGHTEST, 1.0)
     return reach
-
-
-def _thinned(levels: Sequence[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """Levels with at most `CHOICES` combinations, as long as a list has more than two."""
-    kept = list(levels)
-    while math.prod(map(len, kept)) > CHOICES and max(map(len, kept)) > 2:
-        k = max(range(len(kept)), key=lambda i: len(kept[i]))
-        kept[k] = (*kept[k][:-1:2], kept[k][-1])
-    return kept
 
 
 def _slack(rows: FloatArray) -> FloatArray:
