@@ -139,7 +139,7 @@ class ExactEstimator:
         self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
         self._time_s: float | None = None
         self._learn_from_s = 0.0
-        self._laps = _Laps()
+        self._lap_marks_s: list[float] = []
         self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
         self._learn_at_s = math.inf
 
@@ -230,8 +230,8 @@ class ExactEstimator:
 
     def lap(self, time_s: float) -> None:
         """Take the lap's time as the period, except the first: it may have started anywhere."""
-        self._laps.end(time_s)
-        times = self._laps.times_s
+        self._lap_marks_s.append(time_s)
+        times = np.diff(self._lap_marks_s).tolist()
         if not times:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
@@ -241,7 +241,7 @@ class ExactEstimator:
 
     def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
-        self._laps = _Laps([time_s])
+        self._lap_marks_s = [time_s]
         self._learn_from(time_s)
 
     # --- forecasts
@@ -289,7 +289,7 @@ class ExactEstimator:
         times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         times, power = times[times > time_s - window_s], power[times > time_s - window_s]
-        angle = 2 * math.pi * self._laps.turns(times, self.period_s or 1.0)
+        angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
         found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
@@ -313,29 +313,14 @@ class ExactEstimator:
         return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
-class _Laps:
-    """Times at which laps started."""
-
-    def __init__(self, marks_s: list[float] | None = None) -> None:
-        self._marks_s = marks_s or []
-
-    def end(self, time_s: float) -> None:
-        """End a lap and start the next."""
-        self._marks_s.append(time_s)
-
-    @property
-    def times_s(self) -> list[float]:
-        """Times of the whole laps [s]."""
-        return np.diff(self._marks_s).tolist()
-
-    def turns(self, times_s: FloatArray, period_s: float) -> FloatArray:
-        """Laps flown at given times: completed ones are one turn each, others progress by the period."""
-        marks = self._marks_s or [float(times_s[0])]
-        far = 1e6
-        marks_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
-        count = np.arange(len(marks), dtype=float)
-        turns: FloatArray = np.interp(times_s, marks_s, np.concatenate([[-far], count, [count[-1] + far]]))
-        return turns
+def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
+    """Laps flown at given times: completed ones are one turn each, others progress by the period."""
+    marks = marks_s or [float(times_s[0])]
+    far = 1e6
+    known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
+    count = np.arange(len(marks), dtype=float)
+    turns: FloatArray = np.interp(times_s, known_s, np.concatenate([[-far], count, [count[-1] + far]]))
+    return turns
 
 
 def _lap_time_std_s(times_s: list[float]) -> float:
