@@ -1,77 +1,61 @@
-"""The README's blocks: every command is run, and what it shows is what comes out.
+"""The README's blocks and the tutorial's: every command is run, and what a page shows is what its commands print.
 
-`python tests/test_readme.py` writes the present output into the README.
+`PYTHONPATH=tests/support python tests/test_readme.py` writes the present output into both pages.
 """
 
 from __future__ import annotations
 
-import io
+import os
 import re
-import shlex
-from contextlib import redirect_stderr, redirect_stdout
+import tempfile
+from pathlib import Path
 
 import pytest
 from common import ROOT
-
-from eadp.cli.main import main
+from common.console import Console, blocks, commands, missing_links, update
 
 README = ROOT / "README.md"
-BLOCK = re.compile(r"```console\n\$ (?P<command>eadp (?:[^\n]*\\\n)*[^\n]*)\n(?P<output>.*?)```", re.DOTALL)
-ELLIPSIS = "…\n"
+TUTORIAL = ROOT / "docs/tutorial.md"
+PAGES = [README, TUTORIAL]
 
 
-def blocks():
-    return list(BLOCK.finditer(README.read_text(encoding="utf-8")))
-
-
-def words(block):
-    return shlex.split(block["command"].replace("\\\n", " "))[1:]
-
-
-def run(arguments):
-    out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        main(arguments)
-    return out.getvalue() + err.getvalue()
+def first_words(block):
+    return " ".join(commands(block)[0])[:60]
 
 
 def test_there_is_a_block_for_each_of_the_four_commands():
-    commands = {words(block)[0] for block in blocks()}
-    assert {"plan", "profile", "fit", "simulate"} <= commands
+    shown = {command[1] for block in blocks(README) for command in commands(block)}
+    assert {"plan", "profile", "fit", "simulate"} <= shown
 
 
-@pytest.mark.parametrize("block", blocks(), ids=lambda block: " ".join(words(block))[:60])
-def test_a_block_shows_what_comes_out(block, tmp_path, monkeypatch):
+@pytest.mark.parametrize("block", blocks(README), ids=first_words)
+def test_a_block_of_the_readme_shows_what_its_commands_print(block, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert Console(tmp_path).fresh(block) == block
+
+
+def test_the_tutorials_blocks_show_what_their_commands_print_in_this_order(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    console = Console(tmp_path)
+    console.write_files(TUTORIAL.read_text(encoding="utf-8"))
+    for block in blocks(TUTORIAL):
+        assert console.fresh(block) == block
+
+
+def test_the_readmes_python_block_is_a_call_of_the_library(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    shown = block["output"]
-    arguments = [word.replace("runs/", f"{tmp_path}/runs/") for word in words(block)]
-    actual = run(arguments).replace(f"{tmp_path}/", "")
-    if shown.endswith(ELLIPSIS):
-        assert actual.startswith(shown.removesuffix(ELLIPSIS))
-    else:
-        assert actual == shown
+    (block,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(block, str(README), "exec"), {})
+    assert capsys.readouterr().out.startswith("True 0.76")
 
 
-def test_every_picture_and_page_that_is_linked_is_there():
-    links = re.findall(r"\]\(([^)#]+)\)|src=\"([^\"]+)\"", README.read_text(encoding="utf-8"))
-    targets = [a or b for a, b in links]
-    assert len(targets) >= 4
-    for target in targets:
-        assert target.startswith("http") or (ROOT / target).exists(), target
-
-
-def update():
-    """Write the present output of every block into the README; blocks cut short stay as long as they are."""
-
-    def fresh(block):
-        actual = run(words(block))
-        if block["output"].endswith(ELLIPSIS):
-            count = block["output"].count("\n") - 1
-            actual = "".join(line + "\n" for line in actual.splitlines()[:count]) + ELLIPSIS
-        return f"```console\n$ {block['command']}\n{actual}```"
-
-    README.write_text(BLOCK.sub(fresh, README.read_text(encoding="utf-8")), encoding="utf-8")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_page_and_picture_that_is_linked_exists(page):
+    assert missing_links(page) == []
 
 
 if __name__ == "__main__":
-    update()
+    for page in PAGES:
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            update(page, Console(Path(folder)))

@@ -1,0 +1,74 @@
+"""docs/results.md names what a flight's result folder holds: its files, columns and keys, no more and no fewer."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import pytest
+from common import ROOT
+from common.console import missing_links
+
+import eadp
+
+PAGE = ROOT / "docs/results.md"
+PLAN, SCENARIO = ROOT / "plans/survey.plan", ROOT / "scenarios/survey.yaml"
+
+
+def documented(section):
+    """The names in the first column of a section's table, in order; of the text before the first section for ""."""
+    text = PAGE.read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## `(\S+)`\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE))
+    rows = (sections[section] if section else text.split("\n## ")[0]).splitlines()
+    return [name for row in rows if row.startswith("| `") for name in re.findall(r"`([^`]+)`", row.split("|")[1])]
+
+
+def keys(value, names, prefix=""):
+    """The keys of nested objects and lists of objects, dotted; parameters' names as NAME."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return [key for item in value for key in keys(item, names, f"{prefix}[]")]
+    if not isinstance(value, dict):
+        return [prefix]
+    inner = [(("NAME" if key in names else key), item) for key, item in value.items()]
+    return [key for name, item in inner for key in keys(item, names, f"{prefix}.{name}" if prefix else name)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The result folder of a flight that ends early."""
+    target = tmp_path_factory.mktemp("results") / "flight"
+    eadp.simulate(PLAN, scenario=SCENARIO, overrides={"time_limit_s": 60}).write(target)
+    return target
+
+
+def test_the_files(folder):
+    assert {path.name + "/" * path.is_dir() for path in folder.iterdir()} == set(documented(""))
+    inputs = {path.name for path in (folder / "inputs").iterdir()}
+    assert inputs == {"survey.plan", "survey.yaml", "pednet-jetson-nano.yaml", "overrides.txt"}
+
+
+def test_the_columns_of_the_flight(folder):
+    with (folder / "flight.csv").open(encoding="utf-8", newline="") as stream:
+        header = next(csv.reader(stream))
+    assert header == [name for name in documented("flight.csv") if name != "…"]
+
+
+def test_the_keys_of_the_summary(folder):
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    found = keys(summary, summary["parameters"])
+    assert list(dict.fromkeys(found)) == documented("summary.json")
+
+
+def test_the_keys_of_the_decisions(folder):
+    lines = (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()
+    for line in lines:
+        decision = json.loads(line)
+        assert list(dict.fromkeys(keys(decision, decision["parameters"]))) == documented("decisions.jsonl")
+        assert f"`{decision['cause']}`" in PAGE.read_text(encoding="utf-8")
+        assert f"`{decision['status']}`" in PAGE.read_text(encoding="utf-8")
+    assert lines
+
+
+def test_the_pages_links():
+    assert missing_links(PAGE) == []
