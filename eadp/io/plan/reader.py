@@ -562,7 +562,7 @@ class _Reader:
             min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
-            parts=parts,
+            segments=parts,
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured
@@ -586,7 +586,7 @@ class _Reader:
 
     def _with_laps(self, plan: Plan) -> Plan:
         """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
-        counts = {part.count for part in plan.parts if part.repeats}
+        counts = {part.count for part in plan.segments if part.repeats}
         return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:

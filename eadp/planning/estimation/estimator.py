@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -90,31 +90,6 @@ class EstimatorSettings:
     """Random walk of each harmonic's parts [W/√s]."""
 
 
-class Estimator(Protocol):
-    """Interface of estimators: readings and laps in, forecast power out."""
-
-    period_s: float | None
-
-    def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return its one-step forecast [W]."""
-
-    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order; return the one-step forecast of the last [W]."""
-
-    def lap(self, time_s: float) -> None:
-        """End a lap and start the next."""
-
-    def start_lap(self, time_s: float) -> None:
-        """Start timing a lap that follows no other."""
-
-    def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Motion power [W], `ahead_s` [s] after the last reading."""
-
-    @property
-    def state_w(self) -> FloatArray:
-        """The energy state q [W], shape (2·order + 1,)."""
-
-
 def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
     expected = 0.0
     for time_s, value in zip(times_s, motion_w, strict=True):
@@ -191,7 +166,10 @@ class ExactEstimator:
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Predict to `time_s`, and correct with the reading unless the gate holds; see `Estimator.observe`."""
+        """Take a reading [W], or None where there is none; return its one-step forecast [W].
+
+        Predicts to `time_s`, and corrects with the reading unless the gate holds.
+        """
         if self._time_s is None:
             self._time_s = time_s
             self._learn_from(time_s)
@@ -213,7 +191,7 @@ class ExactEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Process readings in batches between noise estimates; see `Estimator.observe_batch`."""
+        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W]."""
         expected, n = 0.0, 0
         while n < len(times_s):
             # up to the next noise estimate
@@ -269,7 +247,7 @@ class ExactEstimator:
     # --- forecasts
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
+        """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
         return self._rows(ahead_s) @ self._filter.state
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
@@ -294,7 +272,8 @@ class ExactEstimator:
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
-        drift[1:] += _squared_amplitudes(state) * turned**2 / (2 * period_s)
+        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
@@ -366,10 +345,6 @@ def _lap_time_std_s(times_s: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
 
 
-def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    return state[1:-2:2] ** 2 + state[2:-2:2] ** 2
-
-
 @lru_cache(maxsize=16)
 def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> FloatArray:
     """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, cached."""
@@ -391,7 +366,7 @@ class PublishedEstimator:
         self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
         self._gain_for = (0.0, 0.0)
         self._gain: list[float] = []
-        self.period_s: float | None = 1.0
+        self.period_s = 1.0
 
     @property
     def state_w(self) -> FloatArray:
@@ -399,7 +374,7 @@ class PublishedEstimator:
         return np.array(self._state)
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """One step of the published filter; see `Estimator.observe`."""
+        """One step of the published filter; see `ExactEstimator.observe`."""
         # the time of the last lap, or of this one once it is longer
         period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
@@ -424,7 +399,7 @@ class PublishedEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """One step each; see `Estimator.observe_batch`."""
+        """One step each; see `ExactEstimator.observe_batch`."""
         return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
@@ -444,6 +419,9 @@ class PublishedEstimator:
         self._lap_started_s = time_s
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
-        assert self.period_s is not None
+        """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+Estimator = ExactEstimator | PublishedEstimator
+"""Readings and laps in, forecast power out."""
