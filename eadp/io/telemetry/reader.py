@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import Annotated, Any, BinaryIO
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from eadp.core.geometry.bearings import heading_rad
 from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
@@ -145,7 +145,7 @@ class TelemetryReader:
         except ValidationError as error:
             raise InputError(self._fault_of(number, document, error)) from None
         values = line.model_dump(exclude={"heading_deg", "parameters"})
-        heading = None if line.heading_deg is None else math.radians(math.fmod(90.0 - line.heading_deg, 360.0))
+        heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
         return Sample(**values, heading_rad=heading, parameters=line.parameters or {})
 
     def _fault_of(self, number: int, document: JsonObject, error: ValidationError) -> Fault:
