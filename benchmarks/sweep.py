@@ -45,10 +45,11 @@ from typing import Any
 import numpy as np
 
 from eadp.core import compiled
-from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.io.flight.inputs import Files, FlightInputs, load_flight
 from eadp.io.sweep.results import Results
-from eadp.io.sweep.run import FlyRun, KeptFiles
+from eadp.io.sweep.run import FlyRun
 from eadp.io.sweep.sweep_file import Sweep, read_sweep
+from eadp.io.text.streams import read_text
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
 from eadp.planning.estimation.estimator import ExactEstimator
@@ -133,7 +134,7 @@ def sampled(folder: Path, runs: int, seed: int, planner: str = "static") -> Swee
     """A sweep of so many flights."""
     path = folder / f"sweep-{planner}-{runs}.yaml"
     path.write_text(SWEEP.format(root=ROOT, runs=runs, seed=seed, planner=planner))
-    return read_sweep(str(path))
+    return read_sweep(read_text(str(path)))
 
 
 def swept(sweep: Sweep, make: Make, jobs: int, out: Path | None) -> list[Result]:
@@ -226,7 +227,7 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
         "stages": [(PlanExecutor, "handle"), (PlanExecutor, "decide"), (InnerLoop, "start_stage")],
         "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "ingest") if name in vars(owner)],
         "estimator": [(ExactEstimator, name) for name in ("observe", "observe_batch", "lap", "start_lap", "forecast")],
-        "inputs": [(KeptFiles, "load"), (FlightInputs, "planner")],
+        "inputs": [(Files, "load"), (FlightInputs, "planner")],
     }
     print("  where it goes, ms a flight:", end="")
     for fast in (True, False) if compiled.available() else (False,):
@@ -385,7 +386,7 @@ def overhead(folder: Path, count: int) -> None:
     path = folder / "nothing.yaml"
     path.write_text(f"schema: eadp.sweep/1\nplan: {ROOT}/plans/survey.plan\nseeds: {count}\n")
     start_s = time.process_time()
-    sweep = read_sweep(str(path))
+    sweep = read_sweep(read_text(str(path)))
     for index in range(count):
         sweep.run(index)
     print(f"\noverhead of a run that flies nothing, {count} of them, stored in a file:")

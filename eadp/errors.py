@@ -81,6 +81,12 @@ def capped(faults: Sequence[Fault]) -> InputError:
     return InputError(*shown)
 
 
+def refuse(faults: Sequence[Fault]) -> None:
+    """Raise the error of the faults, if there are any; see `capped`."""
+    if faults:
+        raise capped(faults)
+
+
 class ExpressionError(EadpError):
     """An expression breaks the grammar or a limit, at `offset` [characters] of its text."""
 

@@ -7,9 +7,10 @@ import os
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from eadp.cli.output import Format, emit, emit_json, usage_fault, warn
+from eadp.cli.options import Format, FormatOption, names_in
+from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,86 +20,63 @@ if TYPE_CHECKING:
     from eadp.models.energy import EnergyModel
 
 
-class TimeUnit(StrEnum):
-    """Units of a log's times."""
-
-    s = "s"
-    ms = "ms"
-    us = "us"
-    ns = "ns"
-    min = "min"
-    h = "h"
+TimeUnit = StrEnum("TimeUnit", ["s", "ms", "us", "ns", "min", "h"])
 
 
 def command(
     log: Annotated[
-        str, typer.Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input.")
+        str, Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input.")
     ],
     output: Annotated[
-        str, typer.Option("--output", "-o", metavar="MODEL.yaml", help="Write the model; - is standard output.")
+        str, Option("--output", "-o", metavar="MODEL.yaml", help="Write the model; - is standard output.")
     ] = "",
     period_prior: Annotated[
-        float | None,
-        typer.Option(
-            "--period-prior", metavar="S", help="Search the period near this one [s], within a factor of 1.3."
-        ),
+        float | None, Option(metavar="S", help="Search the period near this one [s], within a factor of 1.3.")
     ] = None,
     plan: Annotated[
-        str, typer.Option("--plan", metavar="FILE", help="Search the period near the nominal time of this plan's lap.")
+        str, Option(metavar="FILE", help="Search the period near the nominal time of this plan's lap.")
     ] = "",
     airspeed: Annotated[
-        float | None,
-        typer.Option("--airspeed", metavar="MPS", help="Speed the plan's lap is flown at; default 15 m/s."),
+        float | None, Option(metavar="MPS", help="Speed the plan's lap is flown at; default 15 m/s.")
     ] = None,
     order: Annotated[
-        int | None,
-        typer.Option("--order", metavar="R", min=1, help="Number of harmonics; default: by cross-validation."),
+        int | None, Option(metavar="R", min=1, help="Number of harmonics; default: by cross-validation.")
     ] = None,
-    time: Annotated[str, typer.Option("--time", metavar="NAME", help="The column of time.")] = "",
-    power: Annotated[str, typer.Option("--power", metavar="NAME", help="The column of power.")] = "",
-    voltage: Annotated[str, typer.Option("--voltage", metavar="NAME", help="The column of voltage.")] = "",
-    current: Annotated[str, typer.Option("--current", metavar="NAME", help="The column of current.")] = "",
+    time: Annotated[str, Option(metavar="NAME", help="The column of time.")] = "",
+    power: Annotated[str, Option(metavar="NAME", help="The column of power.")] = "",
+    voltage: Annotated[str, Option(metavar="NAME", help="The column of voltage.")] = "",
+    current: Annotated[str, Option(metavar="NAME", help="The column of current.")] = "",
     columns: Annotated[
-        str, typer.Option("--columns", metavar="NAME,…", help="Names of the first columns of a log without a header.")
+        str, Option(metavar="NAME,…", help="Names of the first columns of a log without a header.")
     ] = "",
-    time_unit: Annotated[
-        TimeUnit | None, typer.Option("--time-unit", help="Unit of the times, where their column's name has none.")
-    ] = None,
-    instance: Annotated[
-        int | None, typer.Option("--instance", metavar="N", help="Which battery of an autopilot's log.")
-    ] = None,
+    time_unit: Annotated[TimeUnit | None, Option(help="Unit of the times, where their column's name has none.")] = None,
+    instance: Annotated[int | None, Option(metavar="N", help="Which battery of an autopilot's log.")] = None,
     start: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Leave out earlier readings, in seconds of the log.")
+        float | None, Option("--from", metavar="S", help="Leave out earlier readings, in seconds of the log.")
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="Leave out later readings, in seconds of the log.")
+        float | None, Option("--to", metavar="S", help="Leave out later readings, in seconds of the log.")
     ] = None,
     keep_spikes: Annotated[
-        bool, typer.Option("--keep-spikes", help="Fit single samples far from their neighbours too.")
+        bool, Option("--keep-spikes", help="Fit single samples far from their neighbours too.")
     ] = False,
     profile: Annotated[
         str,
-        typer.Option(
-            "--profile",
+        Option(
             metavar="FILE",
             help="Subtract the computations' power first: configurations are in the log, under the profile's names.",
         ),
     ] = "",
     plot: Annotated[
-        str,
-        typer.Option(
-            "--plot", metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png)."
-        ),
+        str, Option(metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png).")
     ] = "",
     battery: Annotated[
-        bool, typer.Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
+        bool, Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
     ] = False,
-    capacity: Annotated[float | None, typer.Option(metavar="AH", help="The battery's capacity [Ah].")] = None,
-    k_b: Annotated[
-        float, typer.Option("--k-b", metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")
-    ] = 1 / 3600,
-    soc: Annotated[float, typer.Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
-    format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
+    capacity: Annotated[float | None, Option(metavar="AH", help="The battery's capacity [Ah].")] = None,
+    k_b: Annotated[float, Option(metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")] = 1 / 3600,
+    soc: Annotated[float, Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
+    format: FormatOption = Format.text,
 ) -> int:
     """Example: eadp fit scenarios/example-power-log.csv
 
@@ -118,8 +96,7 @@ def command(
 
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
-    names = [name.strip() for name in columns.split(",")] if columns else []
-    chosen = Columns(time, power, voltage, current, names, time_unit or "", instance=instance)
+    chosen = Columns(time, power, voltage, current, names_in(columns), time_unit or "", instance=instance)
     if battery:
         found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc))
         _print(found.document, found.text, found.block, found.warnings, output, format)
@@ -149,8 +126,21 @@ def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault]
 
 def _text(fit: LogFit) -> str:
     model = fit.fitted.model
-    head = _report(model) if model.periodic else _refusal(fit)
-    return "\n".join([*head, *_left_out(fit.counts), *_terms(model)])
+    head = [f"no period: {_refusal(fit)}"]
+    label = "std dev"
+    if model.period_s is not None:
+        head = [f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s", f"order    {model.order}"]
+        label = "noise"
+    slow = model.disturbance
+    noise = "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
+    lines = [
+        *head,
+        f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
+        f"{label:<8} {model.noise_std_w:.3g} W{noise}",
+        *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
+        f"samples  {model.samples} over {model.span_s:.6g} s",
+    ]
+    return "\n".join([*lines, *_left_out(fit.counts), *_terms(model)])
 
 
 _REASONS = {
@@ -174,23 +164,6 @@ def _left_out(counts: Mapping[str, int | float]) -> list[str]:
     return lines
 
 
-def _report(model: EnergyModel) -> list[str]:
-    assert model.period_s is not None
-    return [
-        f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s",
-        f"order    {model.order}",
-        f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"noise    {model.noise_std_w:.3g} W{_slow_part(model)}",
-        f"R²       {model.cv_r2:.4f} cross-validated",
-        f"samples  {model.samples} over {model.span_s:.6g} s",
-    ]
-
-
-def _slow_part(model: EnergyModel) -> str:
-    slow = model.disturbance
-    return "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
-
-
 def _terms(model: EnergyModel) -> list[str]:
     if not model.periodic:
         return []
@@ -209,27 +182,20 @@ def _with_std(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def _refusal(fit: LogFit) -> list[str]:
-    """The reason why there is no period, and the statistics of the power."""
+def _refusal(fit: LogFit) -> str:
+    """The reason why there is no period."""
     from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 
-    spectrum, model = fit.fitted.spectrum, fit.fitted.model
-
+    spectrum = fit.fitted.spectrum
     if math.isnan(spectrum.period_s):
-        reason = "the power is constant"
-    elif spectrum.cv_r2 < MIN_CV_R2:
+        return "the power is constant"
+    best = f"{spectrum.period_s:.4g} s"
+    if spectrum.cv_r2 < MIN_CV_R2:
         explained = f"{100 * max(0.0, spectrum.cv_r2):.1f} % of the variance in cross-validation"
-        reason = f"the best, {spectrum.period_s:.4g} s, explains {explained}; {100 * MIN_CV_R2:g} % are needed"
-    elif spectrum.chance <= MAX_CHANCE:
+        return f"the best, {best}, explains {explained}; {100 * MIN_CV_R2:g} % are needed"
+    if spectrum.chance <= MAX_CHANCE:
         twice = spectrum.span_s >= MIN_PERIODS * spectrum.period_s
         why = "too uncertain, or outside the range of the prior" if twice else "more than half of the log"
-        reason = f"the best is {spectrum.period_s:.4g} s, {why}"
-    else:
-        chance = f"a false-alarm probability of {spectrum.chance:.2g} in slow noise; at most {MAX_CHANCE:g} is allowed"
-        reason = f"the best is {spectrum.period_s:.4g} s, with {chance}"
-    return [
-        f"no period: {reason}",
-        f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"std dev  {model.noise_std_w:.3g} W{_slow_part(model)}",
-        f"samples  {model.samples} over {model.span_s:.6g} s",
-    ]
+        return f"the best is {best}, {why}"
+    chance = f"a false-alarm probability of {spectrum.chance:.2g} in slow noise; at most {MAX_CHANCE:g} is allowed"
+    return f"the best is {best}, with {chance}"

@@ -5,18 +5,10 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterable
-from enum import StrEnum
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from eadp.errors import Fault, InputError
-
-
-class Format(StrEnum):
-    """Output formats that most commands share."""
-
-    text = "text"
-    json = "json"
 
 
 def emit(text: str) -> None:
@@ -27,6 +19,16 @@ def emit(text: str) -> None:
 def emit_json(document: dict[str, Any]) -> None:
     """Print one JSON document; NaN and infinities are refused, as JSON has none."""
     emit(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
+    """Lines of a table, its columns aligned right; `first` is the alignment of the first one."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = [first, *">" * (len(widths) - 1)]
+    return [
+        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True)).rstrip()
+        for row in rows
+    ]
 
 
 def warn(warnings: Iterable[Fault]) -> None:

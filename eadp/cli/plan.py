@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import enum
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
@@ -18,34 +19,28 @@ if TYPE_CHECKING:
     from eadp.validation.check import Report
 
 
-class PlanFormat(enum.StrEnum):
-    """Output formats of `eadp plan`."""
-
-    text = "text"
-    json = "json"
-    plan = "plan"
+PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan"])
 
 
 def command(
-    file: Annotated[str, typer.Argument(help="Plan file, - for standard input.", metavar="FILE")],
+    file: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="FILE")],
     format_: Annotated[
-        PlanFormat, typer.Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
+        PlanFormat, Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
     ] = PlanFormat.text,
     check: Annotated[
-        bool, typer.Option("--check", help="Check the geometry over the whole range of every path parameter.")
+        bool, Option("--check", help="Check the geometry over the whole range of every path parameter.")
     ] = False,
     min_radius: Annotated[
-        float | None, typer.Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
+        float | None, Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
     ] = None,
     set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE"),
+        list[str] | None, Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE")
     ] = None,
     trace: Annotated[
         float | None,
-        typer.Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
+        Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
     ] = None,
-    plot: Annotated[str | None, typer.Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
+    plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -152,36 +147,27 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
     result: dict[str, Any] = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
-        "repeats": plan.whole_laps or any(part.repeats for part in plan.parts),
+        "repeats": plan.whole_laps or any(segment.repeats for segment in plan.segments),
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan.final_point),
-        "parameters": [
-            {"name": item.name, "kind": item.kind, "title": item.title, "unit": item.unit} for item in plan.parameters
-        ],
+        "parameters": [asdict(item) for item in plan.parameters],
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
         "findings": [
-            {
-                "severity": item.severity,
-                "stage": item.stage,
-                "line": item.line,
-                "code": item.code,
-                "message": item.message,
-            }
-            for item in findings
+            {key: getattr(item, key) for key in ("severity", "stage", "line", "code", "message")} for item in findings
         ],
     }
-    if plan.parts:
-        result["parts"] = [
+    if plan.segments:
+        result["segments"] = [
             {
-                "first": part.first + 1,
-                "stages": part.count,
-                "repeats": part.repeats,
-                "until": " >= ".join(side.text for side in part.until) if part.until else None,
+                "first": segment.first + 1,
+                "stages": segment.count,
+                "repeats": segment.repeats,
+                "until": " >= ".join(side.text for side in segment.until) if segment.until else None,
             }
-            for part in plan.parts
+            for segment in plan.segments
         ]
     if report is not None:
         result["valid"] = report.valid
@@ -214,10 +200,10 @@ def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
     from eadp.core.expressions.tree import substituted
     from eadp.errors import ExpressionError
 
-    if stage.part is None or not stage.part.quantities:
+    if stage.segment is None or not stage.segment.variables:
         return stage.path, stage.trigger
     try:
-        known = stage.part.first_lap()
+        known = stage.segment.first_lap()
         x, y = (substituted(part, known) for part in stage.trigger)
         return substituted(stage.path, known), (x, y)
     except ExpressionError:  # too large when substituted: as written in the file
@@ -226,9 +212,9 @@ def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
 
 def _structure(plan: Plan) -> str:
     """Lap structure, as the end of the first line."""
-    if plan.parts:
-        laps = sum(part.repeats for part in plan.parts)
-        return f" in {len(plan.parts)} segments, {laps} of them flown lap by lap"
+    if plan.segments:
+        laps = sum(segment.repeats for segment in plan.segments)
+        return f" in {len(plan.segments)} segments, {laps} of them flown lap by lap"
     if plan.repeats:
         return ", repeated lap by lap"
     if plan.primitive_stages is None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
+from typer import Argument, Option
 
-from eadp.cli.output import Format, Progress, emit, emit_json, usage_fault, warn
+from eadp.cli.options import Format, FormatOption, names_in
+from eadp.cli.output import Progress, aligned, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, InputError, printable
 
 if TYPE_CHECKING:
@@ -18,42 +19,33 @@ if TYPE_CHECKING:
     from eadp.models.profile_sum import AnyProfile
 
 
-class Interpolation(StrEnum):
-    """Interpolation of power between measured configurations."""
-
-    linear = "linear"
-    pchip = "pchip"
+Interpolation = StrEnum("Interpolation", ["linear", "pchip"])
 
 
 def command(
     files: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             metavar="FILE",
             help="Measurements (CSV), of several traces or tables, or a model (YAML); - is standard input. With "
             "--measure and after --, the command.",
         ),
     ],
     output: Annotated[
-        str,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the model (YAML), or with --measure the CSV."),
+        str, Option("--output", "-o", metavar="FILE", help="Write the model (YAML), or with --measure the CSV.")
     ] = "",
     at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="NAME=VALUE,…", help="Print the power at a configuration. May repeat."),
+        list[str] | None, Option(metavar="NAME=VALUE,…", help="Print the power at a configuration. May repeat.")
     ] = None,
-    format: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.text,
-    plot: Annotated[str, typer.Option("--plot", metavar="FILE", help="Draw the model: FILE.svg or FILE.png.")] = "",
+    format: FormatOption = Format.text,
+    plot: Annotated[str, Option(metavar="FILE", help="Draw the model: FILE.svg or FILE.png.")] = "",
     add: Annotated[
-        list[str] | None,
-        typer.Option("--add", metavar="FILE", help="Computations measured apart: their power is added. May repeat."),
+        list[str] | None, Option(metavar="FILE", help="Computations measured apart: their power is added. May repeat.")
     ] = None,
-    names: Annotated[
-        str, typer.Option("--names", metavar="NAME,…", help="New names of the parameters, in order.")
-    ] = "",
+    names: Annotated[str, Option(metavar="NAME,…", help="New names of the parameters, in order.")] = "",
     config: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--config",
             metavar="NAME=VALUE,…",
             help="Configuration of a trace, one option for each trace; with --measure, configurations to measure, all "
@@ -61,45 +53,27 @@ def command(
         ),
     ] = None,
     from_name: Annotated[
-        str,
-        typer.Option(
-            "--from-name", metavar="PATTERN", help="Configurations of traces are in their names: '*_{fps}fps'."
-        ),
+        str, Option(metavar="PATTERN", help="Configurations of traces are in their names: '*_{fps}fps'.")
     ] = "",
     interpolation: Annotated[
-        Interpolation | None,
-        typer.Option("--interpolation", help="Between configurations; the default is linear, or the model's."),
+        Interpolation | None, Option(help="Between configurations; the default is linear, or the model's.")
     ] = None,
-    clamp: Annotated[
-        bool, typer.Option("--clamp", help="Outside the measured range, take the nearest inside.")
-    ] = False,
+    clamp: Annotated[bool, Option("--clamp", help="Outside the measured range, take the nearest inside.")] = False,
     measure: Annotated[
-        bool, typer.Option("--measure", help="Run a command at each configuration and measure its power.")
+        bool, Option("--measure", help="Run a command at each configuration and measure its power.")
     ] = False,
     sweep: Annotated[
-        list[str] | None,
-        typer.Option("--sweep", metavar="NAME=FROM:TO:STEP", help="Values to measure at, both ends included."),
+        list[str] | None, Option(metavar="NAME=FROM:TO:STEP", help="Values to measure at, both ends included.")
     ] = None,
-    sensor: Annotated[
-        str | None, typer.Option("--sensor", metavar="KIND:NAME", help="The sensor to read, or its path.")
-    ] = None,
-    sysfs: Annotated[str | None, typer.Option("--sysfs", metavar="DIR", help="Root of the sensors [/sys].")] = None,
-    warmup: Annotated[
-        float | None, typer.Option("--warmup", metavar="S", help="Time before the first sample [5 s].")
-    ] = None,
-    interval: Annotated[
-        float | None, typer.Option("--interval", metavar="S", help="Time from one sample to the next [0.2 s].")
-    ] = None,
+    sensor: Annotated[str | None, Option(metavar="KIND:NAME", help="The sensor to read, or its path.")] = None,
+    sysfs: Annotated[str | None, Option(metavar="DIR", help="Root of the sensors [/sys].")] = None,
+    warmup: Annotated[float | None, Option(metavar="S", help="Time before the first sample [5 s].")] = None,
+    interval: Annotated[float | None, Option(metavar="S", help="Time from one sample to the next [0.2 s].")] = None,
     accuracy: Annotated[
-        str | None,
-        typer.Option("--accuracy", metavar="W", help="Standard error to measure to [0.05 W], or as in 1%."),
+        str | None, Option(metavar="W", help="Standard error to measure to [0.05 W], or as in 1%.")
     ] = None,
-    longest: Annotated[
-        float | None, typer.Option("--longest", metavar="S", help="Longest time at a configuration [120 s].")
-    ] = None,
-    idle: Annotated[
-        float | None, typer.Option("--idle", metavar="S", help="First measure for this time without the command.")
-    ] = None,
+    longest: Annotated[float | None, Option(metavar="S", help="Longest time at a configuration [120 s].")] = None,
+    idle: Annotated[float | None, Option(metavar="S", help="First measure for this time without the command.")] = None,
 ) -> int:
     """Example: eadp profile profiles/pednet-jetson-nano.csv --at fps=5
 
@@ -110,7 +84,11 @@ def command(
 
     Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
     """
+    from eadp.io.profile.configurations import parse_configuration
     from eadp.io.profile.measure_command import MeasureOptions
+    from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
+    from eadp.io.profile.power_at import powers_at
+    from eadp.io.text.streams import write_text
 
     options = MeasureOptions(config, sweep, sysfs, sensor, warmup, interval, accuracy, longest, idle)
     if measure:
@@ -129,7 +107,22 @@ def command(
     _refuse(options.given(), "with --measure")
     if output == "-" and (at or format is Format.json):
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
-    return _model(files, add, names, config, from_name, interpolation, at or [], clamp, plot, output, format)
+    configurations = [parse_configuration(raw) for raw in config or ()]
+    kind = cast("Kind | None", interpolation and interpolation.value)
+    profile, warnings = read_profiles(Sources(files, add or (), names_in(names), configurations, from_name, kind))
+    values, clamped = powers_at(profile, at or [], clamp)
+    if plot:
+        from eadp.io.figures.profile import write_profile_figure
+
+        write_profile_figure(plot, profile)
+    if output:
+        write_text(output, profile_yaml(profile))
+    warn(warnings + clamped)
+    if format is Format.json:
+        emit_json({"schema": "eadp.power/1", "values": values} if at else profile_document(profile))
+    elif at or output != "-":
+        emit(_powers(values) if at else _summary(profile))
+    return 0
 
 
 def _refuse(options: list[str], where: str) -> None:
@@ -152,47 +145,15 @@ def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
     return 0
 
 
-def _model(
-    files: list[str],
-    add: list[str] | None,
-    names: str,
-    config: list[str] | None,
-    from_name: str,
-    interpolation: Interpolation | None,
-    at: list[str],
-    clamp: bool,
-    plot: str,
-    output: str,
-    format: Format,
-) -> int:
-    """Read measurements or a model; write, draw or print the model, or print powers."""
-    from eadp.io.profile.configurations import parse_configuration
-    from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
-    from eadp.io.profile.power_at import powers_at
-    from eadp.io.text.streams import write_text
+def _powers(values: list[dict[str, Any]]) -> str:
+    """The power at each configuration, a line each."""
     from eadp.models.profile import configuration_text
 
-    renamed = [name.strip() for name in names.split(",")] if names else ()
-    configurations = [parse_configuration(raw) for raw in config or ()]
-    kind = cast("Kind | None", interpolation and interpolation.value)
-    profile, warnings = read_profiles(Sources(files, add or (), renamed, configurations, from_name, kind))
-    values, clamped = powers_at(profile, at, clamp)
-    if plot:
-        from eadp.io.figures.profile import write_profile_figure
-
-        write_profile_figure(plot, profile)
-    if output:
-        write_text(output, profile_yaml(profile))
-    warn(warnings + clamped)
-    if format is Format.json:
-        emit_json({"schema": "eadp.power/1", "values": values} if at else profile_document(profile))
-    elif at:
-        shown = [value["configuration"] for value in values]
-        texts = [configuration_text(list(each), list(each.values()), ",") for each in shown]
-        emit("\n".join(f"{text}: {value['power_w']:.6g} W" for text, value in zip(texts, values, strict=True)))
-    elif output != "-":
-        emit(_summary(profile))
-    return 0
+    lines = []
+    for value in values:
+        names, numbers = zip(*value["configuration"].items(), strict=True)
+        lines.append(f"{configuration_text(names, numbers, ',')}: {value['power_w']:.6g} W")
+    return "\n".join(lines)
 
 
 def _summary(profile: AnyProfile) -> str:
@@ -207,25 +168,23 @@ def _part_summary(part: Profile) -> str:
     """A table: configuration, power, standard deviation and error, samples, leave-one-out error."""
     from eadp.models.profile import titles
 
-    heads = titles(part.names, part.units)
-    rows = [[*heads, "power [W]", "std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"]]
-    errors_w = part.leave_one_out_w - part.power_w
-    for i, at in enumerate(part.configurations.tolist()):
-        rows.append(
-            [
-                *(f"{value:.10g}" for value in at),
-                f"{part.power_w[i]:.6g}",
-                f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
-                _finite_text(part.standard_error_w[i], ".2g"),
-                str(part.samples[i]),
-                _finite_text(errors_w[i], "+.2g"),
-            ]
-        )
-    filled = [column for i, column in enumerate(zip(*rows, strict=True)) if i <= len(heads) or any(column[1:])]
-    widths = [max(map(len, column)) for column in filled]
-    table = ["  ".join(map(str.rjust, row, widths)).rstrip() for row in zip(*filled, strict=True)]
+    heads = [*titles(part.names, part.units), "power [W]"]
+    rows = [
+        [
+            *(f"{value:.10g}" for value in at),
+            f"{part.power_w[i]:.6g}",
+            f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
+            _finite_text(part.standard_error_w[i], ".2g"),
+            str(part.samples[i]),
+            _finite_text(part.leave_one_out_w[i] - part.power_w[i], "+.2g"),
+        ]
+        for i, at in enumerate(part.configurations.tolist())
+    ]
+    columns = zip([*heads, "std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"], *rows, strict=True)
+    filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
-    return "\n".join([title, f"source: {printable(part.source, 1000)}", *table, *_error_summary(part)])
+    source = f"source: {printable(part.source, 1000)}"
+    return "\n".join([title, source, *aligned([*zip(*filled, strict=True)]), *_error_summary(part)])
 
 
 def _finite_text(value: float, form: str) -> str:

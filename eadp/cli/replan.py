@@ -6,39 +6,31 @@ import sys
 from contextlib import ExitStack
 from typing import Annotated, Any, BinaryIO
 
-import typer
+from typer import Argument, Option
 
+from eadp.cli.options import EnergyOption, PlannerOption, ProfileOption, ScenarioOption, SetOption
 from eadp.cli.output import usage_fault, warn
-from eadp.cli.simulate import PlannerName
 
 
 def command(
-    plan: Annotated[str, typer.Argument(help="Plan file.", metavar="PLAN")],
+    plan: Annotated[str, Argument(help="Plan file.", metavar="PLAN")],
     telemetry: Annotated[
-        str, typer.Option(help="Telemetry, a JSON object a line; - for standard input.", metavar="FILE")
+        str, Option(help="Telemetry, a JSON object a line; - for standard input.", metavar="FILE")
     ] = "-",
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Scenario (YAML): battery, aircraft, planner; not the simulated world.", metavar="FILE"),
-    ] = None,
-    profile: Annotated[
-        str | None, typer.Option(help="Computation profile: its model, or the measurements.", metavar="FILE")
-    ] = None,
-    energy: Annotated[str | None, typer.Option(help="Energy model made by eadp fit.", metavar="FILE")] = None,
-    planner: Annotated[PlannerName | None, typer.Option(help="Which planner decides.")] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Set a scenario key, as in reserve_soc=0.1 or c1=-500.", metavar="KEY=VALUE"),
-    ] = None,
+    scenario: ScenarioOption = None,
+    profile: ProfileOption = None,
+    energy: EnergyOption = None,
+    planner: PlannerOption = None,
+    set_: SetOption = None,
     log: Annotated[
-        str | None,
-        typer.Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE"),
+        str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
 ) -> int:
     """Example: eadp replan plans/survey.plan --scenario scenarios/survey.yaml --telemetry
     scenarios/example-telemetry.jsonl
 
-    The planner on a live or recorded flight: telemetry in, decisions out, as JSON lines.
+    The planner on a live or recorded flight: telemetry in, decisions out, as JSON lines. The scenario gives battery,
+    aircraft and planner; its simulated world is unused.
 
     A line in has time_s, x_m, y_m, power_w (or null) and soc; stage, wind_mps, velocity_mps, heading_deg and parameters
     are optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason and more.
@@ -47,7 +39,7 @@ def command(
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
     from eadp.io.flight.inputs import load_flight
-    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.scenario.scenario_file import override_texts, read_overrides
     from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog, hash_of
     from eadp.io.telemetry.reader import open_telemetry
@@ -56,9 +48,7 @@ def command(
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-":
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
-    overrides = dict(read_override(raw) for raw in set_ or [])
-    if planner is not None:
-        overrides["planner.name"] = planner.value
+    overrides = read_overrides(override_texts(set_ or (), planner=planner and planner.value))
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 

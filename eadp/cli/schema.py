@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Annotated
 
-import typer
+from typer import Argument
 
 from eadp.cli.output import emit_json, usage_fault
 
@@ -23,7 +23,7 @@ _NAMES = ", ".join(_MODULES)
 
 
 def command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help=f"File format: {_NAMES}.")],
+    name: Annotated[str, Argument(metavar="NAME", help=f"File format: {_NAMES}.")],
 ) -> int:
     """Example: eadp schema profile
 

@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-import enum
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from eadp.cli.output import Format, Progress, emit, emit_json, warn
-from eadp.planning.registry import PLANNERS
+from eadp.cli.options import (
+    EnergyOption,
+    Format,
+    FormatOption,
+    PlannerOption,
+    ProfileOption,
+    ScenarioOption,
+    SetOption,
+)
+from eadp.cli.output import Progress, emit, emit_json, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-
-PlannerName = enum.StrEnum("PlannerName", {name: name for name in PLANNERS})  # type: ignore[misc]
-"""Planners by name."""
+    from eadp.simulation.loop import Step
 
 
 def command(
-    plan: Annotated[str, typer.Argument(help="Plan file, - for standard input.", metavar="PLAN")],
-    scenario: Annotated[str | None, typer.Option(help="Scenario (YAML).", metavar="FILE")] = None,
-    profile: Annotated[
-        str | None, typer.Option(help="Computation profile: its model, or the measurements.", metavar="FILE")
-    ] = None,
-    energy: Annotated[str | None, typer.Option(help="Energy model made by eadp fit.", metavar="FILE")] = None,
-    planner: Annotated[PlannerName | None, typer.Option(help="Which planner flies.")] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of gusts and noise.")] = None,
-    out: Annotated[str | None, typer.Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the folder if it exists.")] = False,
+    plan: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="PLAN")],
+    scenario: ScenarioOption = None,
+    profile: ProfileOption = None,
+    energy: EnergyOption = None,
+    planner: PlannerOption = None,
+    set_: SetOption = None,
+    seed: Annotated[int | None, Option(min=0, help="Seed of gusts and noise.")] = None,
+    out: Annotated[str | None, Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
+    force: Annotated[bool, Option("--force", help="Replace the folder if it exists.")] = False,
     require_reserve: Annotated[
-        bool, typer.Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
+        bool, Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
     ] = False,
-    format_: Annotated[Format, typer.Option("--format", help="Output format.")] = Format.text,
+    format_: FormatOption = Format.text,
 ) -> int:
     """Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
 
@@ -44,35 +44,27 @@ def command(
 
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """
-    from eadp.io.flight.folder import summarise, write_flight
-    from eadp.io.flight.inputs import load_flight
-    from eadp.io.scenario.scenario_file import read_override
+    from eadp import api
     from eadp.io.text.streams import check_new_folder
-    from eadp.simulation.loop import Outcome, fly
 
-    given = [*(set_ or [])]
-    given += [f"planner.name={planner.value}"] if planner is not None else []
-    given += [f"seed={seed}"] if seed is not None else []
-    overrides = dict(map(read_override, given))
     if out is not None:
         check_new_folder(out, force=force)
-    inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
-    warn(inputs.warnings)
-    world, pilot, outcome, expected = inputs.world, inputs.planner(), Outcome(), inputs.preflight()
     progress = Progress("flying")
-    steps = []
-    for step in fly(world, pilot, outcome):
-        steps.append(step)
+
+    def show(step: Step) -> None:
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
+
+    name = planner and planner.value
+    flight = api.simulate(plan, scenario, profile, energy, set_ or (), name, seed, on_step=show, warn=warn)
     progress.close()
-    summary = summarise(world, pilot, outcome, inputs.scenario.planner, expected)
+    summary = flight.summary
     if out is not None:
-        write_flight(out, world, steps, summary, inputs.texts, given, force=force, records=outcome.records)
+        flight.write(out, force=force)
     if format_ is Format.json:
         emit_json(summary)
     else:
-        emit(_text(summary, out, decided=bool(outcome.records)))
-    return 0 if outcome.completed and (summary["reserve_kept"] or not require_reserve) else 1
+        emit(_text(summary, out, decided=bool(flight.decisions)))
+    return 0 if summary["completed"] and (summary["reserve_kept"] or not require_reserve) else 1
 
 
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:

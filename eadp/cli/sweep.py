@@ -11,7 +11,7 @@ import time
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from eadp.cli.output import Progress, usage_fault, warn
 from eadp.errors import printable
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import Sweep
     from eadp.simulation.sweep.design import Result
-    from eadp.simulation.sweep.engines.base import EngineOptions
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
@@ -34,50 +33,37 @@ FIRST_RUNS = 3
 """Runs from which a sweep's time is estimated; one for each worker if that is more."""
 
 
-class SweepFormat(StrEnum):
-    """Output formats of `eadp sweep`."""
-
-    text = "text"
-    csv = "csv"
-    jsonl = "jsonl"
-
-
-class Figure(StrEnum):
-    """Figures that a table can hold."""
-
-    completed = "completed"
-    duration_s = "duration_s"
-    soc_final = "soc_final"
-    quality = "quality"
+SweepFormat = StrEnum("SweepFormat", ["text", "csv", "jsonl"])
+Figure = StrEnum("Figure", ["completed", "duration_s", "soc_final", "quality"])
 
 
 def command(
-    file: Annotated[str, typer.Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
+    file: Annotated[str, Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
     out: Annotated[
-        str | None, typer.Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
+        str | None, Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
+    jobs: Annotated[int | None, Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler's workers, as in tcp://host:8786.")
+        str | None, Option(metavar="ADDRESS", help="A Dask scheduler's workers, as in tcp://host:8786.")
     ] = None,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
+        str | None, Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
     ] = None,
     merge: Annotated[
-        list[str] | None, typer.Option(metavar="FILE", help="Add another file's results first; may repeat.")
+        list[str] | None, Option(metavar="FILE", help="Add another file's results first; may repeat.")
     ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Try again the runs that could not be made.")] = False,
+    retry: Annotated[bool, Option("--retry", help="Try again the runs that could not be made.")] = False,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
+        Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
     ] = None,
     table: Annotated[
-        tuple[str, str] | None, typer.Option(metavar="KEY1 KEY2", help="Means by two keys, over all others.")
+        tuple[str, str] | None, Option(metavar="KEY1 KEY2", help="Means by two keys, over all others.")
     ] = None,
-    value: Annotated[Figure, typer.Option(help="The table's figure.")] = Figure.completed,
-    plot: Annotated[str | None, typer.Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the runs; make none.")] = False,
-    format_: Annotated[SweepFormat, typer.Option("--format", help="How to print.")] = SweepFormat.text,
+    value: Annotated[Figure, Option(help="The table's figure.")] = Figure.completed,
+    plot: Annotated[str | None, Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
+    dry_run: Annotated[bool, Option("--dry-run", help="Print the runs; make none.")] = False,
+    format_: Annotated[SweepFormat, Option("--format", help="How to print.")] = SweepFormat.text,
 ) -> int:
     """Example: eadp sweep scenarios/sweep-wind-battery.yaml --dry-run
 
@@ -88,15 +74,15 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
     """
     from eadp.cli import sweep_text
-    from eadp.io.scenario.scenario_file import read_override
+    from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import read_sweep
+    from eadp.io.text.streams import read_text
     from eadp.simulation.sweep.design import shard as part_of
-    from eadp.simulation.sweep.engines.base import EngineOptions
 
     _check_options(out, jobs, scheduler, table, plot)
     part, parts = _shard(shard)
-    sweep = read_sweep(file, dict(read_override(raw) for raw in set_ or []))
+    sweep = read_sweep(read_text(file), read_overrides(set_ or ()))
     _check_table(table, sweep)
     warn(sweep.warnings)
     indices = part_of(len(sweep.design), part, parts)
@@ -110,12 +96,10 @@ def command(
         results.expect(keys)
         if retry:
             results.forget_failures()
-        missing = [indices[i] for i in results.missing()]
-        if missing:
-            _make(sweep, missing, results, EngineOptions(len(missing), jobs, scheduler), resumable=out is not None)
+        _make(sweep, indices, results, jobs, scheduler, resumable=out is not None)
         if format_ is SweepFormat.jsonl and table is None:
             return int(sweep_text.print_summaries(sweep, indices, results))
-        flights = sweep_text.flights(sweep, indices, results)
+        flights = sweep.flights(indices, results.rows())
     if table is not None:
         sweep_text.print_table(sweep, flights, table, value.value, format_.value, plot)
     elif format_ is SweepFormat.csv:
@@ -177,25 +161,24 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
         return sum(1 for _ in results.rows())
 
 
-def _make(sweep: Sweep, missing: Sequence[int], results: Results, options: EngineOptions, *, resumable: bool) -> None:
+def _make(
+    sweep: Sweep, indices: Sequence[int], results: Results, jobs: int | None, scheduler: str | None, *, resumable: bool
+) -> None:
     """Make the runs that are missing, with the progress on stderr."""
-    from eadp.io.sweep.run import FlyRun
-    from eadp.simulation.sweep.design import interleaved, make_runs
-    from eadp.simulation.sweep.engines.registry import open_engine
+    from eadp.io.sweep.run import missing_runs
 
-    engine = open_engine(FlyRun(sweep.kept), options)
-    progress = _SweepProgress(len(missing), engine.workers)
-    try:
-        for _, result in make_runs((sweep.run(index) for index in interleaved(missing)), engine, results):
-            progress.add(result)
-    except KeyboardInterrupt:
-        progress.close()
-        if resumable:
-            sys.stderr.write(f"sweep: {progress.done} of {len(missing)} runs made; the same command makes the rest\n")
-        raise
-    finally:
-        engine.close()
-        progress.close()
+    with missing_runs(sweep, indices, results, jobs, scheduler) as (missing, workers, made):
+        progress = _SweepProgress(missing, workers)
+        try:
+            for _, result in made:
+                progress.add(result)
+        except KeyboardInterrupt:
+            progress.close()
+            if resumable:
+                sys.stderr.write(f"sweep: {progress.done} of {missing} runs made; the same command makes the rest\n")
+            raise
+        finally:
+            progress.close()
 
 
 class _SweepProgress(Progress):

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from eadp.cli.output import emit
+from eadp.cli.output import aligned, emit
 from eadp.errors import printable
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
@@ -41,7 +41,7 @@ def _runs_text(sweep: Sweep, names: Sequence[str], indices: Sequence[int], made:
     lines = [f"{len(indices)} runs" + ("" if made is None else f", {made} made already")]
     shown = [_cells(sweep, names, index) for index in indices[:SHOWN]]
     rows = [[str(index), *map(_short, cells)] for index, cells in zip(indices, shown, strict=False)]
-    lines += _aligned(["run", *names, "seed"], rows)
+    lines += aligned([["run", *map(_short, names), "seed"], *rows], "<")
     if len(indices) > SHOWN:
         lines.append(f"… {len(indices) - SHOWN} more; --format csv prints all")
     return "\n".join(lines)
@@ -63,15 +63,6 @@ def _head(sweep: Sweep, index: int) -> dict[str, Any]:
 
 
 # --- a row for each run
-
-
-def flights(sweep: Sweep, indices: Sequence[int], results: Results) -> list[SweepFlight]:
-    """All runs with their figures."""
-    points = map(sweep.design.point, indices)
-    return [
-        SweepFlight(point.index, point.values, sweep.seed(point), **row)
-        for point, row in zip(points, results.rows(), strict=True)
-    ]
 
 
 def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
@@ -140,14 +131,13 @@ def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
 
 
 def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
-    head = [key, "flights", "completed [%]", "duration, median [s]", "SoC at the end, median"]
-    rows = []
+    rows = [[_short(key), "flights", "completed [%]", "duration, median [s]", "SoC at the end, median"]]
     for group in groups:
         share = "" if math.isnan(group.completed) else _percent(group.completed)
         duration = "" if math.isnan(group.duration_s) else f"{group.duration_s:.1f}"
         charge = "" if math.isnan(group.soc_final) else f"{group.soc_final:.3f}"
         rows.append([_short(group.label), str(group.flights), share, duration, charge])
-    return _aligned(head, rows)
+    return aligned(rows, "<")
 
 
 def print_table(
@@ -183,18 +173,7 @@ def _table_lines(means: Table) -> list[str]:
         for label, line in zip(means.rows, means.means, strict=True)
     ]
     title = f"{means.value}, mean; {printable(means.keys[0])} downwards, {printable(means.keys[1])} to the right"
-    return [title, *_aligned(["", *map(_short, means.columns)], rows)]
-
-
-def _aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Columns aligned right, the first one left."""
-    head = [_short(cell) for cell in head]
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    sides = ["<", *[">"] * (len(widths) - 1)]
-    return [
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(cells, sides, widths, strict=True)).rstrip()
-        for cells in (head, *rows)
-    ]
+    return [title, *aligned([["", *map(_short, means.columns)], *rows], "<")]
 
 
 def _short(text: str) -> str:

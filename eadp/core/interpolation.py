@@ -6,7 +6,6 @@ is fixed: a configuration with another value there is outside the measured range
 
 from __future__ import annotations
 
-import itertools
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
@@ -36,9 +35,6 @@ class _Piece(ABC):
 
     @abstractmethod
     def at(self, point: Sequence[float]) -> float: ...
-
-    def many(self, points: FloatArray) -> FloatArray:
-        return np.array([self.at(point) for point in points.tolist()], dtype=np.float64)
 
     def nearest(self, point: Sequence[float]) -> Sequence[float]:
         return point
@@ -98,11 +94,8 @@ class Interpolant:
             If one of them is outside the measured range.
         """
         asked = np.asarray(configurations, dtype=np.float64)
-        points = asked.reshape(-1, len(self.lower))
-        if not np.all((np.array(self._lower_edge) <= points) & (points <= np.array(self._upper_edge))):
-            raise Infeasible("a configuration is outside the measured range")
-        clipped = np.clip(points, self.lower, self.upper)
-        return self._piece.many(clipped[:, self._varying]).reshape(asked.shape[:-1])
+        points = asked.reshape(-1, len(self.lower)).tolist()
+        return np.array([self.at(point) for point in points]).reshape(asked.shape[:-1])
 
     def contains(self, configuration: Sequence[float]) -> bool:
         """Whether `at` has a value for a configuration of d floats."""
@@ -228,8 +221,7 @@ def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) ->
         t = (knots[1:-1] - knots[:-2]) / (knots[2:] - knots[:-2])
         sums[..., 1:-1] += (1.0 - t) * across[..., :-2] + t * across[..., 2:]
         counts[..., 1:-1] += 1
-    mean: FloatArray = np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
-    return mean
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
 
 
 def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
@@ -272,30 +264,10 @@ def _piece(points: FloatArray, values: FloatArray, kind: Kind) -> _Piece:
         if points.shape[1] > 1:
             raise Infeasible(f"pchip needs one changing parameter, and {points.shape[1]} change")
         return _pchip(points[:, 0], values)
-    if points.shape[1] == 1:
-        return _Line(_floats(points[:, 0]), _floats(values))
     levels = [np.unique(column) for column in points.T]
     if len(points) == math.prod(map(len, levels)):
         return _Grid(tuple(map(_floats, levels)), _floats(values))
     return _scattered(points, values)
-
-
-@dataclass(frozen=True)
-class _Line(_Piece):
-    """Straight lines between neighbouring knots, which increase."""
-
-    knots: Point
-    values: Point
-
-    def at(self, point: Sequence[float]) -> float:
-        i, t = _cell(self.knots, point[0])
-        return (1.0 - t) * self.values[i] + t * self.values[i + 1]
-
-    def many(self, points: FloatArray) -> FloatArray:
-        values: FloatArray = np.array(self.values)
-        i, t = _cells(np.array(self.knots), points[:, 0])
-        between: FloatArray = (1.0 - t) * values[i] + t * values[i + 1]
-        return between
 
 
 @dataclass(frozen=True)
@@ -315,29 +287,11 @@ class _Grid(_Piece):
             corners = [(flat * n + k, weight * w) for flat, weight in corners for k, w in ends]
         return math.fsum([weight * self.values[flat] for flat, weight in corners])
 
-    def many(self, points: FloatArray) -> FloatArray:
-        cells = [_cells(np.array(knots), column) for knots, column in zip(self.levels, points.T, strict=True)]
-        values = np.array(self.values)
-        total = np.zeros(len(points))
-        for corner in itertools.product((0, 1), repeat=len(cells)):
-            flat, weight = np.zeros(len(points), dtype=np.intp), np.ones(len(points))
-            for knots, upper, (i, t) in zip(self.levels, corner, cells, strict=True):
-                flat = flat * len(knots) + i + upper
-                weight = weight * (t if upper else 1.0 - t)
-            total += weight * values[flat]
-        return total
-
 
 def _cell(knots: Point, value: float) -> tuple[int, float]:
     """Index of the knot below a value (the last cell holds its end), and how far towards the next, 0..1."""
     i = min(bisect_right(knots, value), len(knots) - 1) - 1
     return i, (value - knots[i]) / (knots[i + 1] - knots[i])
-
-
-def _cells(knots: FloatArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-    """`_cell` of many values."""
-    i = np.minimum(np.searchsorted(knots, values, side="right"), len(knots) - 1) - 1
-    return i, (values - knots[i]) / (knots[i + 1] - knots[i])
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 class Harmonic:
     """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
 
-    amplitude_w: float
-    phase_rad: float
+    amplitude_w: Annotated[float, Ge(0), Le(1e9)]
+    phase_rad: Annotated[float, Ge(-1e3), Le(1e3)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +36,8 @@ class Coefficients:
 class Disturbance:
     """Correlated disturbance beside the periodic power: Matérn-3/2, standard deviation [W], time constant [s]."""
 
-    std_w: float
-    time_s: float
+    std_w: Annotated[float, Ge(0), Le(1e9)]
+    time_s: Annotated[float, Gt(0), Le(1e9)]
 
 
 @dataclass(frozen=True)

@@ -326,7 +326,7 @@ class TrackingPlanner:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
-        lap_stages = None if self._mission.plan.parts else self._lap_stages
+        lap_stages = None if self._mission.plan.segments else self._lap_stages
         if segment.repeats:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:

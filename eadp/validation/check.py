@@ -3,8 +3,8 @@
 For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
 its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
 aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
-parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of parts, whose
-stages depend on the parameters of earlier laps, is looked at along whole flights instead.
+parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of
+segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead.
 
 Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 """
@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project, tangent, wrap_angle_rad
+from eadp.core.geometry.bearings import compass_deg
+from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
-from eadp.models.plan.legs import leg_length_m
 from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
 
 ERROR, WARNING = "error", "warning"
@@ -57,17 +57,6 @@ class Report:
         return any(finding.severity == ERROR for finding in self.findings)
 
 
-@dataclass(frozen=True)
-class _Joint:
-    """A stage, the one it is joined from, and the next, at given parameters; None beside the plan's ends."""
-
-    before: Stage | None
-    stage: Stage
-    after: Stage | None
-    shift_before: bool = False
-    shift_after: bool = False
-
-
 @dataclass
 class _Measures:
     """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
@@ -88,10 +77,10 @@ class _Measures:
 def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     """Check a plan over the whole range of its path parameters.
 
-    Vector
+    Parameters
     ----------
     plan : Plan
-        With sets, or without: then it is looked at with all parameters 0.
+        With sets, or without: then it is checked with all parameters 0.
     min_radius_m : float, optional
         Smallest turning radius of the aircraft [m]; the plan's own without.
 
@@ -103,12 +92,12 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
     findings: list[Finding] = []
     witness: list[Vector | None] = []
-    if plan.parts:
-        looked_at = _walked(plan)
+    if plan.segments:
+        sampled = _measured_flights(plan)
     else:
-        looked_at = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
-    troubled = any(measures.trouble for _, measured in looked_at for _, measures in measured)
-    for stage, measured in looked_at:
+        sampled = [(stage, _measured(plan, stage, least)) for stage in plan.stages]
+    troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
+    for stage, measured in sampled:
         if troubled and not measured:  # no flight came so far
             witness.append(None)
             continue
@@ -119,36 +108,36 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     return Report(tuple(findings), tuple(witness))
 
 
-def _joints(plan: Plan) -> Iterator[_Joint]:
-    stages = plan.stages
-    for i, stage in enumerate(stages):
-        before = stages[i - 1] if i or plan.repeats else None
-        after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
-        yield _Joint(before, stage, after, shift_before=i == 0, shift_after=i + 1 == len(stages))
+def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
+    """The stage that this one is joined from, and the next; None beyond the plan's ends."""
+    stages, i = plan.stages, stage.index - 1
+    before = stages[i - 1] if i or plan.repeats else None
+    after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
+    return before, after
 
 
-# --- where to look ----------------------------------------------------------------------------------------------------
+# --- samples ----------------------------------------------------------------------------------------------------------
 
 
-def _boxes(plan: Plan, joint: _Joint) -> list[Box]:
-    """The sets of the path parameters that matter at a joint; [0, 0] for those that do not, or have none."""
-    stages = [stage for stage in (joint.before, joint.stage, joint.after) if stage is not None]
+def _boxes(plan: Plan, stage: Stage) -> list[Box]:
+    """The sets of the path parameters that matter round a stage; [0, 0] for those that do not, or have none."""
+    near = [one for one in (stage, *_neighbours(plan, stage)) if one is not None]
+    at_end = stage.index in (1, len(plan.stages))
     boxes = []
     for i in range(plan.path_count):
         name = f"c{i + 1}"
-        moved = joint.shift_before or joint.shift_after
-        matters = any(stage.names(name) for stage in stages) or (moved and _shift_names(plan, name))
+        matters = any(one.names(name) for one in near) or (at_end and _shift_names(plan, name))
         if not plan.has_sets:
             boxes.append(Box(0.0, 0.0))
         elif matters:
-            boxes.append(joint.stage.sets[i])
+            boxes.append(stage.sets[i])
         else:
-            boxes.append(Box(joint.stage.sets[i].hi, joint.stage.sets[i].hi))
+            boxes.append(Box(stage.sets[i].hi, stage.sets[i].hi))
     return boxes
 
 
 def _shift_names(plan: Plan, name: str) -> bool:
-    return plan.repeats and plan.shift is not None and any(name in part.names for part in plan.shift)
+    return plan.repeats and plan.shift is not None and any(name in value.names for value in plan.shift)
 
 
 def _grid(boxes: Sequence[Box]) -> list[Vector]:
@@ -169,14 +158,14 @@ def _grid(boxes: Sequence[Box]) -> list[Vector]:
     return list(dict.fromkeys(points))
 
 
-def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Vector, _Measures]]:
+def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vector, _Measures]]:
     """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
 
     What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
     """
-    boxes = _boxes(plan, joint)
+    boxes = _boxes(plan, stage)
     points = _grid(boxes)
-    measured = [(point, _measure(plan, joint, point)) for point in points]
+    measured = [(point, _measure(plan, stage, point)) for point in points]
     corners = set(itertools.product(*((box.lo, box.hi) for box in boxes)))
     searched: list[tuple[Callable[[_Measures], float], float]] = [
         (lambda m: m.own_m, POSITION_WARNING_M / 10),
@@ -188,7 +177,7 @@ def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Vect
     for badness, small in searched:
         start = max(measured, key=lambda item: _finite(badness(item[1])))
         if start[0] not in corners and _finite(badness(start[1])) > small:
-            measured.append(_refined(plan, joint, boxes, start, badness))
+            measured.append(_refined(plan, stage, boxes, start, badness))
     return measured
 
 
@@ -198,7 +187,7 @@ def _finite(value: float) -> float:
 
 def _refined(
     plan: Plan,
-    joint: _Joint,
+    stage: Stage,
     boxes: Sequence[Box],
     start: tuple[Vector, _Measures],
     badness: Callable[[_Measures], float],
@@ -213,7 +202,7 @@ def _refined(
                 trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
                 if trial == point:
                     continue
-                measures = _measure(plan, joint, trial)
+                measures = _measure(plan, stage, trial)
                 if _finite(badness(measures)) > badness(best):
                     point, best, moved = trial, measures, True
         if not moved:
@@ -226,8 +215,8 @@ def _refined(
 # --- what is measured -------------------------------------------------------------------------------------------------
 
 
-def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
-    """Every stage of a plan of parts as it is met on flights with fixed parameters, and with ones that keep changing.
+def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
+    """Every stage of a plan of segments on flights with fixed parameters, and with ones that keep changing.
 
     The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
     """
@@ -249,18 +238,18 @@ def _walked(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
         flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
     for start, changed in flights:
         # a flight that comes to no end is as long as flights may be: one is enough
-        if not _walk_along(plan, start, changed, measured):
+        if not _measure_flight(plan, start, changed, measured):
             break
     return [(stage, measured[stage.index]) for stage in plan.stages]
 
 
-def _walk_along(
+def _measure_flight(
     plan: Plan,
     parameters: Vector,
     changed: Callable[[], Vector] | None,
     measured: dict[int, list[tuple[Vector, _Measures]]],
 ) -> bool:
-    """Measure every stage that a flight through a plan of parts meets; return whether it comes to its end."""
+    """Measure every stage of a flight through a plan of segments; return whether it reaches the end."""
     before: Stage | None = None
     join: Point | None = None
     index = 1
@@ -282,24 +271,22 @@ def _walk_along(
     return True
 
 
-def _measure(plan: Plan, joint: _Joint, parameters: Vector) -> _Measures:
-    stage = joint.stage
+def _measure(plan: Plan, stage: Stage, parameters: Vector) -> _Measures:
+    """A stage between its neighbours, of the laps before and after where it is the first or the last of one."""
+    before, after = _neighbours(plan, stage)
     try:
         path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-        shift = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
-        join = None
-        if joint.before is not None:
-            join = joint.before.trigger_at(parameters)
-            if joint.shift_before:
-                join = (join[0] - shift[0], join[1] - shift[1])
+        dx, dy = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
+        join = None if before is None else before.trigger_at(parameters)
+        if join is not None and stage.index == 1:
+            join = (join[0] - dx, join[1] - dy)
     except PathUndefined as error:
-        return _Measures(trouble=str(error), before=joint.before, after=joint.after)
-    measures = _measure_stage(stage, path, trigger, joint.before, join)
-    measures.after = joint.after
-    if joint.after is not None and not measures.trouble:
-        here = (trigger[0] - shift[0], trigger[1] - shift[1]) if joint.shift_after else trigger
-        following = joint.after
-        _measure_joint(measures, stage, path, trigger, following, here, lambda: following.path_at(parameters))
+        return _Measures(trouble=str(error), before=before, after=after)
+    measures = _measure_stage(stage, path, trigger, before, join)
+    measures.after = after
+    if after is not None and not measures.trouble:
+        here = (trigger[0] - dx, trigger[1] - dy) if stage.index == len(plan.stages) else trigger
+        _measure_joint(measures, stage, path, trigger, after, here, lambda: after.path_at(parameters))
     return measures
 
 
@@ -309,11 +296,14 @@ def _measure_stage(
     """A stage by itself, and how its trigger lies from where it is joined."""
     measures = _Measures(before=before)
     try:
-        measures.foot_m = _nearest(stage, path, trigger)
+        track = stage.track(path, trigger)
+        measures.foot_m = track.nearest(trigger)
         measures.own_m = math.dist(trigger, measures.foot_m)
-        measures.radius_m = _radius_m(stage, path, trigger)
+        measures.radius_m = track.radius_m()
         if join is not None:
-            measures.ahead_m, measures.sweep = _ahead_m(stage, path, join, trigger)
+            ahead_m = track.ahead_m(join)
+            measures.ahead_m = ahead_m if math.isfinite(ahead_m) else -math.inf
+            measures.sweep = max(ahead_m, 0.0) / track.turn_m if math.isfinite(ahead_m) else 0.0
     except PathUndefined as error:
         measures.trouble = str(error)
     return measures
@@ -332,7 +322,7 @@ def _measure_joint(
     measures.after = after
     try:
         following = path_after()
-        measures.next_m = math.dist(here, _nearest(after, following, here))
+        measures.next_m = math.dist(here, after.track(following, here).nearest(here))
         measures.headings_deg = (
             _heading_deg(path, trigger, stage.sense),
             _heading_deg(following, here, after.sense),
@@ -343,50 +333,9 @@ def _measure_joint(
         measures.trouble = f"stage {after.index}: {error}"
 
 
-def _nearest(stage: Stage, path: PathFunction, point: Point) -> Point:
-    """The point of a stage's path nearest to a point [m]; of a curve, the one that Newton's steps lead to."""
-    if stage.kind == LINE:
-        return line_of(path, point, stage.sense).point_m
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, point, stage.sense)
-        return circle.point_at(circle.angle_rad(point))
-    return project(path, point)
-
-
 def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
     x, y = tangent(path, point, sense)
-    return math.degrees(math.atan2(y, x))
-
-
-def _radius_m(stage: Stage, path: PathFunction, trigger: Point) -> float:
-    """Radius of a circle, or of the curvature of a curve at its trigger [m]; infinite for a line."""
-    if stage.kind == LINE:
-        return math.inf
-    if stage.kind == CIRCLE:
-        return circle_of(path, trigger, stage.sense).radius_m
-    return radius_of_curvature_m(path, _nearest(stage, path, trigger))
-
-
-def radius_of_curvature_m(path: PathFunction, point: Point) -> float:
-    """Radius of curvature of a path at a point of it [m]: |∇φ|³ / |φxx φy² − 2 φxy φx φy + φyy φx²|."""
-    _, gx, gy, hxx, hxy, hyy = path(*point)
-    bend = abs(hxx * gy * gy - 2 * hxy * gx * gy + hyy * gx * gx)
-    return math.inf if bend == 0 else math.hypot(gx, gy) ** 3 / bend
-
-
-def _ahead_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> tuple[float, float]:
-    """How far along the path the trigger lies from where it is joined [m], and the share of a whole turn it takes.
-
-    Negative for a trigger that lies behind; a curve whose trigger is not met is infinitely far behind.
-    """
-    if stage.kind == LINE:
-        return -line_of(path, trigger, stage.sense).progress_m(join), 0.0
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        sweep = circle.sweep_rad(join, trigger)
-        return circle.radius_m * sweep, sweep / (2 * math.pi)
-    length = leg_length_m(stage, path, join, trigger)
-    return (length if math.isfinite(length) else -math.inf), 0.0
+    return compass_deg(math.atan2(y, x))
 
 
 # --- what is said -----------------------------------------------------------------------------------------------------
@@ -397,7 +346,7 @@ def _stage_findings(
 ) -> Iterator[Finding]:
     limit = plan.trigger_radius_m
     if not measured:
-        message = f"stage {stage.index} is never flown: its laps are over before they begin"
+        message = f"stage {stage.index} is never flown: its laps are over before they start"
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
         return
 
@@ -429,7 +378,7 @@ def _stage_findings(
         severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
         here, there = measures.headings_deg
         message = (
-            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} begins "
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} starts "
             f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
         )
         yield finding(severity, "direction", message, parameters)
@@ -463,7 +412,7 @@ def _order_findings(
     elif measures.ahead_m < limit and measures.ahead_m < math.inf:
         message = (
             f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
-            f"it may end as it begins"
+            f"it may end as it starts"
         )
         yield finding(WARNING, "short-stage", message, parameters)
     parameters, measures = max(measured, key=lambda item: item[1].sweep)
@@ -485,7 +434,7 @@ def _at(plan: Plan, parameters: Vector) -> str:
 
 
 def _leads_on(plan: Plan, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
-    """The parameters looked at that lead to the next stage best; None where none leads there at all."""
+    """The sampled parameters that lead to the next stage best; None where none leads there."""
 
     def rank(item: tuple[Vector, _Measures]) -> float:
         m = item[1]
@@ -520,7 +469,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
 
     Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
     """
-    if plan.whole_laps or plan.parts or not plan.has_sets:
+    if plan.whole_laps or plan.segments or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
         worst: tuple[float, Vector, Vector] = (0.0, (), ())
@@ -531,7 +480,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
         for old, new in itertools.permutations(dict.fromkeys(corners), 2):
             try:
                 trigger = stage.trigger_at(old)
-                gap = math.dist(trigger, _nearest(after, after.path_at(new), trigger))
+                gap = math.dist(trigger, after.track(after.path_at(new), trigger).nearest(trigger))
             except PathUndefined:
                 continue
             if gap > worst[0]:

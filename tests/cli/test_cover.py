@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from eadp.cli.cover import _wind_mps
 from eadp.core.geometry.geodesy import to_local_m
+from eadp.io.field.coverage import wind_vector_mps
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
 BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"
@@ -137,8 +137,8 @@ def test_headings_are_compass_bearings(eadp, tmp_path):
 
 
 def test_wind_is_a_speed_and_the_bearing_it_blows_from():
-    assert _wind_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
-    assert _wind_mps("5,0") == pytest.approx((0, -5))
+    assert wind_vector_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
+    assert wind_vector_mps("5,0") == pytest.approx((0, -5))
 
 
 def test_the_pictures(eadp, tmp_path, box):

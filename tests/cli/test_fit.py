@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.io.energy.model_file import read_energy
+from eadp.io.energy.model_file import parse_energy
+from eadp.io.text.streams import read_text
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -92,7 +93,7 @@ def test_a_log_without_a_period_is_a_no_with_its_document(run: Run, noise: str, 
     assert (document["periodic"], document["period_s"], document["period_std_s"]) == (False, None, None)
     assert (document["order"], document["harmonics"]) == (0, [])
     assert document["coefficients"] == {"a": [], "b": []}
-    assert read_energy(str(model)).mean_w == document["mean_w"] == pytest.approx(30, abs=0.5)
+    assert parse_energy(read_text(str(model))).mean_w == document["mean_w"] == pytest.approx(30, abs=0.5)
 
 
 def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -> None:
@@ -111,7 +112,7 @@ def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None
     model = tmp_path / "model.yaml"
     code, out, err = run("fit", EXAMPLE, "--format", "json", "-o", str(model))
     assert (code, err) == (0, "")
-    written = read_energy(str(model))
+    written = parse_energy(read_text(str(model)))
     assert written.period_s == json.loads(out)["period_s"]
     assert [vars_of.amplitude_w for vars_of in written.harmonics] == [
         harmonic["amplitude_w"] for harmonic in json.loads(out)["harmonics"]
@@ -316,7 +317,7 @@ def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
     code, out, _ = run("fit", str(log), "-o", str(model))
     assert code == 0
     assert ", of it 0." in out
-    disturbance = read_energy(str(model)).disturbance
+    disturbance = parse_energy(read_text(str(model))).disturbance
     assert disturbance is not None
     assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
 

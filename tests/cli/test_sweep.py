@@ -18,6 +18,7 @@ from common.answers import refused
 from common.processes import hear_interrupts
 
 from eadp.io.sweep.sweep_file import read_sweep
+from eadp.io.text.streams import read_text
 
 SHIPPED = "scenarios/sweep-wind-battery.yaml"
 PLAN = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
@@ -415,4 +416,4 @@ def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
 
 
 def test_the_shipped_sweep_is_some_minutes_of_work(root):
-    assert 300 <= len(read_sweep(str(root / SHIPPED)).design) <= 600
+    assert 300 <= len(read_sweep(read_text(str(root / SHIPPED))).design) <= 600

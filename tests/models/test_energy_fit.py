@@ -50,9 +50,11 @@ def test_a_log_without_a_period_has_a_mean_its_spread_and_a_disturbance() -> Non
     assert 0.15 < fitted.model.mean_std_w < 0.7
 
 
-def test_standard_deviations_hold_under_correlated_noise() -> None:
+# nominally 95 % of twice as many; plain least squares' would hold for half
+@pytest.mark.parametrize(("trials", "least"), [(4, 6), pytest.param(12, 19, marks=pytest.mark.slow)])
+def test_standard_deviations_hold_under_correlated_noise(trials: int, least: int) -> None:
     inside = []
-    for seed in range(12):
+    for seed in range(trials):
         noise = np.asarray(
             lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], np.random.default_rng(seed).normal(size=960))[-460:]
         )
@@ -60,8 +62,7 @@ def test_standard_deviations_hold_under_correlated_noise() -> None:
         assert model.mean_std_w is not None
         inside.append(abs(model.mean_w - 36) < 1.96 * model.mean_std_w)
         inside.append(abs(model.harmonics[0].amplitude_w - 2) < 1.96 * model.amplitude_std_w[0])
-    # nominally 22.8 of 24; plain least squares' would hold for half
-    assert sum(inside) >= 19
+    assert sum(inside) >= least
 
 
 def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
+from eadp.core.geometry.tracks import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.validation.check import check_plan, radius_of_curvature_m
+from eadp.validation.check import check_plan
 
 R = "sqrt(4900 + c1)"
 
@@ -220,3 +221,10 @@ def test_generated_tangent_plans_have_no_finding(x, y, radius, angle, sweep, rot
     text = "".join(f"0.1; {rotation}; {path}\n{point[0]!r}, {point[1]!r}\n" for path, point in stages)
     report = checked("%: trigger-radius 5\n" + text)
     assert [item for item in report.findings if item.code != "short-stage"] == []
+
+
+def test_directions_are_compass_bearings():
+    found = checked("0.1; 90; x\n0, 100\n0.1; 90; y - 100\n-200, 100\n").findings
+    message = next(finding.message for finding in found if finding.code == "direction")
+    assert "heading 0.0°" in message, "north along x = 0"
+    assert "heading 270.0°" in message, "then west along y = 100"

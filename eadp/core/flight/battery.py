@@ -75,8 +75,7 @@ def currents_a(power_w: FloatArray, voltage_v: float, resistance_ohm: float) -> 
     discriminant = voltage_v**2 - 4 * resistance_ohm * power_w
     if np.any(discriminant < 0):
         raise Infeasible(undeliverable(float(np.max(power_w)), voltage_v, resistance_ohm))
-    result: FloatArray = 2 * power_w / (voltage_v + np.sqrt(discriminant))
-    return result
+    return 2 * power_w / (voltage_v + np.sqrt(discriminant))
 
 
 def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float) -> Any:

@@ -80,8 +80,7 @@ def squared_bank_slopes(
     """
     # χ̇ = κ v,  θ̇ = χ̇ v / (s cos(θ − χ)),  tan φ = s θ̇ / g
     turn = curvature_per_m * speeds_mps * speeds_mps / np.maximum(along_mps, 1e-3 * airspeed_mps)
-    slopes: FloatArray = (airspeed_mps * turn / GRAVITY_MPS2) ** 2
-    return slopes
+    return (airspeed_mps * turn / GRAVITY_MPS2) ** 2
 
 
 class WindFilter:

@@ -101,31 +101,6 @@ class DubinsPath:
         )
 
 
-def shortest(start: Pose, end: Pose, radius_m: float) -> DubinsPath:
-    """The shortest path from one pose to another that turns no tighter than a radius.
-
-    Parameters
-    ----------
-    start, end : (float, float, float)
-        x, y [m] and heading [rad].
-    radius_m : float
-        The minimum turning radius [m], above 0.
-
-    Returns
-    -------
-    DubinsPath
-        Without pieces where the poses are one.
-
-    Raises
-    ------
-    ValueError
-        If the radius is not above 0 and finite, or a pose is not finite.
-
-    Source: Dubins 1957.
-    """
-    return ordered(start, end, radius_m)[0]
-
-
 def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
     """Every path of a word from one pose to another, the shortest first.
 
@@ -173,7 +148,7 @@ def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray
     Returns
     -------
     array, shape (n, m)
-        Lengths [m]: those of `shortest`.
+        Lengths [m], each of the first path that `ordered` gives.
 
     Raises
     ------
@@ -309,8 +284,7 @@ class _Pace:
         cosine, sine = np.cos(course), np.sin(course)
         along = self.wind_mps[0] * cosine + self.wind_mps[1] * sine
         across = self.wind_mps[0] * sine - self.wind_mps[1] * cosine
-        pace: FloatArray = 1 / (along + np.sqrt(self.airspeed_mps**2 - across**2))
-        return pace
+        return 1 / (along + np.sqrt(self.airspeed_mps**2 - across**2))
 
     def rest(self, course: FloatArray) -> FloatArray:
         """The periodic part of the integral of 1/g over the course, up to a constant [s/m]."""
@@ -324,8 +298,7 @@ class _Pace:
         one, two = np.zeros_like(sine), np.zeros_like(sine)
         for coefficient in reversed(self.sines):  # Clenshaw: b_k = s_k + 2 cos 2φ b_(k+1) − b_(k+2), Σ = b_1 sin 2φ
             one, two = coefficient + twice * one - two, one
-        rest: FloatArray = one * 2 * sine * cosine - sine * (wind / (self.airspeed_mps**2 - wind**2))
-        return rest
+        return one * 2 * sine * cosine - sine * (wind / (self.airspeed_mps**2 - wind**2))
 
 
 # --- words, in radii --------------------------------------------------------------------------------------------------

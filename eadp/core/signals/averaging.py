@@ -81,5 +81,4 @@ def _autocovariances(runs: Sequence[FloatArray], n: int) -> FloatArray:
             spectrum = np.fft.rfft(run, 2 * len(run))
             products = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(run))[: len(run)]
             total[: len(run)] += products
-    result: FloatArray = total / n
-    return result
+    return total / n

@@ -253,8 +253,7 @@ def tail(statistic: float, drawn: FloatArray) -> float:
 
 
 def _mixed(eigenbasis: _Eigenbasis, part: float) -> FloatArray:
-    mixed: FloatArray = (eigenbasis.vectors * (part * eigenbasis.eigenvalues + 1 - part)) @ eigenbasis.vectors.T
-    return mixed
+    return (eigenbasis.vectors * (part * eigenbasis.eigenvalues + 1 - part)) @ eigenbasis.vectors.T
 
 
 def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -46,8 +46,7 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
 def _running_median(power_w: FloatArray) -> FloatArray:
     """Running median, mirrored at the ends."""
     padded = np.pad(power_w, WINDOW // 2, mode="reflect")
-    median: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
-    return median
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
 
 
 def _in_long_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -4,50 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import zip_longest
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from eadp.errors import Fault, InputError, capped
-from eadp.io.text.schema_faults import validated
-from eadp.io.text.streams import Text, read_text
+from eadp.errors import Fault, InputError, refuse
+from eadp.io.text.schema_faults import STRICT, validated
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
-from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+from eadp.models.energy import Coefficients, Disturbance, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
 AGREEMENT = 1e-6
 """Tolerance between the coefficients and the harmonics, relative to the largest: rounding."""
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 _Watts = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Deviation = Annotated[float, Field(ge=0, le=1e9)]
 _Seconds = Annotated[float, Field(gt=0, le=1e9)]
-
-
-class _Harmonic(BaseModel):
-    """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
-
-    model_config = _STRICT
-    amplitude_w: _Deviation
-    phase_rad: Annotated[float, Field(ge=-1e3, le=1e3)]
-
-
-class _Coefficients(BaseModel):
-    """The papers' coefficients [W s]: a0..ar and b1..br."""
-
-    model_config = _STRICT
-    a: list[float]
-    b: list[float]
-
-
-class _Disturbance(BaseModel):
-    """Correlated disturbance beside the periodic power: a Matérn-3/2 process."""
-
-    model_config = _STRICT
-    std_w: Annotated[_Deviation, Field(description="standard deviation")]
-    time_s: Annotated[_Seconds, Field(description="time constant")]
 
 
 class EnergyFile(BaseModel):
@@ -56,7 +31,7 @@ class EnergyFile(BaseModel):
     `periodic`, `order` and `coefficients` repeat what the other keys give: they may be left out, and must agree.
     """
 
-    model_config = ConfigDict(title=SCHEMA, **_STRICT)
+    model_config = ConfigDict(title=SCHEMA, **STRICT)
     schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
     periodic: bool | None = None
     period_s: _Seconds | None
@@ -64,11 +39,11 @@ class EnergyFile(BaseModel):
     order: Annotated[int, Field(ge=0)] | None = None
     mean_w: _Watts
     mean_std_w: _Deviation | None = None
-    harmonics: Annotated[list[_Harmonic], Field(max_length=1000)]
-    amplitude_std_w: Annotated[list[_Deviation], Field(max_length=1000)] = []
-    coefficients: _Coefficients | None = None
+    harmonics: Annotated[tuple[Harmonic, ...], Field(max_length=1000)]
+    amplitude_std_w: Annotated[tuple[_Deviation, ...], Field(max_length=1000)] = ()
+    coefficients: Coefficients | None = None
     noise_std_w: _Deviation = 0.0
-    disturbance: _Disturbance | None = None
+    disturbance: Disturbance | None = None
     cv_r2: Annotated[float, Field(le=1)] = 0.0
     samples: Annotated[int, Field(ge=0, le=2**53)] = 0
     span_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
@@ -79,51 +54,22 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **EnergyFile.model_json_schema()}
 
 
-def read_energy(path: str) -> EnergyModel:
-    """Read an energy model, as `eadp fit` writes it.
-
-    Parameters
-    ----------
-    path : str
-        The file, YAML or JSON; `-` for standard input.
-
-    Returns
-    -------
-    EnergyModel
+def parse_energy(text: Text) -> EnergyModel:
+    """The energy model in a text, YAML or JSON, as `eadp fit` writes it.
 
     Raises
     ------
     InputError
         With the faults of the file.
     """
-    return parse_energy(read_text(path))
-
-
-def parse_energy(text: Text) -> EnergyModel:
-    """`read_energy` of a text."""
     document = read_yaml(text)
     if not isinstance(document.value, dict) or document.value.get("schema") != SCHEMA:
         raise InputError(document.fault(("schema",), "not an energy model", f"schema: {SCHEMA}"))
     content = validated(EnergyFile, document, document.value)
     if content.period_s is None and content.harmonics:
         raise InputError(document.fault(("harmonics",), "harmonics without a period", "a period_s, or []"))
-    disturbance = content.disturbance
-    model = EnergyModel(
-        period_s=content.period_s,
-        mean_w=content.mean_w,
-        harmonics=tuple(Harmonic(term.amplitude_w, term.phase_rad) for term in content.harmonics),
-        noise_std_w=content.noise_std_w,
-        period_std_s=content.period_std_s,
-        cv_r2=content.cv_r2,
-        samples=content.samples,
-        span_s=content.span_s,
-        disturbance=None if disturbance is None else Disturbance(disturbance.std_w, disturbance.time_s),
-        mean_std_w=content.mean_std_w,
-        amplitude_std_w=tuple(content.amplitude_std_w),
-    )
-    faults = _disagreements(document, content, model)
-    if faults:
-        raise capped(faults)
+    model = EnergyModel(**{field.name: getattr(content, field.name) for field in fields(EnergyModel)})
+    refuse(_disagreements(document, content, model))
     return model
 
 
@@ -153,7 +99,7 @@ def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) 
     return faults
 
 
-def _agree(given: list[float], expected: tuple[float, ...], tolerance: float) -> bool:
+def _agree(given: tuple[float, ...], expected: tuple[float, ...], tolerance: float) -> bool:
     pairs = zip_longest(given, expected, fillvalue=math.inf)
     return all(abs(one - other) <= tolerance for one, other in pairs)
 

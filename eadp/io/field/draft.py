@@ -7,24 +7,17 @@ numbers as they stand in the file, each with its line and column. `reader` check
 from __future__ import annotations
 
 import re
-from array import array
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import accumulate
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-from eadp.errors import Fault, InputError, capped, printable
-from eadp.io.text.streams import Text
+from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a field, those of its holes among them."""
 NAMES_SHOWN = 10
 """Most names that a message lists."""
-
-Location = tuple[int, int]
-"""Line and column, from 1."""
 
 
 class Vertex(NamedTuple):
@@ -32,13 +25,7 @@ class Vertex(NamedTuple):
 
     x: float
     y: float
-    line: int
-    column: int
-
-    @property
-    def location(self) -> Location:
-        """Line and column."""
-        return self.line, self.column
+    location: Location
 
 
 @dataclass
@@ -66,37 +53,10 @@ class FieldDraft:
     notes: list[str] = field(default_factory=list)
 
 
-class FieldSource:
-    """The text of a file by lines, for locations in it."""
-
-    def __init__(self, text: Text) -> None:
-        self.name, self.body, self.lines = text.name, text.body, text.body.split("\n")
-
-    @cached_property
-    def starts(self) -> Sequence[int]:
-        """Offsets of the lines; an array, since a text may be all line ends."""
-        return array("q", accumulate((len(line) + 1 for line in self.lines), initial=0))
-
-    def location(self, offset: int) -> Location:
-        """Line and column of an offset."""
-        line = bisect_right(self.starts, offset, hi=len(self.lines))
-        return line, offset - self.starts[line - 1] + 1
-
-    def fault(self, location: Location, message: str, expected: str = "") -> Fault:
-        """A fault at a location, with the line it is in."""
-        line, column = location
-        source = self.lines[line - 1] if line <= len(self.lines) else ""
-        return Fault(self.name, line, column, message, expected, source)
-
-    def error(self, location: Location, message: str, expected: str = "") -> InputError:
-        """The error of a single fault at a location, to be raised."""
-        return InputError(self.fault(location, message, expected))
-
-
 class VertexReader:
     """Adds vertices to rings, up to `VERTICES_LIMIT`, and collects the faults of the others."""
 
-    def __init__(self, source: FieldSource) -> None:
+    def __init__(self, source: SourceText) -> None:
         self.source = source
         self.faults: list[Fault] = []
         self.count = 0
@@ -104,7 +64,7 @@ class VertexReader:
     def add(self, ring: Ring, x: float, y: float, location: Location) -> None:
         """Add a vertex at a location to a ring."""
         self._count(location)
-        ring.vertices.append(Vertex(x, y, *location))
+        ring.vertices.append(Vertex(x, y, location))
 
     def refuse(self, faults: Sequence[Fault]) -> None:
         """Add the faults, one or more, of something that is no vertex."""
@@ -120,20 +80,20 @@ class VertexReader:
 
     def finish(self) -> None:
         """Raise the faults, if there are any."""
-        if self.faults:
-            raise capped(self.faults)
+        refuse(self.faults)
 
 
 @dataclass
 class FeatureCandidate:
     """A feature with polygons: its location, its names, and its polygons, each with its location.
 
-    The type of a polygon is its reader's.
+    The type of a polygon is its reader's. `chain` are the objects of GeoJSON that enclose it, which may have the units.
     """
 
     location: Location
     names: list[str]
     polygons: list[tuple[Any, Location]]
+    chain: list[Any] = field(default_factory=list)
 
     @property
     def label(self) -> str:
@@ -141,10 +101,7 @@ class FeatureCandidate:
         return printable(self.names[0], 40) if self.names else "without a name"
 
 
-_AnyCandidate = TypeVar("_AnyCandidate", bound=FeatureCandidate)
-
-
-def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, source: FieldSource) -> _AnyCandidate:
+def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText) -> FeatureCandidate:
     """The feature that was asked for, by a name or by its number from 1, or the only one.
 
     Raises
@@ -171,7 +128,7 @@ def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, sou
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
 
 
-def only_polygon(chosen: FeatureCandidate, source: FieldSource) -> tuple[Any, Location]:
+def only_polygon(chosen: FeatureCandidate, source: SourceText) -> tuple[Any, Location]:
     """The polygon of a feature and its location; a feature of several is refused at the second."""
     if len(chosen.polygons) > 1:
         message = f"{len(chosen.polygons)} polygons in one feature"

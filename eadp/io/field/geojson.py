@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -15,8 +14,6 @@ from eadp.io.field.draft import (
     NAMES_SHOWN,
     FeatureCandidate,
     FieldDraft,
-    FieldSource,
-    Location,
     Ring,
     VertexReader,
     choose_feature,
@@ -24,24 +21,18 @@ from eadp.io.field.draft import (
     only_polygon,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
+from eadp.io.text.source import Location, SourceText
 
 _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 
-@dataclass
-class _Feature(FeatureCandidate):
-    """A feature of GeoJSON; `chain` are the objects from the document to its polygons, which may have the units."""
-
-    chain: list[JsonObject] = field(default_factory=list)
-
-
-def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
+def read_geojson(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Read the polygon of a feature.
 
     Parameters
     ----------
-    source : FieldSource
+    source : SourceText
         A Polygon, a MultiPolygon of one, or a Feature, FeatureCollection or GeometryCollection with one.
     metres : bool
         It is in metres, whatever its `units` and `crs` are.
@@ -55,7 +46,7 @@ def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> Fiel
     """
     root = JsonReader(source).document()
     start = source.location(len(source.body) - len(source.body.lstrip()))
-    candidates: list[_Feature] = []
+    candidates: list[FeatureCandidate] = []
     seen: Counter[str] = Counter()
     _collect(source, root, start, [], candidates, seen)
     if not candidates:
@@ -71,11 +62,11 @@ def read_geojson(source: FieldSource, metres: bool, feature: str | None) -> Fiel
 
 
 def _collect(
-    source: FieldSource,
+    source: SourceText,
     node: Any,
     location: Location,
     chain: Sequence[JsonObject],
-    found: list[_Feature],
+    found: list[FeatureCandidate],
     seen: Counter[str],
 ) -> None:
     """Collect the features with polygons at and below a GeoJSON object, and count the types of the others."""
@@ -96,15 +87,15 @@ def _collect(
             return
         polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen)
         if polygons:
-            found.append(_Feature(location, _names(node), polygons, [*chain, *objects]))
+            found.append(FeatureCandidate(location, _names(node), polygons, [*chain, *objects]))
     else:
         polygons, objects = _polygons(source, node, location, seen)
         if polygons:
-            found.append(_Feature(location, [], polygons, [*chain[:-1], *objects]))
+            found.append(FeatureCandidate(location, [], polygons, [*chain[:-1], *objects]))
 
 
 def _polygons(
-    source: FieldSource, node: Any, location: Location, seen: Counter[str]
+    source: SourceText, node: Any, location: Location, seen: Counter[str]
 ) -> tuple[list[tuple[Any, Location]], list[JsonObject]]:
     """The polygons of a geometry, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
@@ -130,7 +121,7 @@ def _polygons(
     return list(zip(coordinates, locations, strict=True)), [node]
 
 
-def _members(source: FieldSource, node: JsonObject, key: str, location: Location) -> JsonList:
+def _members(source: SourceText, node: JsonObject, key: str, location: Location) -> JsonList:
     value = node.get(key)
     if not isinstance(value, JsonList):
         location = source.location(node.offsets[key]) if key in node else location
@@ -160,7 +151,7 @@ _OTHER_LENGTH = re.compile(
 )
 
 
-def _in_metres(chain: Sequence[JsonObject], metres: bool, source: FieldSource) -> bool:
+def _in_metres(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> bool:
     """Whether coordinates are in metres: by the option, by `units` that start with metres, or by a grid's `crs`."""
     properties = [node.get("properties") for node in chain]
     holders = [holder for holder in (*chain, *properties) if isinstance(holder, JsonObject)]
@@ -177,7 +168,7 @@ def _in_metres(chain: Sequence[JsonObject], metres: bool, source: FieldSource) -
     return metres
 
 
-def _system(crs: Any, location: Location, metres: bool, source: FieldSource) -> bool:
+def _system(crs: Any, location: Location, metres: bool, source: SourceText) -> bool:
     """Whether a coordinate reference system is in metres; `metres` where it is unknown."""
     properties = crs.get("properties") if isinstance(crs, JsonObject) else None
     given: Any = None
@@ -199,7 +190,7 @@ def _system(crs: Any, location: Location, metres: bool, source: FieldSource) -> 
     raise source.error(location, message, "longitude and latitude in degrees (WGS-84), a UTM zone, or --metres")
 
 
-def _rings(polygon: Any, location: Location, source: FieldSource) -> list[Ring]:
+def _rings(polygon: Any, location: Location, source: SourceText) -> list[Ring]:
     if not isinstance(polygon, JsonList):
         raise source.error(location, f"{_kind(polygon)} where a polygon belongs", "a list of rings")
     if not polygon:
@@ -220,7 +211,7 @@ def _rings(polygon: Any, location: Location, source: FieldSource) -> list[Ring]:
     return rings
 
 
-def _position_faults(position: Any, offset: int, source: FieldSource) -> list[Fault]:
+def _position_faults(position: Any, offset: int, source: SourceText) -> list[Fault]:
     """The faults of a value as a position."""
     location = source.location(offset)
     if not isinstance(position, JsonList):

@@ -17,14 +17,13 @@ from eadp.io.field.draft import (
     VERTICES_LIMIT,
     FeatureCandidate,
     FieldDraft,
-    FieldSource,
-    Location,
     Ring,
     VertexReader,
     choose_feature,
     only_polygon,
 )
 from eadp.io.text.csv import number_fault
+from eadp.io.text.source import Location, SourceText
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
@@ -53,7 +52,7 @@ class _RingText:
 class _KmlReader:
     """Collects the Placemarks with polygons; refuses a document type."""
 
-    def __init__(self, source: FieldSource) -> None:
+    def __init__(self, source: SourceText) -> None:
         self.source = source
         self.found: list[FeatureCandidate] = []
         self.path: list[str] = []
@@ -117,12 +116,12 @@ class _KmlReader:
             self.placemark = None
 
 
-def read_kml(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
+def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Read the polygon of a Placemark.
 
     Parameters
     ----------
-    source : FieldSource
+    source : SourceText
         KML with a Polygon in a Placemark.
     metres : bool
         Refused if true: KML is in degrees.

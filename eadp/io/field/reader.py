@@ -14,25 +14,14 @@ from dataclasses import dataclass
 from itertools import chain, islice
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
-from eadp.errors import FAULTS_SHOWN, Fault, capped, printable
-from eadp.io.field.draft import VERTICES_LIMIT, FieldDraft, FieldSource, Vertex, counted
+from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
+from eadp.io.field.draft import FieldDraft, Vertex, counted
 from eadp.io.field.geojson import read_geojson
 from eadp.io.field.kml import read_kml
 from eadp.io.field.table import read_table
-from eadp.io.text.json import NESTING_LIMIT
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
-
-__all__ = [
-    "EXTENT_LIMIT_M",
-    "HOLES_LIMIT",
-    "LARGEST_M",
-    "LATITUDE_LIMIT_DEG",
-    "NESTING_LIMIT",
-    "SMALLEST_M2",
-    "VERTICES_LIMIT",
-    "read_field",
-]
 
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
@@ -57,7 +46,7 @@ class FieldFormat:
 
     name: str
     recognise: Callable[[str], bool]
-    read: Callable[[FieldSource, bool, str | None], FieldDraft]
+    read: Callable[[SourceText, bool, str | None], FieldDraft]
 
 
 FORMATS = (
@@ -94,7 +83,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     InputError
         With the faults of the file, each at its line and column, or of the options.
     """
-    source = FieldSource(text)
+    source = SourceText(text)
     head = text.body.lstrip()[:1]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
@@ -102,7 +91,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(chosen.read(source, metres, feature), source)
 
 
-def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
+def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     """The field of a draft, repaired and checked, and the repairs."""
     from eadp.core.geometry.polygons import signed_area_m2
 
@@ -119,14 +108,12 @@ def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
     _check_shape(rings, origin_deg, source)
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
     counter_clockwise = [signed_area_m2(ring) > 0 for ring in corners]
-    result = Field(
-        corners[0] if counter_clockwise[0] else (corners[0][0], *corners[0][:0:-1]),
-        tuple(
-            (ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], counter_clockwise[1:], strict=True)
-        ),
-        printable(draft.name),
-        origin_deg,
-    )
+    # the outline runs counter-clockwise, the holes clockwise
+    wound = [
+        ring if up == (i == 0) else (ring[0], *ring[:0:-1])
+        for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
+    ]
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")
@@ -137,7 +124,7 @@ def _field(draft: FieldDraft, source: FieldSource) -> tuple[Field, list[str]]:
     return result, notes
 
 
-def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
+def _check_counts(draft: FieldDraft, source: SourceText) -> None:
     """Refuse rings without three vertices, and more holes than there may be."""
     if len(draft.rings) - 1 > HOLES_LIMIT:
         location = draft.rings[HOLES_LIMIT + 1].location
@@ -149,8 +136,7 @@ def _check_counts(draft: FieldDraft, source: FieldSource) -> None:
             location = ring.vertices[0].location if ring.vertices else ring.location
             message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
             faults.append(source.fault(location, message, "three or more that differ"))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def _title(ring: int) -> str:
@@ -158,19 +144,18 @@ def _title(ring: int) -> str:
 
 
 def _localised(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
 ) -> tuple[list[list[Vertex]], tuple[float, float]]:
     """Metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
     _check_degrees(rings, draft, source)
     rings = [list(ring) for ring in rings]
-    west, east = _span([vertex.x for vertex in rings[0]])
+    west, east, south, north = _extent(rings[0])
     if east - west > 180:
         moved = [[v._replace(x=v.x + 360) if v.x < 0 else v for v in ring] for ring in rings]
-        from_west, to_east = _span([vertex.x for vertex in moved[0]])
+        from_west, to_east, *_ = _extent(moved[0])
         if to_east - from_west < _WIDEST_DEG:
             rings, west, east = moved, from_west, to_east
             notes.append("longitudes counted on across the antimeridian")
-    south, north = _span([vertex.y for vertex in rings[0]])
     middle = (west + east) / 2
     origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
     start = rings[0][0]
@@ -180,22 +165,22 @@ def _localised(
         if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
             message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
             raise source.error(vertex.location, message, _or(_SMALLER, draft.remedy))
-    return [[_at(vertex, to_local_m(vertex.y, vertex.x, origin)) for vertex in ring] for ring in rings], origin
-
-
-def _at(vertex: Vertex, point: tuple[float, float]) -> Vertex:
-    return vertex._replace(x=point[0], y=point[1])
+    return [
+        [Vertex(*to_local_m(vertex.y, vertex.x, origin), vertex.location) for vertex in ring] for ring in rings
+    ], origin
 
 
 def _or(expected: str, remedy: str) -> str:
     return f"{expected}, or {remedy}" if remedy else expected
 
 
-def _span(values: Sequence[float]) -> tuple[float, float]:
-    return min(values), max(values)
+def _extent(vertices: Sequence[Vertex]) -> tuple[float, float, float, float]:
+    """The smallest and the largest x, the smallest and the largest y."""
+    x, y, _ = zip(*vertices, strict=True)
+    return min(x), max(x), min(y), max(y)
 
 
-def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
     vertices = [vertex for ring in rings for vertex in ring]
     beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
@@ -212,23 +197,23 @@ def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source:
             raise source.error(vertex.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
 
 
-def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse what cannot be metres: very large numbers, and degrees."""
     far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
     if far:
         message = f"a vertex at ({far[0].x:.3g}, {far[0].y:.3g}) m"
         raise source.error(far[0].location, message, f"coordinates of at most {LARGEST_M:g} m")
-    (west, east), (south, north) = (_span([vertex[i] for vertex in rings[0]]) for i in (0, 1))
+    west, east, south, north = _extent(rings[0])
     degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
     if degrees and max(east - west, north - south) < 1:
         message = f"a field of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
         raise source.error(rings[0][0].location, message, _or("a larger field", draft.remedy))
 
 
-def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource) -> None:
+def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse a field that is too large, at the vertex furthest from the first."""
     vertices = [vertex for ring in rings for vertex in ring]
-    (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
+    west, east, south, north = _extent(vertices)
     if max(east - west, north - south) > EXTENT_LIMIT_M:
         start = vertices[0]
         furthest = max(vertices, key=lambda vertex: math.dist(vertex[:2], start[:2]))
@@ -237,7 +222,7 @@ def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: 
 
 
 def _repaired(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: FieldSource, notes: list[str]
+    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
 ) -> list[list[Vertex]]:
     """The rings open and without superfluous vertices; raises the faults of those without an area."""
     from eadp.core.geometry.polygons import TOLERANCE_M, tidy
@@ -255,8 +240,7 @@ def _repaired(
             faults.append(source.fault(ring[0].location, message, "vertices that do not lie on one line"))
         counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
         result.append([vertices[j] for j in tidied.kept])
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     if draft.closes and counts["open"]:
         notes.append(f"{counted(counts['open'], 'open ring', 'open rings')} closed")
     if not draft.closes and counts["closed"]:
@@ -271,9 +255,7 @@ def _repaired(
     return result
 
 
-def _check_shape(
-    rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: FieldSource
-) -> None:
+def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: SourceText) -> None:
     """Refuse rings that cross themselves or one another, at the nearest vertex of the ring."""
     from eadp.core.geometry.polygons import flaws
 
@@ -290,5 +272,4 @@ def _check_shape(
         if flaw.message.endswith("itself"):
             expected = "a ring that neither crosses nor touches itself"
         faults.append(source.fault(nearest.location, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
-    if faults:
-        raise capped(faults)
+    refuse(faults)

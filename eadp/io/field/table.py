@@ -10,8 +10,9 @@ from collections.abc import Iterable
 from itertools import chain
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import FieldDraft, FieldSource, Ring, VertexReader, counted
+from eadp.io.field.draft import FieldDraft, Ring, VertexReader, counted
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
+from eadp.io.text.source import SourceText
 
 _ROLES = {
     **dict.fromkeys(("x", "x_m", "east", "east_m", "easting", "easting_m"), "x"),
@@ -23,12 +24,12 @@ _ROLES = {
 _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 
-def read_table(source: FieldSource, metres: bool, feature: str | None) -> FieldDraft:
+def read_table(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Read a table of vertices.
 
     Parameters
     ----------
-    source : FieldSource
+    source : SourceText
         Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes), or two columns without names.
     metres : bool
         Two columns without names are in metres, and columns of degrees are refused; without it, two columns without
@@ -90,7 +91,7 @@ def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
     return (columns[east], columns[north], columns.get("ring", -1)), degrees
 
 
-def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: FieldSource) -> list[Ring]:
+def _rings(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: SourceText) -> list[Ring]:
     """The rings of a table: the outline, then the holes by their numbers."""
     x, y, ring_column = columns
     rings: dict[int, Ring] = {}

@@ -12,10 +12,10 @@ from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    __all__ = ["Axes", "Figure"]
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:  # matplotlib is imported when a figure is drawn
+    Axes = Figure = Any
 
 COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
 GREY = "#8a8f98"

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, draw_area, draw_arrow, figure_file, label_map
+from eadp.io.figures.canvas import COLOURS, Axes, draw_area, draw_arrow, figure_file, label_map
 from eadp.models.field import Field
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes
 
 
 def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:

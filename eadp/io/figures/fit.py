@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eadp.core.signals.spectrum import periodogram
-from eadp.io.figures.canvas import COLOURS, GREY, figure_file, legend_above, write_headline
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_above, write_headline
 from eadp.models.energy_fit import EnergyFit
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes
 
 POINTS = 4000
 """Most samples drawn: a longer log is thinned evenly."""

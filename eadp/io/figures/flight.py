@@ -6,19 +6,25 @@ import bisect
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from eadp.core.expressions.tree import number_text
-from eadp.io.figures.canvas import COLOURS, GREY, figure_pair, label_map, legend_above, legend_below, write_headline
+from eadp.io.figures.canvas import (
+    COLOURS,
+    GREY,
+    Axes,
+    figure_pair,
+    label_map,
+    legend_above,
+    legend_below,
+    write_headline,
+)
 from eadp.models.plan.plan import COMPUTATION, point_at
 from eadp.planning.base import DecisionRecord
 from eadp.planning.joint.program import INFEASIBLE
 from eadp.simulation.loop import Step, World
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
 

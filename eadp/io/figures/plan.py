@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eadp.errors import PathUndefined
-from eadp.io.figures.canvas import COLOURS, draw_arrow, draw_circles, figure_file, label_map, legend_below
+from eadp.io.figures.canvas import COLOURS, Axes, draw_arrow, draw_circles, figure_file, label_map, legend_below
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan, point_at
 from eadp.models.plan.trace import nominal_legs
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes
 
 
 def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> None:

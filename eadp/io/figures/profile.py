@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from eadp.io.figures.canvas import COLOURS, GREY, figure_file
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import AnyProfile
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes, Figure
 
 CURVES = 7
 """Most curves of one family: of more levels, some are left out, never the first and the last."""

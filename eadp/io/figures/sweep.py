@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eadp.errors import printable
-from eadp.io.figures.canvas import figure_file
+from eadp.io.figures.canvas import Axes, figure_file
 from eadp.simulation.sweep.statistics import Table
-
-if TYPE_CHECKING:
-    from eadp.io.figures.canvas import Axes
 
 TITLES = {
     "completed": "share of flights that complete",

@@ -6,17 +6,22 @@ import csv
 import itertools
 import json
 import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from eadp.core.arrays import FloatArray
 from eadp.io.figures.flight import write_flight_figure
+from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.plan import PATH
 from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
 from eadp.planning.joint.preflight import Preflight
-from eadp.simulation.loop import Outcome, Step, World
+from eadp.simulation.loop import Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"
 
@@ -106,52 +111,92 @@ def _expected(expected: Preflight) -> dict[str, Any]:
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
     """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
     n = world.plan.primitive_stages
-    if not n or world.plan.parts:
+    if not n or world.plan.segments:
         return []
     starts = outcome.stage_times_s[n - 1 :: n]
     return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
 
 
-def write_flight(
-    path: str,
-    world: World,
-    steps: Sequence[Step],
-    summary: Mapping[str, Any],
-    texts: Mapping[str, Text],
-    overrides: Sequence[str],
-    *,
-    force: bool,
-    records: Sequence[DecisionRecord] = (),
-) -> None:
-    """Write a result folder, whole or not at all; `records` become `decisions.jsonl`, where there are any.
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A flight that was flown.
 
-    Raises
-    ------
-    InputError
-        If the name is taken and `force` is not set, or the folder cannot be written.
+    Attributes
+    ----------
+    inputs : FlightInputs
+        What was flown.
+    summary : dict
+        The content of `summary.json`.
+    steps : list of Step
+        The logged moments, the rows of `flight.csv`.
+    decisions : list of DecisionRecord
+        The re-plannings, the lines of `decisions.jsonl`; empty for a planner that records none.
+    overrides : sequence of str
+        The overrides of the scenario's keys, each as key=value.
     """
-    with new_folder(path, force=force) as folder:
-        _write_csv(folder / "flight.csv", world, steps)
-        (folder / "summary.json").write_text(
-            json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-        )
-        if records:
-            lines = [
-                json.dumps(record_row(record, world.plan.names), ensure_ascii=False, allow_nan=False)
-                for record in records
-            ]
-            (folder / "decisions.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-        write_flight_figure(folder / "flight", world, steps, summary, records)
-        _copy_inputs(folder / "inputs", texts, overrides)
+
+    inputs: FlightInputs
+    summary: dict[str, Any]
+    steps: list[Step]
+    decisions: Sequence[DecisionRecord] = ()
+    overrides: Sequence[str] = ()
+
+    @cached_property
+    def columns(self) -> dict[str, FloatArray]:
+        """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
+        return dict(zip(self._names, np.array([_row(step) for step in self.steps], dtype=float).T, strict=True))
+
+    @property
+    def _names(self) -> list[str]:
+        return [*Step._fields[:-1], *self.inputs.world.plan.names]
+
+    def write(self, folder: str | Path, *, force: bool = False) -> None:
+        """Write the result folder, whole or not at all.
+
+        Parameters
+        ----------
+        folder : str or Path
+        force : bool, optional
+            Whether a folder of this name is replaced.
+
+        Raises
+        ------
+        InputError
+            If the name is taken and `force` is not set, or the folder cannot be written.
+        """
+        world = self.inputs.world
+        with new_folder(str(folder), force=force) as target:
+            with (target / "flight.csv").open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow(self._names)
+                writer.writerows(map(_row, self.steps))
+            summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
+            (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
+            if self.decisions:
+                rows = (record_row(record, world.plan.names) for record in self.decisions)
+                lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
+                (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
+            write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
+            _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
 
-def _write_csv(path: Path, world: World, steps: Sequence[Step]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        columns = [name for name in Step._fields if name != "parameters"]
-        writer.writerow([*columns, *world.plan.names])
-        for step in steps:
-            writer.writerow([round(step.time_s, 9), *step[1:-1], *step.parameters])
+def fly_flight(
+    inputs: FlightInputs,
+    expected: Preflight | None = None,
+    on_step: Callable[[Step], None] = lambda _step: None,
+    overrides: Sequence[str] = (),
+) -> Flight:
+    """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
+    planner, outcome, steps = inputs.planner(), Outcome(), []
+    for step in fly(inputs.world, planner, outcome):
+        steps.append(step)
+        on_step(step)
+    summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
+    return Flight(inputs, summary, steps, outcome.records, overrides)
+
+
+def _row(step: Step) -> list[float]:
+    return [round(step.time_s, 9), *step[1:-1], *step.parameters]
 
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:

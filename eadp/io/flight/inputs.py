@@ -8,12 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, project
+from eadp import __version__
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
-from eadp.io.profile.model_file import ends_as_model, parse_profile
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
@@ -25,35 +27,62 @@ from eadp.planning.base import Mission, Planner
 from eadp.planning.joint.preflight import Preflight, preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
+from eadp.simulation.sweep.design import Run
 
 CORNERS_LIMIT = 6
 Content = TypeVar("Content")
 
 
 class Files:
-    """Where the files of a flight come from: here, from their paths."""
+    """Files of flights, by path: each is read and parsed once. Only the texts are pickled.
+
+    `texts` are those that are known already.
+    """
+
+    def __init__(self, texts: Mapping[str, Text] | None = None) -> None:
+        self.texts = dict(texts or {})
+        self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
+
+    def __getstate__(self) -> tuple[str, dict[str, Text]]:
+        return __version__, self.texts
+
+    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
+        version, self.texts = state
+        self._contents = {}
+        if version != __version__:  # another version's flights may differ
+            raise EadpError(f"this is eadp {__version__}")
 
     def text(self, path: str) -> Text:
         """A file's text."""
-        return read_text(path)
+        if path not in self.texts:
+            self.texts[path] = read_text(path)
+        return self.texts[path]
 
     def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
         """A file's text and content."""
         text = self.text(path)
-        return text, parse(text)
+        if (path, parse) not in self._contents:
+            self._contents[path, parse] = parse(text)
+        content: Content = self._contents[path, parse]
+        return text, content
 
     def document(self, path: str | None) -> Document:
         """A scenario's document, or that of the defaults."""
-        return Document("scenario", {}) if path is None else self.read(path, scenario_document)[1]
+        return Document(SourceText(Text("scenario", "")), {}) if path is None else self.read(path, scenario_document)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys overridden."""
         return scenario_of(self.document(path), overrides, self.text)
 
+    def load(self, run: Run) -> FlightInputs:
+        """The flight of a run, ready to be flown."""
+        paths = {f"{kind}_path": path for kind, path in run.files.items()}
+        return load_flight(**paths, overrides=run.overrides, files=self)
+
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
     """A profile and its warnings: a model, or measurements."""
-    return parse_profile(text, is_model=ends_as_model(text.name))
+    return parse_profile(text)
 
 
 @dataclass(frozen=True)
@@ -86,7 +115,7 @@ def load_flight(
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files; `files` says where they come from, if not from the paths.
+    """Read and check a flight's files; those in `files` are not read again.
 
     Raises
     ------
@@ -101,7 +130,7 @@ def load_flight(
     ]
     scenario = files.scenario(scenario_path, overrides)
     if scenario_path is not None:
-        texts["scenario"] = Text(scenario.document.name, "\n".join(scenario.document.lines))
+        texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()
@@ -252,12 +281,7 @@ def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
 def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
     try:
-        if stage.kind == LINE:
-            line_of(path, trigger, stage.sense)
-        elif stage.kind == CIRCLE:
-            circle_of(path, trigger, stage.sense)
-        else:
-            project(path, trigger)
+        stage.track(path, trigger).nearest(trigger)
     except PathUndefined as error:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.log.messages import Tables
-from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_text
+from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_text
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
@@ -22,27 +21,6 @@ _TIME_MS = ("TimeMS",)
 _INSTANCE = ("Instance", "Inst", "I")
 
 
-@dataclass(frozen=True, eq=False)
-class BatteryTable:
-    """Readings of one battery.
-
-    Attributes
-    ----------
-    time_us, voltage_v, current_a : array, shape (n,)
-        As logged [µs, V, A], with unknown readings.
-    position_m : array, shape (n, 2), or None
-        x and y [m], interpolated; NaN before the first and after the last.
-    notes : list of str
-        Comments on how it was read.
-    """
-
-    time_us: FloatArray
-    voltage_v: FloatArray
-    current_a: FloatArray
-    position_m: FloatArray | None
-    notes: list[str] = field(default_factory=list)
-
-
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
     for option, asked in (("--power", columns.power), ("--columns", ",".join(columns.names))):
@@ -50,25 +28,23 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
             raise InputError.at(option, 1, 1, "an autopilot's log has no such columns", "none of it", asked)
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
-    battery = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
-    warnings = [Fault(name, 1, 1, note, severity="warning") for note in battery.notes]
-    time, volts, amps = battery.time_us, battery.voltage_v, battery.current_a
-    counts: dict[str, int | float] = {"rows": len(time)}
-    known = np.isfinite(volts) & np.isfinite(amps) & (volts > 0) & (amps != 0) & (amps != -1)
-    known &= (volts <= LARGEST_W) & (np.abs(amps) <= LARGEST_W)
-    if unknown := int(len(time) - np.count_nonzero(known)):
+    time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
+    position_m = _position_m(name, tables, time_us)
+    warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
+    counts: dict[str, int | float] = {"rows": len(time_us)}
+    known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
+    if unknown := int(np.count_nonzero(~known)):
         counts["unknown"] = unknown
         message = f"{rows_text(unknown)} with an unknown voltage or current (0 or -1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
-    others = np.empty((len(time), 0)) if battery.position_m is None else battery.position_m
-    factors = np.stack([volts, amps], axis=1)
-    readings = Readings(time, factors, others, np.ones(len(time), dtype=np.int64)).at(known)
-    return in_order(name, readings, 1e6, warnings, counts, position=battery.position_m is not None)
+    others = np.empty((len(time_us), 0)) if position_m is None else position_m
+    readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
+    return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None)
 
 
 def battery_table(
     name: str, tables: Tables, instance: int | None = None, voltage: str = "", current: str = ""
-) -> BatteryTable:
+) -> tuple[FloatArray, FloatArray, list[str]]:
     """The readings of one battery.
 
     Parameters
@@ -82,6 +58,14 @@ def battery_table(
     voltage, current : str
         Fields to read; default: those of the names known.
 
+    Returns
+    -------
+    time_us : array, shape (n,)
+    readings : array, shape (n, 2)
+        Voltage [V] and current [A] as logged, with unknown readings.
+    notes : list of str
+        Comments on how it was read.
+
     Raises
     ------
     InputError
@@ -93,17 +77,18 @@ def battery_table(
     if instance is not None and instance not in batteries:
         known = ", ".join(map(str, sorted(batteries)))
         raise InputError.at("--instance", 1, 1, f"no battery {instance} in {printable(name)}", known, str(instance))
-    pairs = {
-        number: (
-            _column(name, "--voltage", table, voltage, _VOLTAGE),
-            _column(name, "--current", table, current, _CURRENT),
+    found = {
+        number: np.stack(
+            [
+                _column(name, "--voltage", table, voltage, _VOLTAGE),
+                _column(name, "--current", table, current, _CURRENT),
+            ],
+            axis=1,
         )
         for number, table in sorted(batteries.items())
         if instance in (None, number)
     }
-    number = max(pairs, key=lambda key: (_known(*pairs[key]), -key))
-    volts, amps = pairs[number]
-    time_us = _time_us(name, batteries[number])
+    number = max(found, key=lambda key: (np.count_nonzero(_is_known(found[key])), -key))
     notes = []
     if instance is None and len(batteries) > 1:
         others = ", ".join(str(other) for other in sorted(batteries) if other != number)
@@ -112,7 +97,7 @@ def battery_table(
         notes.append("the log ends in the middle of a message")
     if tables.skipped_bytes:
         notes.append(f"{tables.skipped_bytes} bytes that are no message skipped")
-    return BatteryTable(time_us, volts, amps, _position_m(name, tables, time_us), notes)
+    return _time_us(name, batteries[number]), found[number], notes
 
 
 def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
@@ -139,16 +124,13 @@ def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, na
     there = [table[label] for label in names if label in table]
     if not there:
         raise InputError.at(name, 1, 1, f"the battery has no {option.strip('-')}", " or ".join(names))
-    return next((values for values in there if np.any(_is_known(values))), there[0])
+    return next((values for values in there if np.any(_is_known(values[:, np.newaxis]))), there[0])
 
 
-def _is_known(values: FloatArray) -> NDArray[np.bool_]:
-    known: NDArray[np.bool_] = np.isfinite(values) & (values != 0) & (values != -1)
+def _is_known(readings: FloatArray) -> NDArray[np.bool_]:
+    """Rows whose values are all known: autopilots write 0 or −1 for unknown."""
+    known: NDArray[np.bool_] = (np.isfinite(readings) & (readings != 0) & (readings != -1)).all(axis=1)
     return known
-
-
-def _known(volts: FloatArray, amps: FloatArray) -> int:
-    return int(np.count_nonzero(_is_known(volts) & _is_known(amps)))
 
 
 def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:

@@ -165,8 +165,7 @@ def _computing_power_w(path: str, profile: AnyProfile, configurations: FloatArra
         power = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
     except Infeasible as error:
         raise InputError.at(path, 1, 1, f"the log has a configuration outside the profile: {error}") from None
-    result: FloatArray = power[which.ravel()] if len(power) else np.zeros(len(configurations))
-    return result
+    return power[which.ravel()] if len(power) else np.zeros(len(configurations))
 
 
 def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:

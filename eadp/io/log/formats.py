@@ -20,18 +20,16 @@ LIMIT_BYTES = 2_000_000_000
 """Largest binary log."""
 
 
+@dataclass
 class LogSource:
     """A log by its path, or as a text; read once, when it is needed."""
 
-    def __init__(self, path: str, text: Text | None = None) -> None:
-        self.name = path
-        if text is not None:
-            self.text = text
+    name: str
 
     @cached_property
     def head(self) -> bytes:
         """The first bytes; those of the text where the file, a pipe, can be read only once."""
-        if "text" not in vars(self) and os.path.isfile(self.name):
+        if os.path.isfile(self.name):
             try:
                 with open(self.name, "rb") as stream:
                     return stream.read(HEAD)
@@ -104,14 +102,6 @@ def read_power_log(path: str, columns: Columns | None = None) -> PowerLog:
     InputError
         With the faults of the file or of `columns`; and if fewer than `MIN_SAMPLES` readings are left.
     """
-    return _read(LogSource(path), columns)
-
-
-def parse_power_log(text: Text, columns: Columns | None = None) -> PowerLog:
-    """`read_power_log` of a text."""
-    return _read(LogSource(text.name, text), columns)
-
-
-def _read(source: LogSource, columns: Columns | None) -> PowerLog:
+    source = LogSource(path)
     chosen = next(each for each in FORMATS if each.recognise(source.head))
     return chosen.read(source, columns or Columns())

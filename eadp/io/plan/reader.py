@@ -24,6 +24,7 @@ from eadp.core.expressions.tree import (
 )
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
 from eadp.io.plan.writer import point_text
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.plan.plan import (
     ROTATIONS,
@@ -115,8 +116,7 @@ def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
 
 class _Reader:
     def __init__(self, text: Text) -> None:
-        self._file = text.name
-        self._source = text.body.split("\n")
+        self._source = SourceText(text)
         self._faults: list[Fault] = []
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
@@ -135,7 +135,7 @@ class _Reader:
     # --- the whole file
 
     def plan(self) -> tuple[Plan, list[Finding]]:
-        for number, raw in enumerate(self._source, 1):
+        for number, raw in enumerate(self._source.lines, 1):
             line = self._unnumbered(number, raw)
             if line is not None and line.text.strip():
                 self._read_line(line)
@@ -202,7 +202,7 @@ class _Reader:
     def _ends_on_condition(self, number: int) -> bool:
         """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
         section = ""
-        for raw in self._source[number:]:
+        for raw in self._source.lines[number:]:
             text = _NUMBERED.sub("", raw, count=1)
             if match := _SECTION.match(text):
                 if match[1] == "init":
@@ -518,7 +518,7 @@ class _Reader:
     def _check_short_form(self, group: _Group) -> None:
         """A plan of one repeating segment with a final point, as the papers write it."""
         if group.final is None and not self._faults:
-            self._fault(_Line(len(self._source), "", 1), 0, "no final point", "a section trig: with one")
+            self._fault(_Line(len(self._source.lines), "", 1), 0, "no final point", "a section trig: with one")
         if not group.coordinates and not self._faults:
             self._fault(
                 self._drafts[0].line, 0, "a section path: without coordinates", "a section init: that names some"
@@ -554,7 +554,7 @@ class _Reader:
         parts = self._parts()
         stages = tuple(self._stage(index, draft, boxes, parts) for index, draft in enumerate(self._drafts, 1))
         plan = Plan(
-            name=self._file,
+            name=self._source.name,
             stages=stages,
             path_count=path_count,
             computations=computations,
@@ -562,7 +562,7 @@ class _Reader:
             min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
-            parts=parts,
+            segments=parts,
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured
@@ -586,7 +586,7 @@ class _Reader:
 
     def _with_laps(self, plan: Plan) -> Plan:
         """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
-        counts = {part.count for part in plan.parts if part.repeats}
+        counts = {part.count for part in plan.segments if part.repeats}
         return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:
@@ -713,8 +713,7 @@ class _Reader:
     # --- reading parts of a line, faults recorded
 
     def _fault(self, line: _Line, offset: int, message: str, expected: str = "") -> None:
-        source = self._source[line.number - 1] if line.number <= len(self._source) else ""
-        self._faults.append(Fault(self._file, line.number, line.column + offset, message, expected, source))
+        self._faults.append(self._source.fault((line.number, line.column + offset), message, expected))
 
     def _attempt(self, line: _Line, start: int, expected: str, read: Callable[[], T]) -> T | None:
         try:

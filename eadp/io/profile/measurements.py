@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.signals.averaging import SampleMean, average
-from eadp.errors import Fault, Infeasible, InputError, capped, printable
+from eadp.errors import Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
 from eadp.io.text.streams import Text
 from eadp.models.profile import MIN_EFFECTIVE_SAMPLES, Profile, configuration_text
@@ -264,8 +264,7 @@ def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
             faults.append(row.fault(i, heading.problem, _A_HEADER))
         elif heading.name and heading.name in [before.name for before in headings[:i]]:
             faults.append(row.fault(i, f"the column {heading.name} stands twice", "each once"))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def read_heading(field: str) -> ColumnHeading:
@@ -340,8 +339,7 @@ def _read_rows(rows: Sequence[Row], layout: _Layout, readings: _Readings) -> Non
             runs.append([])
         runs[-1].append((power_w, row))
         before = point
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout: _Layout) -> list[Fault]:
@@ -365,6 +363,5 @@ def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout
             continue
         message = f"repeated configurations that disagree: {extremes}, {deviation}"
         faults.append(later.fault(layout.power, message, f"at most {100 * STD_LIMIT:.0f} %"))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     return warnings

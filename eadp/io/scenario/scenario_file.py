@@ -6,8 +6,9 @@ The settings stand beside what they set, in the dataclasses of models and planni
 from __future__ import annotations
 
 import copy
+import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -18,6 +19,7 @@ from pydantic import Field, TypeAdapter
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
@@ -235,7 +237,8 @@ def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) 
     InputError
         With every fault that was found.
     """
-    return scenario_of(Document("scenario", {}) if path is None else scenario_document(read_text(path)), overrides)
+    text = Text("scenario", "") if path is None else read_text(path)
+    return scenario_of(Document(SourceText(text), {}) if path is None else scenario_document(text), overrides)
 
 
 def scenario_document(text: Text) -> Document:
@@ -321,6 +324,26 @@ def read_override(raw: str) -> tuple[str, Any]:
         raise InputError.at("--set", 1, column, first.message, first.expected, raw) from None
 
 
+def value_text(value: Any) -> str:
+    """A value as text that is both JSON and YAML; arrays become lists, and paths texts."""
+    return json.dumps(value, default=lambda other: other.tolist() if hasattr(other, "tolist") else str(other))
+
+
+def override_texts(
+    given: Mapping[str, Any] | Iterable[str], planner: str | None = None, seed: int | None = None
+) -> list[str]:
+    """Overrides as key=value, of a mapping or as they are given; a planner and a seed are two more."""
+    pairs = given.items() if isinstance(given, Mapping) else ()
+    texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
+    texts += [f"planner.name={planner}"] if planner is not None else []
+    return texts + ([f"seed={seed}"] if seed is not None else [])
+
+
+def read_overrides(texts: Iterable[str]) -> dict[str, Any]:
+    """`read_override` of each text; of two with one key, the last holds."""
+    return dict(map(read_override, texts))
+
+
 def _put(document: Document, key: str, value: Any) -> None:
     """Set a dotted key; the locations of what it replaces are removed."""
     parts = key.split(".")
@@ -330,15 +353,15 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
-    if key in _WIND_DIRECTIONS and value is not None:
-        target.pop(_WIND_DIRECTIONS[key], None)
+    if key in WIND_DIRECTIONS and value is not None:
+        target.pop(WIND_DIRECTIONS[key], None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
 
 
-_WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
+WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
 """The other key of the wind's direction: an override of one removes the other."""
 
 

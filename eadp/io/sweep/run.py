@@ -4,64 +4,25 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
-from eadp import __version__
 from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
-from eadp.io.flight.folder import summarise
-from eadp.io.flight.inputs import Content, Files, FlightInputs, load_flight
-from eadp.io.text.streams import Text, read_text
+from eadp.io.flight.folder import fly_flight
+from eadp.io.flight.inputs import Files
+from eadp.io.sweep.results import Results
+from eadp.io.sweep.sweep_file import Sweep
 from eadp.simulation.loop import Outcome, fly
-from eadp.simulation.sweep.design import Result, Run
+from eadp.simulation.sweep.design import Result, Run, interleaved, make_runs
+from eadp.simulation.sweep.engines.base import EngineOptions
+from eadp.simulation.sweep.engines.registry import open_engine
 
 UNLOGGED_S = 1e9
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
-
-
-class KeptFiles(Files):
-    """Files whose texts are sent with the runs; each is parsed once. Only the texts are pickled."""
-
-    def __init__(self, texts: dict[str, Text]) -> None:
-        self.texts = texts
-        self._kept: dict[tuple[str, Callable[[Text], Any]], Any] = {}
-
-    def __getstate__(self) -> tuple[str, dict[str, Text]]:
-        return __version__, self.texts
-
-    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
-        version, self.texts = state
-        self._kept = {}
-        if version != __version__:  # another version's flights may differ
-            raise EadpError(f"this is eadp {__version__}")
-
-    def text(self, path: str) -> Text:
-        """A file's text; a vehicle file's path shows only in a scenario, so its text is added when that is read."""
-        if path not in self.texts:
-            self.texts[path] = read_text(path)
-        return self.texts[path]
-
-    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
-        """A file's text and content."""
-        if (path, parse) not in self._kept:
-            self._kept[path, parse] = super().read(path, parse)
-        result: tuple[Text, Content] = self._kept[path, parse]
-        return result
-
-    def load(self, run: Run) -> FlightInputs:
-        """A run's flight, ready to be flown."""
-        return load_flight(
-            run.files["plan"],
-            scenario_path=run.files.get("scenario"),
-            profile_path=run.files.get("profile"),
-            energy_path=run.files.get("energy"),
-            overrides=run.overrides,
-            files=self,
-        )
 
 
 class FlyRun:
@@ -70,7 +31,7 @@ class FlyRun:
     `fast` is whether flights are compiled if possible.
     """
 
-    def __init__(self, files: KeptFiles, *, fast: bool = True) -> None:
+    def __init__(self, files: Files, *, fast: bool = True) -> None:
         self._files = files
         self._fast = fast
         self._warm = False
@@ -95,13 +56,31 @@ class FlyRun:
 
     def _summary(self, run: Run) -> dict[str, Any]:
         inputs = self._files.load(run)
-        world, pilot, outcome = replace(inputs.world, log_every_s=UNLOGGED_S), inputs.planner(), Outcome()
-        for _ in fly(world, pilot, outcome):
-            pass
-        summary = summarise(world, pilot, outcome, inputs.scenario.planner)
+        inputs = replace(inputs, world=replace(inputs.world, log_every_s=UNLOGGED_S))
+        summary = fly_flight(inputs).summary
         summary["solver"] = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
         json.dumps(summary, allow_nan=False)  # a figure that cannot be stored is this run's error
         return summary
+
+
+@contextmanager
+def missing_runs(
+    sweep: Sweep, indices: Sequence[int], results: Results, jobs: int | None = None, scheduler: str | None = None
+) -> Iterator[tuple[int, int, Iterator[tuple[Run, Result]]]]:
+    """The number of the runs that are not made yet, that of workers, and an iterator that makes them as it goes.
+
+    The engine ends with the block.
+    """
+    missing = [indices[i] for i in results.missing()]
+    if not missing:
+        yield 0, 1, iter(())
+        return
+    engine = open_engine(FlyRun(sweep.kept), EngineOptions(len(missing), jobs, scheduler))
+    try:
+        runs = (sweep.run(index) for index in interleaved(missing))
+        yield len(missing), engine.workers, make_runs(runs, engine, results)
+    finally:
+        engine.close()
 
 
 def _message(error: Exception) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,15 +16,15 @@ from eadp import __version__
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
-from eadp.io.flight.inputs import profile_of
+from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.plan.reader import read_plan
-from eadp.io.scenario.scenario_file import Scenario, beside, override_key, vehicle_path
-from eadp.io.sweep.run import KeptFiles
+from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.simulation.sweep.design import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
+from eadp.simulation.sweep.statistics import SweepFlight
 
 SCHEMA = "eadp.sweep/1"
 RUNS_LIMIT = 1_000_000
@@ -84,7 +84,7 @@ class Sweep:
 
     name: str
     design: Design
-    kept: KeptFiles
+    kept: Files
     files: Mapping[str, str]
     overrides: Mapping[str, Any]
     scenarios: Mapping[str, Scenario] = field(repr=False)
@@ -120,6 +120,14 @@ class Sweep:
         files = self._files(point)
         return Run(index, self._key(files, overrides), files, overrides)
 
+    def flights(self, indices: Iterable[int], rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
+        """The runs of some indices with the figures of their rows in the results."""
+        points = map(self.design.point, indices)
+        return [
+            SweepFlight(point.index, point.values, self.seed(point), **row)
+            for point, row in zip(points, rows, strict=True)
+        ]
+
     def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
         """A hash of all that a run depends on: files by content, overrides with the seed, and the version of eadp."""
         contents = {kind: self._digests[path] for kind, path in files.items()}
@@ -147,13 +155,13 @@ def full_key(name: str) -> str:
     return SHORT.get(name) or override_key(name) or name
 
 
-def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
+def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     """Read a sweep file and every file it names, and check every value it lists by the scenario's schema.
 
     Parameters
     ----------
-    path : str
-        The file, `-` for standard input.
+    text : Text
+        The file.
     overrides : mapping of dotted key to value, optional
         Set in every run, as `read_override` gives them.
 
@@ -162,7 +170,7 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
     InputError
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
-    document = read_yaml(read_text(path))
+    document = read_yaml(text)
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
@@ -172,12 +180,13 @@ def read_sweep(path: str, overrides: Mapping[str, Any] | None = None) -> Sweep:
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
-    files = {kind: beside(document.name, value) for kind in FILES if (value := getattr(keys, kind)) is not None}
-    kept = KeptFiles(_texts(document, keys, files))
-    scenarios = _scenarios(document, keys, files, kept, overrides)
+    paths, kept = _paths(document, keys), Files()
+    _read_texts(document, paths, kept)
+    files = {kind: path for kind, path, location in paths if location == (kind,)}
+    scenarios = _scenarios(paths, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
     _check_values(document, keys, sweep)
-    return replace(sweep, warnings=_read_all(document, keys, sweep))
+    return replace(sweep, warnings=_read_all(paths, sweep))
 
 
 # --- the design, and checks beyond the schema
@@ -244,6 +253,9 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 
 
 def _overlap(one: str, other: str) -> bool:
+    """Whether two keys are the same, one contains the other, or both are the wind's direction."""
+    if {one, other} == WIND_DIRECTIONS.keys():
+        return True
     return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 
 
@@ -290,40 +302,43 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
 # --- files, and values checked in them
 
 
-def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
-    """The texts of all files that the sweep file names, by path."""
-    named: list[tuple[Any, KeyPath]] = [(getattr(keys, kind), (kind,)) for kind in files]
-    named += [(value, location) for name, value, location in _listed(keys) if name in FILES]
-    texts: dict[str, Text] = {}
+def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]]:
+    """Kind, path and location of every file that the sweep file names."""
+    given = [(kind, getattr(keys, kind)) for kind in FILES]
+    named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
+    named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
+    if faults := [
+        document.fault(location, "not a file name", "a path relative to this file")
+        for _, value, location in named
+        if not isinstance(value, str)
+    ]:
+        raise capped(faults)
+    return [(kind, beside(document.name, value), location) for kind, value, location in named]
+
+
+def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
+    """Read every file; one that cannot be read is a fault of the sweep file."""
     faults = []
-    for value, location in named:
-        if not isinstance(value, str):
-            faults.append(document.fault(location, "not a file name", "a path relative to this file"))
-            continue
-        path = beside(document.name, value)
+    for _, path, location in paths:
         try:
-            texts.setdefault(path, texts.get(path) or read_text(path))
+            kept.text(path)
         except InputError as error:
             fault = error.faults[0]
             faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
     if faults:
         raise capped(faults)
-    return texts
 
 
-def _scenarios(
-    document: Document, keys: SweepKeys, files: Mapping[str, str], kept: KeptFiles, overrides: Mapping[str, Any]
-) -> dict[str, Scenario]:
+def _scenarios(paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]) -> dict[str, Scenario]:
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
-    paths = [beside(document.name, value) for name, value, _ in _listed(keys) if name == "scenario"]
-    if not paths and "scenario" in files:
-        paths = [files["scenario"]]
-    scenarios = {path: kept.scenario(path, overrides) for path in dict.fromkeys(paths)}
-    for scenario in scenarios.values():
-        own = scenario.profile_path
-        replaced = "profile" in files or any(name == "profile" for name, *_ in _varied_keys(keys))
-        if own is not None and own not in kept.texts and not replaced:
-            kept.texts[own] = read_text(own)
+    # a varied scenario comes after the one of all runs, and replaces it
+    named = [(path, location) for kind, path, location in paths if kind == "scenario"]
+    flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
+    scenarios = {path: kept.scenario(path, overrides) for path in flown}
+    if not any(kind == "profile" for kind, *_ in paths):
+        for scenario in scenarios.values():
+            if scenario.profile_path is not None:
+                kept.text(scenario.profile_path)
     return scenarios
 
 
@@ -345,12 +360,10 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
         raise capped(list(dict.fromkeys(faults)))
 
 
-def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
+def _read_all(paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
-    named = [*sweep.files.items()]
-    named += [(name, beside(document.name, value)) for name, value, _ in _listed(keys) if name in FILES]
-    for kind, path in named:
+    for kind, path, _ in paths:
         if kind in parsers:
             sweep.kept.read(path, parsers[kind])
     try:

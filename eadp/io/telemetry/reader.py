@@ -12,8 +12,8 @@ from typing import Annotated, Any, BinaryIO
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eadp.errors import Fault, InputError, printable
-from eadp.io.field.draft import FieldSource
 from eadp.io.text.json import JsonObject, JsonReader
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.planning.live import Sample
 
@@ -116,7 +116,7 @@ class TelemetryReader:
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
         try:
-            value = JsonReader(FieldSource(Text(self._name, text))).document()
+            value = JsonReader(SourceText(Text(self._name, text))).document()
         except InputError as error:
             fault = error.faults[0]
             # the JSON reader takes its text for a file

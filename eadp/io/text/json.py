@@ -13,7 +13,7 @@ import re
 from typing import Any
 
 from eadp.errors import InputError, printable
-from eadp.io.field.draft import FieldSource
+from eadp.io.text.source import SourceText
 
 NESTING_LIMIT = 50
 """Greatest nesting of lists and objects, the document included."""
@@ -49,7 +49,7 @@ class JsonObject(dict[str, Any]):
 class JsonReader:
     """A reader of JSON that keeps the offset of every value but those within a position."""
 
-    def __init__(self, source: FieldSource) -> None:
+    def __init__(self, source: SourceText) -> None:
         self.source, self.body, self.decoder = source, source.body, json.JSONDecoder()
 
     def document(self) -> Any:

@@ -11,6 +11,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from eadp.errors import Fault, InputError, printable
+from eadp.io.text.source import Location, SourceText
 from eadp.io.text.streams import Text
 
 Path = tuple[str | int, ...]
@@ -31,12 +32,16 @@ _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)\Z|\.(nan|NaN|NAN)\Z")
 class Document:
     """A YAML document: its value, and the line and column (from 1) of every value by its path of keys."""
 
-    name: str
-    value: Any
-    places: dict[Path, tuple[int, int]] = field(default_factory=dict)
-    lines: list[str] = field(default_factory=list)
+    source: SourceText
+    value: Any = None
+    places: dict[Path, Location] = field(default_factory=dict)
     overrides: dict[Path, str] = field(default_factory=dict)
     """Values from another source, such as an option: its name in messages."""
+
+    @property
+    def name(self) -> str:
+        """The name of the file in messages."""
+        return self.source.name
 
     def fault(self, path: Path, message: str, expected: str = "") -> Fault:
         """A fault at the value of `path`, or at its nearest parent that the document has."""
@@ -44,9 +49,7 @@ class Document:
             if path in self.overrides:
                 return Fault(self.overrides[path], 1, 1, message, expected)
             path = path[:-1]
-        line, column = self.places.get(path, (1, 1))
-        source = self.lines[line - 1] if 0 < line <= len(self.lines) else ""
-        return Fault(self.name, line, column, message, expected, source)
+        return self.source.fault(self.places.get(path, (1, 1)), message, expected)
 
 
 def read_yaml(text: Text) -> Document:
@@ -58,21 +61,17 @@ def read_yaml(text: Text) -> Document:
         On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
         not strings, NaN and infinities, more than 50 levels, and numbers of more than 50 digits.
     """
-    document = Document(text.name, None, lines=text.body.split("\n"))
-
-    def fail(line: int, column: int, message: str, expected: str = "") -> InputError:
-        source = document.lines[line - 1] if line <= len(document.lines) else ""
-        return InputError.at(text.name, line, column, message, expected, source)
-
+    source = SourceText(text)
+    document = Document(source)
     try:
-        _refuse_references(text.body, fail)
+        _refuse_references(source)
         node = yaml.compose(text.body, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        raise fail(line, column, f"is not YAML: {printable(error.problem or 'cannot be read')}") from None
+        message = f"is not YAML: {printable(error.problem or 'cannot be read')}"
+        raise source.error(_location(mark), message) from None
     except yaml.YAMLError as error:
-        raise fail(1, 1, f"is not YAML: {printable(str(error).splitlines()[0])}") from None
+        raise source.error((1, 1), f"is not YAML: {printable(str(error).splitlines()[0])}") from None
     faults: list[Fault] = []
     if node is not None:
         document.value = _build(node, (), document, faults)
@@ -88,23 +87,26 @@ class _Loader(yaml.SafeLoader):
 _Loader.yaml_implicit_resolvers = {}
 
 
-def _refuse_references(body: str, fail: Any) -> None:
+def _location(mark: Any) -> Location:
+    return (mark.line + 1, mark.column + 1) if mark else (1, 1)
+
+
+def _refuse_references(source: SourceText) -> None:
     depth = 0
-    for event in yaml.parse(body, Loader=_Loader):
-        mark = event.start_mark
-        at = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+    for event in yaml.parse(source.body, Loader=_Loader):
+        at = _location(event.start_mark)
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise fail(*at, "a YAML alias or anchor", "the value written out")
+            raise source.error(at, "a YAML alias or anchor", "the value written out")
         tag = getattr(event, "tag", None)
         if tag:
-            raise fail(*at, f"a YAML tag {printable(str(tag))}", "a plain value")
+            raise source.error(at, f"a YAML tag {printable(str(tag))}", "a plain value")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > NESTING_LIMIT:
-            raise fail(*at, f"nested deeper than {NESTING_LIMIT} levels")
+            raise source.error(at, f"nested deeper than {NESTING_LIMIT} levels")
 
 
 def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> Any:
-    document.places.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
+    document.places.setdefault(path, _location(node.start_mark))
     if isinstance(node, MappingNode):
         return _mapping(node, path, document, faults)
     if isinstance(node, SequenceNode):
@@ -116,19 +118,19 @@ def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> A
 def _mapping(node: MappingNode, path: Path, document: Document, faults: list[Fault]) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key_node, value_node in node.value:
-        mark = key_node.start_mark
+        location = _location(key_node.start_mark)
         if not isinstance(key_node, ScalarNode):
-            document.places[(*path, "?")] = (mark.line + 1, mark.column + 1)
+            document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), "a key that is not a name", "a name"))
             continue
         key = key_node.value
         if key in result:
-            document.places[(*path, "?")] = (mark.line + 1, mark.column + 1)
+            document.places[(*path, "?")] = location
             faults.append(document.fault((*path, "?"), f"the key {printable(key)} stands twice", "it once"))
             continue
         result[key] = _build(value_node, (*path, key), document, faults)
         # the location is the key's: an empty value has none, and a block starts a line later
-        document.places[(*path, key)] = (mark.line + 1, mark.column + 1)
+        document.places[(*path, key)] = location
     return result
 
 

@@ -142,7 +142,7 @@ class PlanCursor(NamedTuple):
         """The same stage after a decision.
 
         Computations change at once. A path parameter waits for its stage, or takes effect at once where the rules say
-        `live`; a lap's last stage keeps its place all the same. A plan of segments latches whatever the rules say.
+        `live`; a lap's last stage stays where it lies. A plan of segments latches whatever the rules say.
         """
         if self.table.live:
             waiting = parameters
@@ -202,7 +202,7 @@ class PlanCursor(NamedTuple):
         for index in range(self.segment + 1, len(table.segments)):
             segment = table.segments[index]
             values = _clipped(table.plan.stages[segment.first], self.decided)
-            state = segment.begin(values)
+            state = segment.start(values)
             if not segment.repeats or not segment.over(values, state):
                 start = self._replace(waiting=self.decided)
                 return start._enter(index, segment.first, 0, state, self.base_m)
@@ -255,8 +255,8 @@ class _Table:
 
     def __init__(self, plan: Plan, rules: Rules) -> None:
         self.plan, self.rules = plan, rules
-        self.segments = plan.parts or (Segment(0, len(plan.stages)),)
-        self.live = rules.parameter_changes == LIVE and not plan.parts
+        self.segments = plan.segments or (Segment(0, len(plan.stages)),)
+        self.live = rules.parameter_changes == LIVE and not plan.segments
         self.latches = [_latches(plan, segment) for segment in self.segments]
         self._changed = [
             next((stage for stage in plan.stages if parameter.name in stage.path.names), plan.stages[0])
@@ -300,7 +300,7 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
             continue
         # names of loop variables that depend on the parameter, through formulas of formulas
         dependent = {parameter.name}
-        for variable in segment.quantities:
+        for variable in segment.variables:
             if variable.shift is None and variable.first.names & dependent:
                 dependent.add(variable.name)
         named = [i for i, stage in enumerate(stages) if stage.path.names & dependent]

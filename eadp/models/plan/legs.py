@@ -8,17 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import (
-    CIRCLE,
-    LINE,
-    Point,
-    circle_of,
-    curve_length_m,
-    line_of,
-    points_along,
-    project,
-    tangent,
-)
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
+from eadp.core.geometry.tracks import Track
 from eadp.models.plan.plan import Stage
 from eadp.models.plan.triggers import beyond
 
@@ -47,6 +38,10 @@ class Leg:
     def distance_m(self) -> float:
         """The distance flown along the leg [m]."""
         return min(self.length_m, self.flown_m)
+
+    def track(self) -> Track:
+        """Its path as travelled to its trigger, in the frame of lap 0."""
+        return self.stage.track(self.path, (self.end_m[0] - self.offset_m[0], self.end_m[1] - self.offset_m[1]))
 
 
 class TracePoint(NamedTuple):
@@ -104,11 +99,11 @@ def _circle_reaches(leg: Leg, final: Point, shift: Point, radius_m: float) -> bo
     """Whether the whole circle of a leg has any point that could be beyond: by the square round it."""
     circle = circle_of(leg.path, (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1]), leg.stage.sense)
     for centre, offset, to, d in zip(circle.centre_m, leg.offset_m, final, shift, strict=True):
-        place, r = centre + offset, circle.radius_m
+        middle, r = centre + offset, circle.radius_m
         if abs(d) < 1e-9:
-            if abs(place - to) > radius_m + r:
+            if abs(middle - to) > radius_m + r:
                 return False
-        elif (place - to) * math.copysign(1.0, d) + r <= 0:
+        elif (middle - to) * math.copysign(1.0, d) + r <= 0:
             return False
     return True
 
@@ -128,7 +123,7 @@ def _on_circle(leg: Leg) -> Callable[[float], Point]:
 
 
 def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
-    """The same on a line: on each axis, a first and a last place from which and to which it is over."""
+    """`first_beyond_m` on a line: on each axis, the plan is over from a first distance to a last one."""
     first, last = 0.0, leg.length_m
     for start, end, to, d in zip(leg.start_m, leg.end_m, final, shift, strict=True):
         rate = (end - start) / leg.length_m if leg.length_m > 0 else 0.0
@@ -137,72 +132,30 @@ def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> flo
         else:
             sign = math.copysign(1.0, d)
             lows = [(sign * to + MIN_BEYOND_M, sign)]  # strictly beyond
-        for least, sign in lows:
+        for bound, sign in lows:
             value, slope = sign * start, sign * rate
             if abs(slope) < 1e-12:
-                if value < least:
+                if value < bound:
                     return None
             elif slope > 0:
-                first = max(first, (least - value) / slope)
+                first = max(first, (bound - value) / slope)
             else:
-                last = min(last, (least - value) / slope)
+                last = min(last, (bound - value) / slope)
     return first if first <= last else None
-
-
-def leg_length_m(stage: Stage, path: PathFunction, join: Point, trigger: Point) -> float:
-    """Length of a stage's path from where it is joined to its trigger [m]."""
-    if stage.kind == LINE:
-        return abs(line_of(path, trigger, stage.sense).progress_m(join))
-    if stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        return circle.radius_m * circle.sweep_rad(join, trigger)
-    return curve_length_m(path, project(path, join), trigger, stage.sense)
 
 
 def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
     """The points of one stage, to where the plan ends on it; see `trace`."""
     stage, (ox, oy) = leg.stage, leg.offset_m
     start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
-    end = (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
     count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
-    for (x, y), heading in _local_points(leg, start, end, count):
+    for (x, y), heading in leg.track().points(start, leg.distance_m, share, count):
         yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
 
 
-def _local_points(leg: Leg, start: Point, end: Point, count: int) -> Iterator[tuple[Point, float]]:
-    stage, path = leg.stage, leg.path
-    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
-    if stage.kind == LINE:
-        line = line_of(path, start, stage.sense)
-        (x, y), (dx, dy) = line.point_m, line.direction
-        length = line.progress_m(end) * share
-        heading = math.atan2(dy, dx)
-        for i in range(count + 1):
-            along = length * i / count
-            yield (x + along * dx, y + along * dy), heading
-    elif stage.kind == CIRCLE:
-        circle = circle_of(path, end, stage.sense)
-        first = circle.angle_rad(start)
-        sweep = leg.distance_m / circle.radius_m
-        for i in range(count + 1):
-            angle = first + circle.turn * sweep * i / count
-            yield circle.point_at(angle), math.remainder(angle + circle.turn * math.pi / 2, 2 * math.pi)
-    else:
-        points = points_along(path, start, stage.sense, leg.distance_m / count or 1.0)
-        for _ in range(count):
-            point = next(points)
-            yield point, _heading(leg, point)
-        last = project(path, end) if leg.distance_m == leg.length_m else next(points)
-        yield last, _heading(leg, last)
-
-
-def _heading(leg: Leg, point: Point) -> float:
-    x, y = tangent(leg.path, point, leg.stage.sense)
-    return math.atan2(y, x)
-
-
 def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
-    """How much of a leg is left at a position [m], and up to `early_m` to its begin, where the last one ended early.
+    """The distance left of a leg at a position [m]; up to `early_m` more than the leg, where the last one ended early.
 
     Parameters
     ----------
@@ -210,18 +163,9 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     position : (float, float)
         Where the aircraft is [m].
     flown_m : float
-        About how much of it has been flown [m]: what tells turns round a circle apart, and all there is on a curve.
+        Distance flown on it so far, roughly [m]: it resolves turns round a circle, and is the measure on a curve.
     """
-    stage, (ox, oy) = leg.stage, leg.offset_m
-    local, end = (position[0] - ox, position[1] - oy), (leg.end_m[0] - ox, leg.end_m[1] - oy)
+    local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
     cut_m = leg.length_m - leg.distance_m
-    if stage.kind == LINE:
-        left = -line_of(leg.path, end, stage.sense).progress_m(local) - cut_m
-    elif stage.kind == CIRCLE:
-        circle = circle_of(leg.path, end, stage.sense)
-        turn_m = 2 * math.pi * circle.radius_m
-        left = circle.radius_m * circle.sweep_rad(local, end) - cut_m
-        left += turn_m * round((leg.distance_m - flown_m - left) / turn_m)
-    else:
-        left = leg.distance_m - flown_m
+    left = leg.track().remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)

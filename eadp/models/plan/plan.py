@@ -9,6 +9,7 @@ from functools import cached_property
 from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
+from eadp.core.geometry.tracks import TRACKS, Track
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.segments import Segment, State
 
@@ -59,7 +60,7 @@ class Parameter:
 class Stage:
     """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
 
-    `part` is the part of the plan that it belongs to, where path and trigger may name quantities of the part.
+    `segment` is the one that it belongs to, where path and trigger may name its loop variables.
     """
 
     index: int
@@ -69,7 +70,7 @@ class Stage:
     path: Expression
     trigger: PointExpression
     sets: tuple[Box, ...] = ()
-    part: Segment | None = None
+    segment: Segment | None = None
 
     @cached_property
     def kind(self) -> str:
@@ -82,7 +83,7 @@ class Stage:
         return 1 if self.rotation_deg == 90 else -1
 
     def path_at(self, parameters: Sequence[float], state: State | None = None) -> PathFunction:
-        """The path function at given parameters, in the lap of its part that `state` tells; without, in the first.
+        """The path function at given parameters and loop variables; without these, in the first lap.
 
         Raises
         ------
@@ -90,43 +91,47 @@ class Stage:
             If it has no value there; the message names the stage.
         """
         try:
-            return bind(self.path, parameters, self._quantities(parameters, state))
+            return bind(self.path, parameters, self._variables(parameters, state))
         except PathUndefined as error:
             raise PathUndefined(f"the path of stage {self.index} {error}") from None
 
     def trigger_at(self, parameters: Sequence[float], state: State | None = None) -> Point:
-        """The trigger [m] at given parameters, in the lap of its part that `state` tells; without, in the first.
+        """The trigger [m] at given parameters and loop variables; without these, in the first lap.
 
         Raises
         ------
         PathUndefined
             If it has no value there; the message names the stage.
         """
-        quantities = self._quantities(parameters, state)
-        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", quantities)
+        variables = self._variables(parameters, state)
+        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", variables)
 
-    def _quantities(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
-        if self.part is None:
+    def _variables(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
+        if self.segment is None:
             return {}
-        return self.part.values(parameters, self.part.begin(parameters) if state is None else state)
+        return self.segment.values(parameters, self.segment.start(parameters) if state is None else state)
+
+    def track(self, path: PathFunction, end: Point) -> Track:
+        """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
+        return TRACKS[self.kind](path, end, self.sense)
 
     def names(self, parameter: str) -> bool:
         """Whether the path or the trigger depends on a parameter."""
-        return any(parameter in part.names for part in (self.path, *self.trigger))
+        return any(parameter in expression.names for expression in (self.path, *self.trigger))
 
 
 def point_at(
-    point: PointExpression, parameters: Sequence[float], what: str, quantities: Mapping[str, float] | None = None
+    point: PointExpression, parameters: Sequence[float], what: str, variables: Mapping[str, float] | None = None
 ) -> Point:
-    """A point [m] at given parameters, and quantities of its part.
+    """A point [m] at given parameters and loop variables.
 
     Raises
     ------
     PathUndefined
-        If it has no value there; the message begins with `what`.
+        If it has no value there; the message starts with `what`.
     """
     try:
-        return point[0].at(parameters, quantities=quantities), point[1].at(parameters, quantities=quantities)
+        return point[0].at(parameters, variables=variables), point[1].at(parameters, variables=variables)
     except PathUndefined as error:
         raise PathUndefined(f"{what}: {error}") from None
 
@@ -161,7 +166,7 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. A plan of `parts` flies them one after the other; the last one once, so
+    file's first line says, with its own sign. A plan of `segments` flies them one after the other; the last once, so
     that its last trigger is the final point.
     """
 
@@ -179,7 +184,7 @@ class Plan:
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
-    parts: tuple[Segment, ...] = ()
+    segments: tuple[Segment, ...] = ()
 
     @property
     def has_sets(self) -> bool:

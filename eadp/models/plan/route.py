@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,27 +18,17 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import jitted
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.tracks import Nodes
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
-from eadp.models.plan.legs import Leg, first_beyond_m, leg_length_m, leg_points
+from eadp.models.plan.legs import Leg, first_beyond_m
 from eadp.models.plan.plan import Stage
 
-NODES_PER_QUARTER, MAX_NODES = 4, 16
-CURVE_NODES = 24
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
 """A lap counts as final only if it clears the end by this much, or by twice the cross-track error: a search over
 parameters finds those whose last lap just reaches the end."""
-
-
-class Nodes(NamedTuple):
-    """Quadrature over a leg: lengths [m], directions of travel, curvatures [1/m]."""
-
-    weights_m: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
-    curvature_per_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -55,8 +45,8 @@ class Route:
     @cached_property
     def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
         """The nodes of all legs that differ, to which of these each belongs, and which each leg has: laps repeat."""
-        places: dict[int, int] = {}
-        order = np.array([places.setdefault(id(nodes), len(places)) for nodes in self.nodes])
+        index: dict[int, int] = {}
+        order = np.array([index.setdefault(id(nodes), len(index)) for nodes in self.nodes])
         different = {id(nodes): nodes for nodes in self.nodes}.values()
         flat = Nodes(*(np.concatenate(arrays) for arrays in zip(*different, strict=True)))
         return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
@@ -64,10 +54,10 @@ class Route:
     @cached_property
     def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
-        places: dict[tuple[int, Vector], int] = {}
+        index: dict[tuple[int, Vector], int] = {}
         keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
-        order = np.array([places.setdefault(key, len(places)) for key in keys])
-        return [keys.index(key) for key in places], order
+        order = np.array([index.setdefault(key, len(index)) for key in keys])
+        return [keys.index(key) for key in index], order
 
     def times_s(self, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
         """Time on each leg, and the time integral of tan² of the bank that it takes.
@@ -105,17 +95,17 @@ class Route:
         shares = []
         for i in firsts:
             sets, own = self.legs[i].stage.sets, self.parameters[i]
-            told = [box.share(value) or 0.0 for box, value in zip(sets, own, strict=True)] if sets else [0.0] * len(own)
-            shares.append(told)
+            known = zip(sets, own, strict=True) if sets else ()
+            shares.append([box.share(value) or 0.0 for box, value in known] or [0.0] * len(own))
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
     def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
         firsts, order = self._kinds
-        places: dict[object, int] = {}
+        index: dict[object, int] = {}
         keys = [key(self.legs[i].stage, self.parameters[i]) for i in firsts]
-        of_leg = np.array([places.setdefault(each, len(places)) for each in keys])[order]
-        members = [np.nonzero(of_leg == place)[0] for place in places.values()]
+        of_leg = np.array([index.setdefault(each, len(index)) for each in keys])[order]
+        members = [np.nonzero(of_leg == group)[0] for group in index.values()]
         return [(int(legs[0]), legs) for legs in members]
 
     def after(self) -> Route:
@@ -124,7 +114,7 @@ class Route:
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """Which stages it consists of: courses of one shape are parts of one step of the staircase."""
+        """Indices of its stages: routes of one shape lie on one step of the staircase."""
         return tuple(leg.stage.index for leg in self.legs)
 
     @cached_property
@@ -173,7 +163,8 @@ class RoutePredictor:
                 over_m = first_beyond_m(leg, end.final_m, end.shift_m, plan.trigger_radius_m, -margin_m)
                 if over_m is not None:
                     legs.append(replace(leg, flown_m=over_m))
-                    nodes.append(_nodes(legs[-1]))
+                    share = legs[-1].distance_m / leg.length_m if leg.length_m else 1.0
+                    nodes.append(leg.track().nodes((start[0] - ox, start[1] - oy), legs[-1].distance_m, share))
                     break
             legs.append(leg)
             nodes.append(shape.nodes)
@@ -187,11 +178,11 @@ class RoutePredictor:
         key = (stage.index, cursor.parameters[:rho], cursor.state, grid)
         if key not in self._shapes:
             path, trigger = cursor.path(), cursor.local_trigger_m()
-            length_m = leg_length_m(stage, path, start, trigger)
+            track = stage.track(path, trigger)
+            length_m = abs(track.ahead_m(start))
             if not math.isfinite(length_m):
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
-            nodes = _nodes(Leg(0, stage, path, (0.0, 0.0), start, trigger, length_m))
-            self._shapes[key] = _Shape(path, trigger, length_m, nodes)
+            self._shapes[key] = _Shape(path, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
 
 
@@ -212,7 +203,7 @@ def _times_s(
     airspeed_mps: float,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:
-    """`Route.times_s` by the nodes of the legs that differ; in that part of numpy that may be compiled."""
+    """`Route.times_s` by the nodes of the legs that differ; may be compiled."""
     speeds, along = ground_speeds_mps(cosine, sine, airspeed_mps, wind_mps)
     forward = speeds > 0.0
     seconds = weights_m / np.where(forward, speeds, 1.0)
@@ -220,35 +211,3 @@ def _times_s(
     turning = np.bincount(of_node, np.where(forward, seconds * slopes, 0.0)).astype(np.float64)
     times_s = np.bincount(of_node, np.where(forward, seconds, np.inf)).astype(np.float64)
     return times_s[order], turning[order]
-
-
-# --- nodes ------------------------------------------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=MAX_NODES + 1)
-def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss-Legendre nodes and weights over [0, 1]."""
-    places, weights = np.polynomial.legendre.leggauss(count)
-    return (places + 1) / 2, weights / 2
-
-
-def _nodes(leg: Leg) -> Nodes:
-    """Quadrature over what is flown of a leg."""
-    stage, length = leg.stage, leg.distance_m
-    start = (leg.start_m[0] - leg.offset_m[0], leg.start_m[1] - leg.offset_m[1])
-    end = (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1])
-    if stage.kind == LINE:
-        dx, dy = line_of(leg.path, end, stage.sense).direction
-        return Nodes(np.array([length]), np.array([dx]), np.array([dy]), np.zeros(1))
-    if stage.kind == CIRCLE:
-        circle = circle_of(leg.path, end, stage.sense)
-        sweep = length / circle.radius_m
-        count = min(max(2, math.ceil(NODES_PER_QUARTER * sweep / (math.pi / 2))), MAX_NODES)
-        places, weights = _gauss(count)
-        course = circle.angle_rad(start) + circle.turn * (sweep * places + math.pi / 2)
-        curvature = np.full(count, circle.turn / circle.radius_m)
-        return Nodes(weights * length, np.cos(course), np.sin(course), curvature)
-    headings = np.unwrap([point.heading_rad for point in leg_points(leg, max(length / CURVE_NODES, 1e-3))])
-    middle = (headings[1:] + headings[:-1]) / 2
-    step = length / len(middle)
-    return Nodes(np.full(len(middle), step), np.cos(middle), np.sin(middle), np.diff(headings) / max(step, 1e-9))

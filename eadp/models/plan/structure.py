@@ -18,7 +18,7 @@ from eadp.models.plan.plan import Plan, PointExpression, Stage
 from eadp.models.plan.segments import LoopVariable, Segment, State
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
-"""Where in their sets the parameters are looked at, as shares; without sets, the parameters themselves."""
+"""Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""
 
 OFFSETS_M = (
     (0.0, 0.0),
@@ -30,7 +30,7 @@ OFFSETS_M = (
     (11.9, 83.3),
     (-71.3, 29.9),
 )
-"""Where round its trigger a path is looked at: more points than a quadratic has coefficients."""
+"""Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
 TOLERANCE = 1e-9
 SMALL_STEP_M = 0.1
@@ -61,7 +61,7 @@ def find_structure(plan: Plan) -> Structure | None:
     values, triggers = signature
     scale = 1 + np.abs(values).max(axis=1)
     for n in range(1, len(stages) // 2 + 1):
-        if not _repeats(values, triggers, scale, n, n + 1):  # a look at the first pair spares most of the work
+        if not _repeats(values, triggers, scale, n, n + 1):  # the first pair decides most cases
             continue
         if _repeats(values, triggers, scale, n, len(stages)):
             first, later = stages[0].trigger, stages[n].trigger
@@ -113,20 +113,20 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
 
 
 def find_shift(plan: Plan) -> PointExpression | None:
-    """The shift d(c) of the first lap of a plan of parts; None where not one part has laps, or they change their form.
+    """The shift d(c) of the first lap of a plan of segments; None unless one has laps, whose form does not change.
 
-    Looked for as the step of the one quantity that changes, along the direction in which the first trigger moves with
+    Looked for as the step of the one variable that changes, along the direction in which the first trigger moves with
     it. Seen from a small step: a last lap may be cut short.
     """
-    laps = [part for part in plan.parts if part.repeats]
-    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].quantities) != 1:
+    laps = [segment for segment in plan.segments if segment.repeats]
+    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].variables) != 1:
         return None
-    part = laps[0]
-    stages = plan.stages[part.first : part.first + part.count]
+    segment = laps[0]
+    stages = plan.stages[segment.first : segment.first + segment.count]
     moves = []
     for parameters in _samples(plan):
         try:
-            state = part.begin(parameters)
+            state = segment.start(parameters)
             later = (state[0] + SMALL_STEP_M,)
             start, end = (stages[0].trigger_at(parameters, s) for s in (state, later))
             moves.append(((end[0] - start[0]) / SMALL_STEP_M, (end[1] - start[1]) / SMALL_STEP_M))
@@ -137,8 +137,8 @@ def find_shift(plan: Plan) -> PointExpression | None:
             return None
     if any(abs(a - b) > 1e-6 for move in moves for a, b in zip(move, moves[0], strict=True)):
         return None
-    moving = next(q for q in part.quantities if q.shift is not None)
-    step_of = _first_step(part, moving)
+    moving = next(q for q in segment.variables if q.shift is not None)
+    step_of = _first_step(segment, moving)
     if step_of is None:
         return None
     x, y = (scaled(step_of, round(value, 9)) for value in moves[0])
@@ -160,11 +160,11 @@ def _moved_by(stage: Stage, parameters: Sequence[float], state: State, later: St
     return True
 
 
-def _first_step(part: Segment, moving: LoopVariable) -> Expression | None:
-    """How far the one changing quantity of a part moves after its first lap, in parameters alone."""
+def _first_step(segment: Segment, moving: LoopVariable) -> Expression | None:
+    """The increment of the one changing loop variable after the first lap, in parameters alone."""
     assert moving.shift is not None
     try:
-        return tidy(substituted(moving.shift, part.first_lap()))
+        return tidy(substituted(moving.shift, segment.first_lap()))
     except ExpressionError:
         return None
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, line_of, points_along, tangent
+from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, TracePoint, leg_points
@@ -48,14 +47,7 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
     """
     stage = plan.stages[0]
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-    if stage.kind == LINE:
-        line = line_of(path, trigger, stage.sense)
-        point = (line.point_m[0] - 100 * line.direction[0], line.point_m[1] - 100 * line.direction[1])
-    elif stage.kind == CIRCLE:
-        circle = circle_of(path, trigger, stage.sense)
-        point = circle.point_at(circle.angle_rad(trigger) - circle.turn * math.pi / 2)
-    else:
-        point = next(itertools.islice(points_along(path, trigger, -stage.sense, 1.0), 100, None))
+    point = stage.track(path, trigger).approach()
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 

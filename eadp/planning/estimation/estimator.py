@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -90,63 +90,11 @@ class EstimatorSettings:
     """Random walk of each harmonic's parts [W/√s]."""
 
 
-class Estimator(Protocol):
-    """Interface of estimators: readings and laps in, forecast power out."""
-
-    period_s: float | None
-
-    def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return its one-step forecast [W]."""
-
-    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order; return the one-step forecast of the last [W]."""
-
-    def lap(self, time_s: float) -> None:
-        """End a lap and start the next."""
-
-    def start_lap(self, time_s: float) -> None:
-        """Start timing a lap that follows no other."""
-
-    def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Motion power [W], `ahead_s` [s] after the last reading."""
-
-    @property
-    def state_w(self) -> FloatArray:
-        """The energy state q [W], shape (2·order + 1,)."""
-
-
 def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
     expected = 0.0
     for time_s, value in zip(times_s, motion_w, strict=True):
         expected = estimator.observe(time_s, value)
     return expected
-
-
-class LapClock:
-    """Period from the laps flown: the last lap's time, or the running lap's once it is longer.
-
-    Source: the published flights' period (docs/reproduction.md).
-    """
-
-    def __init__(self, first_s: float) -> None:
-        self._started_s = 0.0
-        self.period_s = first_s
-        self.laps: list[float] = []
-
-    def tick(self, time_s: float) -> float:
-        """The period now [s]."""
-        self.period_s = max(self.period_s, time_s - self._started_s)
-        return self.period_s
-
-    def begin(self, time_s: float) -> None:
-        """Restart the clock without recording a lap."""
-        self._started_s = time_s
-
-    def lap(self, time_s: float) -> None:
-        """Record a lap and restart the clock."""
-        self.period_s = time_s - self._started_s
-        self.laps.append(self.period_s)
-        self._started_s = time_s
 
 
 class ExactEstimator:
@@ -218,7 +166,10 @@ class ExactEstimator:
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Predict to `time_s`, and correct with the reading unless the gate holds; see `Estimator.observe`."""
+        """Take a reading [W], or None where there is none; return its one-step forecast [W].
+
+        Predicts to `time_s`, and corrects with the reading unless the gate holds.
+        """
         if self._time_s is None:
             self._time_s = time_s
             self._learn_from(time_s)
@@ -240,7 +191,7 @@ class ExactEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Process readings in batches between noise estimates; see `Estimator.observe_batch`."""
+        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W]."""
         expected, n = 0.0, 0
         while n < len(times_s):
             # up to the next noise estimate
@@ -296,9 +247,8 @@ class ExactEstimator:
     # --- forecasts
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
-        power: FloatArray = self._rows(ahead_s) @ self._filter.state
-        return power
+        """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
+        return self._rows(ahead_s) @ self._filter.state
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
         moves = self._filter.dynamics
@@ -322,7 +272,8 @@ class ExactEstimator:
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
-        drift[1:] += _squared_amplitudes(state) * turned**2 / (2 * period_s)
+        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
@@ -394,11 +345,6 @@ def _lap_time_std_s(times_s: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
 
 
-def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    squared: FloatArray = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
-    return squared
-
-
 @lru_cache(maxsize=16)
 def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> FloatArray:
     """`eadp.core.signals.forecasting.power_rows` of instants given as bytes, cached."""
@@ -417,11 +363,10 @@ class PublishedEstimator:
     def __init__(self, settings: EstimatorSettings) -> None:
         self._order = settings.order
         self._state = [1.0] * (2 * settings.order + 1)
-        self._clock = LapClock(1.0)
-        self._time_s = 0.0
+        self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
         self._gain_for = (0.0, 0.0)
         self._gain: list[float] = []
-        self.period_s: float | None = 1.0
+        self.period_s = 1.0
 
     @property
     def state_w(self) -> FloatArray:
@@ -429,8 +374,9 @@ class PublishedEstimator:
         return np.array(self._state)
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """One step of the published filter; see `Estimator.observe`."""
-        period_s = self.period_s = self._clock.tick(time_s)
+        """One step of the published filter; see `ExactEstimator.observe`."""
+        # the time of the last lap, or of this one once it is longer
+        period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
         turn = 2 * math.pi / period_s * step_s
@@ -453,7 +399,7 @@ class PublishedEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """One step each; see `Estimator.observe_batch`."""
+        """One step each; see `ExactEstimator.observe_batch`."""
         return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
@@ -466,13 +412,16 @@ class PublishedEstimator:
 
     def lap(self, time_s: float) -> None:
         """Restart the clock."""
-        self._clock.lap(time_s)
+        self._lap_s, self._lap_started_s = time_s - self._lap_started_s, time_s
 
     def start_lap(self, time_s: float) -> None:
         """Restart the clock without a lap's time."""
-        self._clock.begin(time_s)
+        self._lap_started_s = time_s
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
-        assert self.period_s is not None
+        """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+Estimator = ExactEstimator | PublishedEstimator
+"""Readings and laps in, forecast power out."""

@@ -159,8 +159,7 @@ class EnergyFilter:
 
     def _gain_now(self) -> FloatArray:
         # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
-        gain: FloatArray = self._covariance @ self._output / self._dynamics.noise_w**2
-        return gain
+        return self._covariance @ self._output / self._dynamics.noise_w**2
 
     def _change(self, before: FloatArray) -> float:
         """Largest change of the correlation of a state with a reading."""

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.errors import Fault, InputError
-from eadp.io.energy.model_file import energy_document, energy_yaml, json_schema, parse_energy, read_energy
-from eadp.io.text.streams import Text
+from eadp.io.energy.model_file import energy_document, energy_yaml, json_schema, parse_energy
+from eadp.io.text.streams import Text, read_text
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 
 unhurried = settings(deadline=None)  # no test depends on the clock
@@ -176,7 +176,7 @@ def test_unknown_keys_are_refused_with_all_other_faults() -> None:
 def test_file_of_a_model(tmp_path: Path) -> None:
     file = tmp_path / "energy.yaml"
     file.write_text(energy_yaml(MODEL), encoding="utf-8")
-    assert read_energy(str(file)) == MODEL
+    assert parse_energy(read_text(str(file))) == MODEL
 
 
 def test_schema_names_every_key_of_the_document() -> None:

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import signed_area_m2, tidy
 from eadp.errors import FAULTS_SHOWN, InputError
-from eadp.io.field.reader import HOLES_LIMIT, NESTING_LIMIT, VERTICES_LIMIT, read_field
+from eadp.io.field.draft import VERTICES_LIMIT
+from eadp.io.field.reader import HOLES_LIMIT, read_field
+from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
 

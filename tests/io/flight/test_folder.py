@@ -7,15 +7,14 @@ from dataclasses import fields
 
 import pytest
 
-from eadp.io.flight.folder import record_row, summarise, write_flight
+from eadp.io.flight.folder import fly_flight, record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import DecisionRecord
-from eadp.simulation.loop import Outcome, fly
 
 
 @pytest.fixture(scope="module")
 def written(root, tmp_path_factory):
-    """Folders of short flights by planner: (folder, summary, outcome)."""
+    """Folders and short flights by planner."""
     base, found = tmp_path_factory.mktemp("flights"), {}
     for planner in ("joint", "static"):
         inputs = load_flight(
@@ -23,21 +22,19 @@ def written(root, tmp_path_factory):
             scenario_path=str(root / "scenarios/survey.yaml"),
             overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05},
         )
-        pilot, outcome, expected = inputs.planner(), Outcome(), inputs.preflight()
-        steps = list(fly(inputs.world, pilot, outcome))
-        summary = summarise(inputs.world, pilot, outcome, inputs.scenario.planner, expected)
+        flight = fly_flight(inputs, inputs.preflight())
         folder = base / planner
-        write_flight(str(folder), inputs.world, steps, summary, inputs.texts, [], force=False, records=outcome.records)
-        found[planner] = folder, summary, outcome
+        flight.write(folder)
+        found[planner] = folder, flight
     return found
 
 
 def test_each_decision_is_a_line(written):
-    folder, _, outcome = written["joint"]
+    folder, flight = written["joint"]
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert len(rows) == len(outcome.records) > 20
+    assert len(rows) == len(flight.decisions) > 20
     keys = [field.name for field in fields(DecisionRecord)]
-    for row, record in zip(rows, outcome.records, strict=True):
+    for row, record in zip(rows, flight.decisions, strict=True):
         assert list(row) == keys
         assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)
         assert row["parameters"] == dict(zip(("c1", "c2"), record.parameters, strict=True))
@@ -49,7 +46,7 @@ def test_each_decision_is_a_line(written):
 
 
 def test_a_row_keeps_what_is_not_known_as_null(written):
-    record = written["joint"][2].records[0]
+    record = written["joint"][1].decisions[0]
     row = record_row(record, ("c1", "c2"))
     assert (row["home_reachable"], row["point_of_no_return_s"]) == (None, None)
     assert json.loads(json.dumps(row, allow_nan=False))["home_reachable"] is None
@@ -61,9 +58,9 @@ def test_a_planner_without_records_has_no_file_of_them(written):
 
 @pytest.mark.parametrize("planner", ["joint", "static"])
 def test_the_forecast_of_take_off(written, planner):
-    folder, summary, _ = written[planner]
+    folder, flight = written[planner]
     kept = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["energy_forecast"]
-    assert kept == summary["energy_forecast"]
+    assert kept == flight.summary["energy_forecast"]
     assert set(kept) == {
         "completes", "completes_probability", "reserve_probability", "time_s", "time_std_s", "energy_wh",
         "energy_std_wh", "soc_end", "soc_end_std", "parameters", "quality", "stages",
@@ -81,10 +78,8 @@ def test_without_a_forecast_there_is_none(root):
         scenario_path=str(root / "scenarios/paper-i-dynamic.yaml"),
         overrides={"time_limit_s": 2},
     )
-    pilot, outcome = inputs.planner(), Outcome()
-    list(fly(inputs.world, pilot, outcome))
     expected = inputs.preflight()
-    summary = summarise(inputs.world, pilot, outcome, inputs.scenario.planner, expected)
+    summary = fly_flight(inputs, expected).summary
     assert (expected is None) == bool(inputs.world.battery.prescribed)
     assert (summary["energy_forecast"] is None) == (expected is None)
 
@@ -94,7 +89,7 @@ def test_the_figure_is_written_with_marks_where_there_are_decisions(written):
         folder = written[planner][0]
         assert (folder / "flight.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (folder / "flight.svg").read_text(encoding="utf-8")
-    decided = {record.parameters for record in written["joint"][2].records}
+    decided = {record.parameters for record in written["joint"][1].decisions}
     assert decided - {(0.0, 10.0)}, "there is something to mark"
     drawn = [(written[planner][0] / "flight.svg").read_text(encoding="utf-8").count("<use ") for planner in written]
     assert drawn[0] > drawn[1]

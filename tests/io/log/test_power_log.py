@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from eadp.core.signals.spectrum import MIN_SAMPLES
 from eadp.errors import FAULTS_SHOWN, Fault, InputError
-from eadp.io.log.formats import parse_power_log, read_power_log
+from eadp.io.log.csv_log import read_csv_log
+from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.text.streams import Text
 
@@ -20,7 +21,7 @@ N = 25
 
 
 def parse(body: str, **columns: object) -> PowerLog:
-    return parse_power_log(Text("log.csv", body), Columns(**columns))  # type: ignore[arg-type]
+    return read_csv_log(Text("log.csv", body), Columns(**columns))  # type: ignore[arg-type]
 
 
 def first_line(fault: Fault) -> str:
@@ -311,7 +312,7 @@ def test_any_readings_come_out_in_order_once(pairs: list[tuple[int, float]]) -> 
 def test_any_text_is_read_or_refused(body: str) -> None:
     for columns in (Columns(), Columns(names=("time_s", "power_w"))):
         try:
-            log = parse_power_log(Text("log.csv", body), columns)
+            log = read_csv_log(Text("log.csv", body), columns)
         except InputError:
             continue
         assert np.all(np.diff(log.times_s) > 0)

@@ -11,6 +11,7 @@ from eadp.io.flight.inputs import load_flight
 from eadp.io.sweep import sweep_file
 from eadp.io.sweep.run import FlyRun
 from eadp.io.sweep.sweep_file import read_sweep
+from eadp.io.text.streams import read_text
 
 LINE = "0.1; 90; x\n0, 400\n"
 PARAMETERS = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
@@ -31,6 +32,10 @@ def written(folder, body, name="sweep.yaml"):
     return str(path)
 
 
+def sweep_of(path, overrides=None):
+    return read_sweep(read_text(path), overrides)
+
+
 def runs(sweep):
     return [sweep.run(i) for i in range(len(sweep.design))]
 
@@ -45,7 +50,7 @@ zip: {battery.capacity_ah: [1, 2, 3], battery.soc: [1, 0.9, 0.8]}
 sample: {runs: 4, seed: 3, method: latin, keys: {wind.towards_deg: {uniform: [0, 360]}, step_s: {choice: [0.1, 0.2]}}}
 seeds: 2
 """
-    sweep = read_sweep(written(folder, body))
+    sweep = sweep_of(written(folder, body))
     assert len(sweep.design) == 2 * 2 * 3 * 4 * 2
     last = runs(sweep)[-1]
     assert last.files == {"plan": str(folder / "line.plan"), "scenario": str(folder / "calm.yaml")}
@@ -63,25 +68,25 @@ seeds: 2
 
 def test_the_seed_is_the_designs_else_the_keys_else_the_scenarios(folder):
     head = "plan: line.plan\nscenario: calm.yaml\n"
-    assert [run.overrides["seed"] for run in runs(read_sweep(written(folder, head)))] == [5]
-    varied = read_sweep(written(folder, f"{head}grid: {{seed: [8, 9]}}\n"))
+    assert [run.overrides["seed"] for run in runs(sweep_of(written(folder, head)))] == [5]
+    varied = sweep_of(written(folder, f"{head}grid: {{seed: [8, 9]}}\n"))
     assert [run.overrides["seed"] for run in runs(varied)] == [8, 9]
-    assert [run.overrides["seed"] for run in runs(read_sweep(written(folder, f"{head}seeds: 3\n")))] == [0, 1, 2]
-    assert runs(read_sweep(written(folder, "plan: line.plan\n")))[0].overrides == {"seed": 0}
-    fixed = read_sweep(written(folder, head), {"seed": 4})
+    assert [run.overrides["seed"] for run in runs(sweep_of(written(folder, f"{head}seeds: 3\n")))] == [0, 1, 2]
+    assert runs(sweep_of(written(folder, "plan: line.plan\n")))[0].overrides == {"seed": 0}
+    fixed = sweep_of(written(folder, head), {"seed": 4})
     assert runs(fixed)[0].overrides == {"seed": 4}
 
 
 def test_files_may_be_varied(folder):
     (folder / "windy.yaml").write_text(SCENARIO.replace("5", "6") + "wind: {speed_mps: 3}\n")
     body = "grid: {plan: [line.plan, other.plan], scenario: [calm.yaml, windy.yaml]}\n"
-    sweep = read_sweep(written(folder, body))
+    sweep = sweep_of(written(folder, body))
     assert [run.files["plan"].rpartition("/")[2] for run in runs(sweep)] == ["line.plan"] * 2 + ["other.plan"] * 2
     assert [run.overrides["seed"] for run in runs(sweep)] == [5, 6] * 2
 
 
 def test_c1_is_short_for_a_parameter(folder):
-    sweep = read_sweep(written(folder, "plan: other.plan\ngrid: {c1: [-5, 5]}\n"))
+    sweep = sweep_of(written(folder, "plan: other.plan\ngrid: {c1: [-5, 5]}\n"))
     assert [run.overrides["parameters.c1"] for run in runs(sweep)] == [-5, 5]
 
 
@@ -89,7 +94,7 @@ def test_a_key_depends_on_contents_and_values_alone(folder):
     body = "plan: {}\nscenario: {}\ngrid: {{wind.speed_mps: [1]}}\n"
 
     def key(plan="line.plan", scenario="calm.yaml", text=body):
-        return runs(read_sweep(written(folder, text.format(plan, scenario))))[0].key
+        return runs(sweep_of(written(folder, text.format(plan, scenario))))[0].key
 
     first = key()
     (folder / "deep").mkdir()
@@ -109,19 +114,19 @@ def test_the_key_depends_on_the_profile_that_the_scenario_names(folder, root):
     (folder / "p.csv").write_text(profile)
     (folder / "calm.yaml").write_text(f"{SCENARIO}profile: p.csv\n")
     path = written(folder, "plan: line.plan\nscenario: calm.yaml\n")
-    first = runs(read_sweep(path))[0].key
+    first = runs(sweep_of(path))[0].key
     (folder / "p.csv").write_text(profile + "\n")
-    assert runs(read_sweep(path))[0].key != first
+    assert runs(sweep_of(path))[0].key != first
     (folder / "p.csv").unlink()
     with pytest.raises(InputError, match=r"p\.csv:1:1: error: cannot be read"):
-        read_sweep(path)
+        sweep_of(path)
 
 
 def test_the_key_depends_on_the_version(folder, monkeypatch):
     path = written(folder, "plan: line.plan\n")
-    first = runs(read_sweep(path))[0].key
+    first = runs(sweep_of(path))[0].key
     monkeypatch.setattr(sweep_file, "__version__", "99")
-    assert runs(read_sweep(path))[0].key != first
+    assert runs(sweep_of(path))[0].key != first
 
 
 def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
@@ -129,7 +134,7 @@ def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
     from eadp.simulation.loop import Outcome, fly
 
     body = f"plan: {root}/plans/survey.plan\nscenario: {root}/scenarios/survey.yaml\ngrid: {{wind.speed_mps: [4]}}\n"
-    sweep = read_sweep(written(folder, body), {"time_limit_s": 30, "wind.gust_std_mps": 1})
+    sweep = sweep_of(written(folder, body), {"time_limit_s": 30, "wind.gust_std_mps": 1})
     run = sweep.run(0)
     make = pickle.loads(pickle.dumps(FlyRun(sweep.kept)))
     summary = make(run).summary
@@ -143,7 +148,7 @@ def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
 
 
 def test_what_goes_wrong_is_the_runs_error(folder):
-    sweep = read_sweep(written(folder, "plan: other.plan\ngrid: {c1: [0, 11]}\n"))
+    sweep = sweep_of(written(folder, "plan: other.plan\ngrid: {c1: [0, 11]}\n"))
     make = FlyRun(sweep.kept)
     result = make(sweep.run(1))
     assert result.summary is None
@@ -169,6 +174,11 @@ BAD = {
     "zip lengths": (HEAD + "zip: {battery.soc: [1, 1], wind.speed_mps: [1]}\n", "4:28", "has 1 values"),
     "twice": (HEAD + "grid: {c1: [1]}\nzip: {parameters.c1: [2]}\n", "5:7", "set the same key"),
     "within": (HEAD + "grid: {wind: [{}], wind.speed_mps: [2]}\n", "4:20", "set the same key"),
+    "both directions of the wind": (
+        HEAD + "grid: {wind.from_deg: [0, 90]}\nzip: {wind.towards_deg: [10]}\n",
+        "5:7",
+        "wind.towards_deg and wind.from_deg set the same key",
+    ),
     "seeds and seed": (HEAD + "grid: {seed: [1]}\nseeds: 2\n", "5:1", "the key seed too"),
     "no seeds": (HEAD + "seeds: 0\n", "4:1", "seeds cannot be 0"),
     "drawn twice": (
@@ -199,7 +209,7 @@ def test_faults_have_their_places(folder, name):
     body, place, words = BAD[name]
     path = written(folder, body)
     with pytest.raises(InputError) as caught:
-        read_sweep(path)
+        sweep_of(path)
     found = [fault for fault in caught.value.faults if f"{fault.line}:{fault.column}" == place]
     assert found, str(caught.value)
     assert any(words in str(fault) for fault in found), str(caught.value)
@@ -209,30 +219,30 @@ def test_faults_have_their_places(folder, name):
 def test_faults_of_other_files_are_theirs(folder):
     (folder / "bad.plan").write_text("0.1; 45; x\n0, 400\n")
     with pytest.raises(InputError, match=r"bad\.plan:1:6: error: 45 cannot stand here"):
-        read_sweep(written(folder, "grid: {plan: [line.plan, bad.plan]}\n"))
+        sweep_of(written(folder, "grid: {plan: [line.plan, bad.plan]}\n"))
     (folder / "calm.yaml").write_text(SCENARIO + "wind: 3\n")
     with pytest.raises(InputError, match=r"calm\.yaml:4:1: error"):
-        read_sweep(written(folder, HEAD))
+        sweep_of(written(folder, HEAD))
 
 
 @pytest.mark.parametrize("body", ["", "- 1\n", "schema: eadp.scenario/1\n"])
 def test_what_is_no_sweep_file(folder, body):
     (folder / "sweep.yaml").write_text(body)
     with pytest.raises(InputError, match=r"sweep\.yaml:1:1: error"):
-        read_sweep(str(folder / "sweep.yaml"))
+        sweep_of(str(folder / "sweep.yaml"))
 
 
 @pytest.mark.parametrize("key", ["wind.speed_mps", "plan", "seed", "wind"])
 def test_what_is_set_in_every_run_is_not_varied(folder, key):
     path = written(folder, HEAD + "grid: {wind.speed_mps: [1]}\nseeds: 2\n")
     with pytest.raises(InputError, match="--set:1:1: error"):
-        read_sweep(path, {key: 1})
+        sweep_of(path, {key: 1})
 
 
 def test_another_versions_work_is_refused(folder, monkeypatch):
-    import eadp.io.sweep.run as module
+    import eadp.io.flight.inputs as module
 
-    pickled = pickle.dumps(FlyRun(read_sweep(written(folder, "plan: line.plan\n")).kept))
+    pickled = pickle.dumps(FlyRun(sweep_of(written(folder, "plan: line.plan\n")).kept))
     monkeypatch.setattr(module, "__version__", "99")
     with pytest.raises(EadpError, match="this is eadp 99"):
         pickle.loads(pickled)
@@ -243,14 +253,14 @@ def test_vehicle_files_are_read_once_and_told_apart(folder):
     (folder / "fast.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 20}\n")
     (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 12}\n")
     content = f"plan: line.plan\ngrid: {{vehicle: [{folder}/fast.yaml, {folder}/slow.yaml]}}\n"
-    sweep = read_sweep(written(folder, content))
+    sweep = sweep_of(written(folder, content))
     files = pickle.loads(pickle.dumps(sweep.kept))
     keys = [sweep.run(k).key for k in range(2)]
     (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 13}\n")
     assert [files.load(sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
-    again = read_sweep(written(folder, content))
+    again = sweep_of(written(folder, content))
     assert [again.run(k).key == keys[k] for k in range(2)] == [True, False]
-    masses = read_sweep(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
+    masses = sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
     assert masses.kept.load(masses.run(1)).world.vehicle.mass_kg == 1.5
     with pytest.raises(InputError, match=r"unknown key vehicle\.mass_kg; expected vehicle\.airframe\.mass_kg"):
-        read_sweep(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))
+        sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))

@@ -8,8 +8,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.field.draft import FieldSource
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 
 scalars = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False, allow_infinity=False)
@@ -29,7 +29,7 @@ def bare(value):
 @given(documents, st.sampled_from([None, 1]), st.booleans())
 def test_json_is_what_the_standard_library_reads(value, indent, ascii_only):
     text = json.dumps(value, indent=indent, ensure_ascii=ascii_only)
-    assert bare(JsonReader(FieldSource(Text("f", text))).document()) == value
+    assert bare(JsonReader(SourceText(Text("f", text))).document()) == value
 
 
 @given(documents, st.data())
@@ -53,7 +53,7 @@ def test_what_is_no_json_is_none_for_either(value, data):
         expected = json  # which no text is
     assume(not twice)
     try:
-        found = bare(JsonReader(FieldSource(Text("f", text))).document())
+        found = bare(JsonReader(SourceText(Text("f", text))).document())
     except InputError:
         found = json
     assert found == expected or (found is expected is json)
@@ -62,7 +62,7 @@ def test_what_is_no_json_is_none_for_either(value, data):
 @given(documents)
 def test_every_value_of_json_has_its_place(value):
     text = json.dumps(value, indent=1)
-    source = FieldSource(Text("f", text))
+    source = SourceText(Text("f", text))
     lines = text.split("\n")
 
     def check(node):

@@ -15,7 +15,7 @@ from eadp.core.signals.disturbance import process_noise as disturbance_noise
 from eadp.core.signals.disturbance import transition
 from eadp.core.signals.harmonics import forecast_w, output_row
 from eadp.planning.estimation import estimator as module
-from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, LapClock, PublishedEstimator
+from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 
 PERIOD_S = 46.0
 STATE_W = np.array([31.0, 1.5, -0.8, 0.6, 0.4, -0.3, 0.2])
@@ -481,13 +481,18 @@ def test_the_published_forecast_is_exact_from_its_state():
     assert estimator.forecast(ahead) == pytest.approx([output_row(3) @ q for q in state], abs=ROUNDING)
 
 
-def test_the_clock_grows_with_a_lap_longer_than_the_last():
-    clock = LapClock(1.0)
-    assert clock.tick(0.5) == 1.0
-    assert clock.tick(40.0) == 40.0
-    clock.lap(46.0)
-    assert clock.period_s == 46.0
-    assert clock.tick(80.0) == 46.0
-    assert clock.tick(93.0) == 47.0
-    clock.lap(93.5)
-    assert clock.laps == [46.0, 47.5]
+def test_the_published_period_grows_with_a_lap_longer_than_the_last():
+    estimator = PublishedEstimator(EstimatorSettings())
+
+    def period_s(time_s):
+        estimator.observe(time_s, None)
+        return estimator.period_s
+
+    assert period_s(0.5) == 1.0
+    assert period_s(40.0) == 40.0
+    estimator.lap(46.0)
+    assert period_s(46.0) == 46.0
+    assert period_s(80.0) == 46.0
+    assert period_s(93.0) == 47.0
+    estimator.lap(93.5)
+    assert period_s(93.5) == 47.5

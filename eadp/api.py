@@ -1,0 +1,287 @@
+"""The use cases of eadp as functions: what `import eadp` shows, and what its commands call.
+
+Files are given by their paths, or as objects that were read or made before. What a flight does not
+need is imported when it is used. `warn` takes the warnings, a list of `Fault`; by default they become Python's own.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from eadp.errors import Fault
+from eadp.io.energy.model_file import energy_yaml
+from eadp.io.flight.folder import Flight, fly_flight
+from eadp.io.flight.inputs import Files, load_flight
+from eadp.io.plan import reader, writer
+from eadp.io.profile import model_file
+from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
+from eadp.io.text.streams import Text, read_text
+from eadp.models.energy import EnergyModel
+from eadp.models.plan.plan import Plan
+from eadp.models.profile_sum import AnyProfile
+from eadp.simulation.loop import Step
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from eadp.io.field.coverage import CoverageOptions, CoveragePlan
+    from eadp.models.energy_fit import EnergyFit
+    from eadp.simulation.sweep.statistics import SweepFlight
+
+File = str | PathLike[str]
+Overrides = Mapping[str, Any] | Iterable[str]
+Warn = Callable[[Sequence[Fault]], None]
+
+
+def _python_warnings(faults: Sequence[Fault]) -> None:
+    for fault in faults:
+        warnings.warn(str(fault), stacklevel=3)
+
+
+def read_plan(file: File, *, warn: Warn = _python_warnings) -> Plan:
+    """Read a plan.
+
+    Parameters
+    ----------
+    file : str or path
+        The file, `-` for standard input.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With every fault of the file.
+    """
+    text = read_text(str(file))
+    plan, findings = reader.read_plan(text)
+    warn([Fault(text.name, one.line, one.column, one.message, severity=one.severity) for one in findings])
+    return plan
+
+
+def read_profile(file: File, *, warn: Warn = _python_warnings) -> AnyProfile:
+    """Read a computation profile.
+
+    Parameters
+    ----------
+    file : str or path
+        Measurements (CSV) or a model (YAML), `-` for standard input.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    profile, found = model_file.read_profile(str(file))
+    warn(found)
+    return profile
+
+
+def fit_power(
+    times_s: ArrayLike,
+    power_w: ArrayLike,
+    period_prior_s: float | None = None,
+    *,
+    order: int | None = None,
+    keep_spikes: bool = False,
+) -> EnergyFit:
+    """Fit the energy model of a power log: its period, mean, harmonics and noise.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        Strictly increasing times [s] and power [W].
+    period_prior_s : float, optional
+        The period is searched within a factor of 1.3 of this one [s].
+    order : int, optional
+        Number of harmonics, by default found by cross-validation.
+    keep_spikes : bool, optional
+        Whether single samples far from their neighbours are fitted, too.
+
+    Returns
+    -------
+    EnergyFit
+        Its `model.period_s` is None where no period is significant.
+
+    Raises
+    ------
+    Infeasible
+        If the samples are too few, not finite, or not in order.
+    """
+    from eadp.models.energy_fit import fit_energy
+
+    return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s, keep_spikes=keep_spikes)
+
+
+def simulate(
+    plan: File | Plan,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
+    overrides: Overrides = (),
+    planner: str | None = None,
+    seed: int | None = None,
+    *,
+    on_step: Callable[[Step], None] = lambda _step: None,
+    warn: Warn = _python_warnings,
+) -> Flight:
+    """Fly a plan in simulation, re-planning on the way.
+
+    Parameters
+    ----------
+    plan : path or Plan
+    scenario : path or mapping, optional
+        A scenario file, or its keys; by default the defaults.
+    profile : path or profile, optional
+        By default the scenario's.
+    energy : path or EnergyModel, optional
+    overrides : mapping, or iterable of str, optional
+        Values by the scenario's dotted keys, as in {"wind.speed_mps": 8}, or texts, as in "wind.speed_mps=8".
+    planner : str, optional
+        Name of the planner, by default the scenario's.
+    seed : int, optional
+        Seed of gusts and noise, by default the scenario's.
+    on_step : function, optional
+        Called with each logged step, such as for a progress bar.
+    warn : function, optional
+
+    Returns
+    -------
+    Flight
+        Its summary, columns and decisions; `write` writes the result folder.
+
+    Raises
+    ------
+    InputError
+        With every fault of the first file that has any.
+    """
+    texts = override_texts(overrides, planner, seed)
+    files = Files()
+    inputs = load_flight(
+        _path(plan, files.texts),
+        scenario_path=None if scenario is None else _path(scenario, files.texts, "eadp.scenario/1"),
+        profile_path=None if profile is None else _path(profile, files.texts),
+        energy_path=None if energy is None else _path(energy, files.texts),
+        overrides=read_overrides(texts),
+        files=files,
+    )
+    warn(inputs.warnings)
+    return fly_flight(inputs, inputs.preflight(), on_step, texts)
+
+
+def cover(
+    field: File,
+    options: CoverageOptions,
+    profile: File | AnyProfile | None = None,
+    scenario: File | None = None,
+    *,
+    warn: Warn = _python_warnings,
+) -> CoveragePlan:
+    """Plan the coverage of a field: from its outline to a plan whose line spacing can vary in flight.
+
+    Parameters
+    ----------
+    field : path
+        Outline: GeoJSON, KML or CSV of vertices.
+    options : CoverageOptions
+        The turning radius and the swath, and what else is prescribed.
+    profile : path or profile, optional
+        The plan gets its computations, and the report the energy; by default the scenario's.
+    scenario : path, optional
+        For the vehicle, the wind and the energy.
+    warn : function, optional
+
+    Raises
+    ------
+    Infeasible
+        If no path of this pattern covers the field.
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    from eadp.io.field.coverage import plan_coverage
+
+    setting = read_scenario(None if scenario is None else str(scenario))
+    profile = profile or setting.profile_path
+    if isinstance(profile, str | PathLike):
+        profile = read_profile(profile, warn=warn)
+    if options.turns_off and profile is None:
+        message = "no computations to stop on turns; --profile names some"
+        warn([Fault("--turns-off", 1, 1, message, severity="note")])
+    return plan_coverage(str(field), options, setting.keys.vehicle.airframe, setting.keys.wind.steady_mps, profile)
+
+
+def sweep(
+    file: File | Mapping[str, Any],
+    jobs: int | None = 1,
+    *,
+    overrides: Overrides = (),
+    out: File | None = None,
+    scheduler: str | None = None,
+    warn: Warn = _python_warnings,
+) -> list[SweepFlight]:
+    """Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
+
+    Parameters
+    ----------
+    file : path or mapping
+        A sweep file, or its keys, whose paths are relative to the working directory.
+    jobs : int or None, optional
+        Number of processes; None is one for each core. A script that asks for more than one needs the guard
+        `if __name__ == "__main__"`.
+    overrides : mapping, or iterable of str, optional
+        Set in every run, as for `simulate`.
+    out : path, optional
+        Results file that keeps the runs; those that it has are not made again.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers make the runs.
+    warn : function, optional
+
+    Returns
+    -------
+    list of SweepFlight
+        A row for each run, in order: the varied keys' values and the figures of its flight, or its error.
+
+    Raises
+    ------
+    InputError
+        With every fault of the first file that has any.
+    """
+    from eadp.core.compiled import enable, enabled
+    from eadp.io.sweep.results import Results
+    from eadp.io.sweep.run import missing_runs
+    from eadp.io.sweep.sweep_file import read_sweep
+
+    texts: dict[str, Text] = {}
+    path = _path(file, texts, "eadp.sweep/1")
+    checked = read_sweep(texts.get(path) or read_text(path), read_overrides(override_texts(overrides)))
+    warn(checked.warnings)
+    indices, compiled = range(len(checked.design)), enabled()
+    try:
+        with closing(Results(None if out is None else str(out))) as results:
+            results.expect(checked.run(index).key for index in indices)
+            with missing_runs(checked, indices, results, jobs, scheduler) as (_, _, made):
+                for _ in made:
+                    pass
+            return checked.flights(indices, results.rows())
+    finally:
+        enable(compiled)
+
+
+def _path(given: Any, texts: dict[str, Text], schema: str = "") -> str:
+    """The path of a file; an object becomes the text of its file, under the name that is returned."""
+    if isinstance(given, str | PathLike):
+        return str(given)
+    if isinstance(given, Plan):
+        text = Text("given.plan", writer.plan_text(given))
+    elif isinstance(given, EnergyModel):
+        text = Text("given-energy.yaml", energy_yaml(given))
+    elif isinstance(given, Mapping):
+        text = Text("given-keys.yaml", value_text({"schema": schema, **given}))
+    else:
+        text = Text("given-profile.yaml", model_file.profile_yaml(given))
+    texts[text.name] = text
+    return text.name

@@ -1,0 +1,33 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+from typer import Option
+
+from eadp.planning.registry import PLANNERS
+
+Format = StrEnum("Format", ["text", "json"])
+"""Output formats that most commands share."""
+
+PlannerName = StrEnum("PlannerName", {name: name for name in PLANNERS})  # type: ignore[misc]
+"""Planners by name."""
+
+FormatOption = Annotated[Format, Option("--format", help="How to print.")]
+ScenarioOption = Annotated[str | None, Option(help="Scenario (YAML).", metavar="FILE")]
+ProfileOption = Annotated[
+    str | None, Option(help="Computation profile: its model, or the measurements.", metavar="FILE")
+]
+EnergyOption = Annotated[str | None, Option(help="Energy model made by eadp fit.", metavar="FILE")]
+PlannerOption = Annotated[PlannerName | None, Option(help="Which planner decides.")]
+SetOption = Annotated[
+    list[str] | None,
+    Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),
+]
+
+
+def names_in(raw: str) -> list[str]:
+    """The names of an option that lists them, separated by commas."""
+    return [name.strip() for name in raw.split(",")] if raw else []
