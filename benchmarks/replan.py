@@ -111,7 +111,8 @@ class Ours:
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
         self._horizon = self._planner._horizon(self._observation, [1], steps)
-        self._horizon._closed_form = solver == "auto"
+        if solver == "auto":  # the certified closed form as the solution, without QPs
+            self._horizon._ascent_to = lambda value, filled, chosen, forecast: (filled, value, 0)  # type: ignore[method-assign]
         self._steps = steps
 
     def prepare(self, instance: Instance) -> Observation:
@@ -121,8 +122,8 @@ class Ours:
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:
         """Re-plan: what is timed."""
-        outlook = self._planner._outlook(observation, self._steps)
-        return outlook, self._horizon.solve(outlook)
+        forecast = self._planner._horizon_forecast(observation, self._steps)
+        return forecast, self._horizon.solve(forecast)
 
 
 # --- the peer
@@ -257,19 +258,19 @@ def quality(rng: np.random.Generator, count: int, steps: int) -> Quality:
     ours, peer = Ours(steps, "auto"), Peer(steps)
     below, above, violation_w, by_qp = [], [], -np.inf, 0
     for instance in instances(rng, count, steps, related=False):
-        outlook, plan = ours.solve(ours.prepare(instance))
+        forecast, plan = ours.solve(ours.prepare(instance))
         own = value_of(plan.relaxed[:, 0])
         starts = [np.full(steps, LOW + share * (HIGH - LOW)) for share in STARTS]
         starts += [rng.uniform(LOW, HIGH, steps), plan.relaxed[:, 0]]
         best = -np.inf
         for c in starts:
             found = peer.reals(peer.solve(peer.start(instance, c)))
-            if excess_w(found, outlook) <= 1e-5:
+            if excess_w(found, forecast) <= 1e-5:
                 best = max(best, value_of(found))
         below.append((best - own) / own)
         above.append((own - best) / own)
-        violation_w = max(violation_w, excess_w(plan.relaxed[:, 0], outlook), excess_w(plan.chosen[:, 0], outlook))
-        by_qp += plan.passes > 0
+        violation_w = max(violation_w, excess_w(plan.relaxed[:, 0], forecast), excess_w(plan.chosen[:, 0], forecast))
+        by_qp += plan.qp_solves > 0
     return Quality(below, above, violation_w, by_qp / count)
 
 
@@ -278,11 +279,11 @@ def value_of(c: np.ndarray) -> float:
     return float(np.sum((LOW_W + SLOPE_W * (c - LOW)) ** 2))
 
 
-def excess_w(c: np.ndarray, outlook: HorizonForecast) -> float:
+def excess_w(c: np.ndarray, forecast: HorizonForecast) -> float:
     """The most that any step's power is above its limit [W], stepped through independently of `eadp`."""
-    soc, most = outlook.soc, -np.inf
+    soc, most = forecast.soc, -np.inf
     for limit, mean, power in zip(
-        outlook.limit_motion_w, outlook.mean_motion_w, LOW_W + SLOPE_W * (c - LOW), strict=True
+        forecast.limit_motion_w, forecast.mean_motion_w, LOW_W + SLOPE_W * (c - LOW), strict=True
     ):
         soc -= SOC_PER_A * current_a(mean + power)
         most = max(most, limit + power - BATTERY.capacity_ah * BATTERY.voltage_v * BATTERY.letter_crate_per_h * soc)

@@ -223,9 +223,9 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
     runs = [sweep.run(index) for index in range(count)]
     kind = type(sweep.kept.load(runs[0]).planner())
     parts: dict[str, list[tuple[type, str]]] = {
-        "stretches": [(InnerLoop, "run")],
-        "stages": [(PlanExecutor, "follow"), (PlanExecutor, "decide"), (InnerLoop, "along")],
-        "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "listen") if name in vars(owner)],
+        "inner loop": [(InnerLoop, "run")],
+        "stages": [(PlanExecutor, "handle"), (PlanExecutor, "decide"), (InnerLoop, "start_stage")],
+        "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "ingest") if name in vars(owner)],
         "estimator": [(ExactEstimator, name) for name in ("observe", "observe_batch", "lap", "start_lap", "forecast")],
         "inputs": [(Files, "load"), (FlightInputs, "planner")],
     }
@@ -239,35 +239,35 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
         each = {name: 1e3 * clocks.spent[name] / count for name in (*parts, "rest")}
         print(f"\n    {'compiled' if fast else 'plain':8}", *(f"{name} {ms:.1f}" for name, ms in each.items()), end="")
         share = trigger_share(sweep.kept.load(runs[0]).world, fast)
-        print(f"; of the stretches the triggers take {100 * share:.0f} %", end="")
+        print(f"; of the inner loop the triggers take {100 * share:.0f} %", end="")
     print()
 
 
 def trigger_share(world: World, fast: bool) -> float:
-    """How much of a stretch's time goes away where nothing is watched."""
+    """Share of the inner loop's time that the triggers take."""
     compiled.enable(fast)
     steps, spent = 100_000 if fast else 10_000, {}
     for _ in range(3):
         for watching in (True, False):
-            itinerary = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
+            executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
             if watching:  # of a trigger that does not fire: a circle without end, a disc of no size
-                numbers = itinerary.watch.numbers
+                numbers = executor.watch.numbers
                 numbers[PASS_Q], numbers[RADIUS_SQUARED] = math.inf, -1.0
             else:
-                itinerary.watch.numbers[FIRES_IN] = itinerary.watch.numbers[ENDS] = 0.0
-            begin = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
-            stretches = InnerLoop(
-                state_of(world.vehicle, *begin),
+                executor.watch.numbers[FIRES_IN] = executor.watch.numbers[ENDS] = 0.0
+            start = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
+            inner_loop = InnerLoop(
+                state_of(world.vehicle, *start),
                 constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
                 replace(world.battery, capacity_ah=1e6),
                 world.wind,
                 np.random.default_rng(0),
             )
-            stretches.sense(1 << 40, 0)
-            stretches.along(itinerary, 0.0)
-            stretches.run(0, 1)
+            inner_loop.sense(1 << 40, 0)
+            inner_loop.start_stage(executor, 0.0)
+            inner_loop.run(0, 1)
             start_s = time.process_time()
-            k, _ = stretches.run(1, steps)
+            k, _ = inner_loop.run(1, steps)
             assert k == steps
             spent[watching] = min(time.process_time() - start_s, spent.get(watching, math.inf))
     print(f" ({1e9 * spent[True] / steps:.0f} ns a step)", end="")

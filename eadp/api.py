@@ -1,7 +1,7 @@
 """The use cases of eadp as functions: what `import eadp` shows, and what its commands call.
 
-Files are given by their paths, or as objects that were read or made before. Each function imports what it needs when it
-is called. `warn` takes the warnings, as a list of `Fault`; by default they become Python's warnings.
+Files are given by their paths, or as objects that were read or made before. What a flight does not
+need is imported when it is used. `warn` takes the warnings, a list of `Fault`; by default they become Python's own.
 """
 
 from __future__ import annotations
@@ -13,18 +13,23 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from eadp.errors import Fault
+from eadp.io.energy.model_file import energy_yaml
+from eadp.io.flight.folder import Flight, fly_flight
+from eadp.io.flight.inputs import Files, load_flight
+from eadp.io.plan import reader, writer
+from eadp.io.profile import model_file
+from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
+from eadp.io.text.streams import Text, read_text
+from eadp.models.energy import EnergyModel
+from eadp.models.plan.plan import Plan
+from eadp.models.profile_sum import AnyProfile
+from eadp.simulation.loop import Step
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from eadp.io.field.coverage import CoverageOptions, CoveragePlan
-    from eadp.io.flight.folder import Flight
-    from eadp.io.text.streams import Text
-    from eadp.models.energy import EnergyModel
     from eadp.models.energy_fit import EnergyFit
-    from eadp.models.plan.plan import Plan
-    from eadp.models.profile_sum import AnyProfile
-    from eadp.simulation.loop import Step
     from eadp.simulation.sweep.statistics import SweepFlight
 
 File = str | PathLike[str]
@@ -51,11 +56,8 @@ def read_plan(file: File, *, warn: Warn = _python_warnings) -> Plan:
     InputError
         With every fault of the file.
     """
-    from eadp.io.plan.reader import read_plan as read
-    from eadp.io.text.streams import read_text
-
     text = read_text(str(file))
-    plan, findings = read(text)
+    plan, findings = reader.read_plan(text)
     warn([Fault(text.name, one.line, one.column, one.message, severity=one.severity) for one in findings])
     return plan
 
@@ -74,9 +76,7 @@ def read_profile(file: File, *, warn: Warn = _python_warnings) -> AnyProfile:
     InputError
         With the faults of the file.
     """
-    from eadp.io.profile.model_file import read_profile as read
-
-    profile, found = read(str(file))
+    profile, found = model_file.read_profile(str(file))
     warn(found)
     return profile
 
@@ -159,10 +159,6 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    from eadp.io.flight.folder import fly_flight
-    from eadp.io.flight.inputs import Files, load_flight
-    from eadp.io.scenario.scenario_file import override_texts, read_overrides
-
     texts = override_texts(overrides, planner, seed)
     files = Files()
     inputs = load_flight(
@@ -207,7 +203,6 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     from eadp.io.field.coverage import plan_coverage
-    from eadp.io.scenario.scenario_file import read_scenario
 
     setting = read_scenario(None if scenario is None else str(scenario))
     profile = profile or setting.profile_path
@@ -256,11 +251,9 @@ def sweep(
         With every fault of the first file that has any.
     """
     from eadp.core.compiled import enable, enabled
-    from eadp.io.scenario.scenario_file import override_texts, read_overrides
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.run import missing_runs
     from eadp.io.sweep.sweep_file import read_sweep
-    from eadp.io.text.streams import read_text
 
     texts: dict[str, Text] = {}
     path = _path(file, texts, "eadp.sweep/1")
@@ -280,23 +273,15 @@ def sweep(
 
 def _path(given: Any, texts: dict[str, Text], schema: str = "") -> str:
     """The path of a file; an object becomes the text of its file, under the name that is returned."""
-    from eadp.io.energy.model_file import energy_yaml
-    from eadp.io.plan.writer import plan_text
-    from eadp.io.profile.model_file import profile_yaml
-    from eadp.io.scenario.scenario_file import value_text
-    from eadp.io.text.streams import Text
-    from eadp.models.energy import EnergyModel
-    from eadp.models.plan.plan import Plan
-
     if isinstance(given, str | PathLike):
         return str(given)
     if isinstance(given, Plan):
-        text = Text("given.plan", plan_text(given))
+        text = Text("given.plan", writer.plan_text(given))
     elif isinstance(given, EnergyModel):
         text = Text("given-energy.yaml", energy_yaml(given))
     elif isinstance(given, Mapping):
         text = Text("given-keys.yaml", value_text({"schema": schema, **given}))
     else:
-        text = Text("given-profile.yaml", profile_yaml(given))
+        text = Text("given-profile.yaml", model_file.profile_yaml(given))
     texts[text.name] = text
     return text.name

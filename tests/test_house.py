@@ -17,7 +17,7 @@ FIELD_TERMS = {
     r"\bspells?\b": "window or batch",
     r"\bdearer\b": "more expensive",
     r"\b(?:begun|mended?|nobody)\b": "started, repaired, no one",
-    r"\b(?:most|least|highest|lowest)_[a-z]+_?[a-z]*\b": "max_ or min_",
+    r"(?<!\")\b(?:most|least|highest|lowest)_[a-z]+": "max_ or min_",  # a name that is gone stands in quotes
     r"\b(?:Prospects?|Outlook|Remarks?|Terrain|Follower|Itinerary)\b": "Candidate, Forecast, Notice, TermBuilder, ...",
     r"\bitinerar(?:y|ies)\b": "executor or plan",
 }

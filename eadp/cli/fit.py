@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from eadp.cli.options import Format, FormatOption
+from eadp.cli.options import Format, FormatOption, names_in
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
@@ -96,8 +96,7 @@ def command(
 
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
-    names = [name.strip() for name in columns.split(",")] if columns else []
-    chosen = Columns(time, power, voltage, current, names, time_unit or "", instance=instance)
+    chosen = Columns(time, power, voltage, current, names_in(columns), time_unit or "", instance=instance)
     if battery:
         found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc))
         _print(found.document, found.text, found.block, found.warnings, output, format)

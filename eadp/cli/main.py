@@ -50,10 +50,6 @@ class _Closed(Exception):
     """The reader of the output has closed the pipe."""
 
 
-class _Interrupted(Exception):
-    """Ctrl-C, or SIGTERM."""
-
-
 def _shielded(command: Callable[..., int]) -> Callable[..., int]:
     """A command that distinguishes a closed pipe from an interruption: typer would end the process itself."""
 
@@ -66,7 +62,7 @@ def _shielded(command: Callable[..., int]) -> Callable[..., int]:
         except BrokenPipeError:
             raise _Closed from None
         except KeyboardInterrupt:
-            raise _Interrupted from None
+            raise typer.Abort from None  # Ctrl-C, or SIGTERM
 
     return shielded
 
@@ -108,16 +104,12 @@ def main(arguments: list[str]) -> int:
         return result if isinstance(result, int) else YES
     except typer.Exit as stop:
         return stop.exit_code
-    except (typer.Abort, KeyboardInterrupt, _Interrupted):
+    except (typer.Abort, KeyboardInterrupt):
         print("eadp: interrupted", file=sys.stderr)  # noqa: T201
         return INTERRUPTED
-    except InputError as error:
-        _debug()
-        print(error, file=sys.stderr)  # noqa: T201
-        return BAD_INPUT
     except EadpError as error:
         _debug()
-        print(f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
+        print(error if isinstance(error, InputError) else f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
         return BAD_INPUT
     except (BrokenPipeError, _Closed):
         # the reader has seen enough; nothing more may be written, not even by the interpreter's last flush

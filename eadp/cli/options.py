@@ -26,3 +26,8 @@ SetOption = Annotated[
     list[str] | None,
     Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),
 ]
+
+
+def names_in(raw: str) -> list[str]:
+    """The names of an option that lists them, separated by commas."""
+    return [name.strip() for name in raw.split(",")] if raw else []

@@ -147,7 +147,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
     result: dict[str, Any] = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
-        "repeats": plan.whole_laps or any(part.repeats for part in plan.parts),
+        "repeats": plan.whole_laps or any(segment.repeats for segment in plan.segments),
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan.final_point),
@@ -159,15 +159,15 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
             {key: getattr(item, key) for key in ("severity", "stage", "line", "code", "message")} for item in findings
         ],
     }
-    if plan.parts:
-        result["parts"] = [
+    if plan.segments:
+        result["segments"] = [
             {
-                "first": part.first + 1,
-                "stages": part.count,
-                "repeats": part.repeats,
-                "until": " >= ".join(side.text for side in part.until) if part.until else None,
+                "first": segment.first + 1,
+                "stages": segment.count,
+                "repeats": segment.repeats,
+                "until": " >= ".join(side.text for side in segment.until) if segment.until else None,
             }
-            for part in plan.parts
+            for segment in plan.segments
         ]
     if report is not None:
         result["valid"] = report.valid
@@ -200,10 +200,10 @@ def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
     from eadp.core.expressions.tree import substituted
     from eadp.errors import ExpressionError
 
-    if stage.part is None or not stage.part.quantities:
+    if stage.segment is None or not stage.segment.variables:
         return stage.path, stage.trigger
     try:
-        known = stage.part.first_lap()
+        known = stage.segment.first_lap()
         x, y = (substituted(part, known) for part in stage.trigger)
         return substituted(stage.path, known), (x, y)
     except ExpressionError:  # too large when substituted: as written in the file
@@ -212,9 +212,9 @@ def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
 
 def _structure(plan: Plan) -> str:
     """Lap structure, as the end of the first line."""
-    if plan.parts:
-        laps = sum(part.repeats for part in plan.parts)
-        return f" in {len(plan.parts)} segments, {laps} of them flown lap by lap"
+    if plan.segments:
+        laps = sum(segment.repeats for segment in plan.segments)
+        return f" in {len(plan.segments)} segments, {laps} of them flown lap by lap"
     if plan.repeats:
         return ", repeated lap by lap"
     if plan.primitive_stages is None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from typer import Argument, Option
 
-from eadp.cli.options import Format, FormatOption
+from eadp.cli.options import Format, FormatOption, names_in
 from eadp.cli.output import Progress, aligned, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, InputError, printable
 
@@ -89,7 +89,6 @@ def command(
     from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
     from eadp.io.profile.power_at import powers_at
     from eadp.io.text.streams import write_text
-    from eadp.models.profile import configuration_text
 
     options = MeasureOptions(config, sweep, sysfs, sensor, warmup, interval, accuracy, longest, idle)
     if measure:
@@ -108,10 +107,9 @@ def command(
     _refuse(options.given(), "with --measure")
     if output == "-" and (at or format is Format.json):
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
-    renamed = [name.strip() for name in names.split(",")] if names else ()
     configurations = [parse_configuration(raw) for raw in config or ()]
     kind = cast("Kind | None", interpolation and interpolation.value)
-    profile, warnings = read_profiles(Sources(files, add or (), renamed, configurations, from_name, kind))
+    profile, warnings = read_profiles(Sources(files, add or (), names_in(names), configurations, from_name, kind))
     values, clamped = powers_at(profile, at or [], clamp)
     if plot:
         from eadp.io.figures.profile import write_profile_figure
@@ -122,12 +120,8 @@ def command(
     warn(warnings + clamped)
     if format is Format.json:
         emit_json({"schema": "eadp.power/1", "values": values} if at else profile_document(profile))
-    elif at:
-        shown = [value["configuration"] for value in values]
-        texts = [configuration_text(list(each), list(each.values()), ",") for each in shown]
-        emit("\n".join(f"{text}: {value['power_w']:.6g} W" for text, value in zip(texts, values, strict=True)))
-    elif output != "-":
-        emit(_summary(profile))
+    elif at or output != "-":
+        emit(_powers(values) if at else _summary(profile))
     return 0
 
 
@@ -149,6 +143,17 @@ def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
     write_text(output or "-", table)
     warn(notes)
     return 0
+
+
+def _powers(values: list[dict[str, Any]]) -> str:
+    """The power at each configuration, a line each."""
+    from eadp.models.profile import configuration_text
+
+    lines = []
+    for value in values:
+        names, numbers = zip(*value["configuration"].items(), strict=True)
+        lines.append(f"{configuration_text(names, numbers, ',')}: {value['power_w']:.6g} W")
+    return "\n".join(lines)
 
 
 def _summary(profile: AnyProfile) -> str:

@@ -23,7 +23,7 @@ def command(
     planner: PlannerOption = None,
     set_: SetOption = None,
     log: Annotated[
-        str | None, Option(help="Append what comes and what is decided; go on from there if it exists.", metavar="FILE")
+        str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
 ) -> int:
     """Example: eadp replan plans/survey.plan --scenario scenarios/survey.yaml --telemetry
@@ -34,9 +34,9 @@ def command(
 
     A line in has time_s, x_m, y_m, power_w (or null) and soc; stage, wind_mps, velocity_mps, heading_deg and parameters
     are optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason and more.
-    Lines that cannot be used are reported and skipped.
+    Invalid lines give a warning and are skipped.
 
-    Exit code 0 if the plan is done or forecast to be at the last line, 1 if it is not, 2 on bad input.
+    Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
     from eadp.io.flight.inputs import load_flight
     from eadp.io.scenario.scenario_file import override_texts, read_overrides
@@ -52,7 +52,7 @@ def command(
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 
-    def tell(line: dict[str, Any]) -> None:
+    def emit(line: dict[str, Any]) -> None:
         sys.stdout.write(json_line(line))
         sys.stdout.flush()
 
@@ -62,5 +62,5 @@ def command(
         if kept is not None:
             stack.callback(kept.close)
         name = "<stdin>" if telemetry == "-" else telemetry
-        completes = replan(inputs, stream, name, kept, tell, lambda fault: warn([fault]))
+        completes = replan(inputs, stream, name, kept, emit, lambda fault: warn([fault]))
     return 0 if completes else 1

@@ -54,17 +54,8 @@ def command(
     def show(step: Step) -> None:
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
 
-    flight = api.simulate(
-        plan,
-        scenario=scenario,
-        profile=profile,
-        energy=energy,
-        overrides=set_ or (),
-        planner=planner and planner.value,
-        seed=seed,
-        on_step=show,
-        warn=warn,
-    )
+    name = planner and planner.value
+    flight = api.simulate(plan, scenario, profile, energy, set_ or (), name, seed, on_step=show, warn=warn)
     progress.close()
     summary = flight.summary
     if out is not None:

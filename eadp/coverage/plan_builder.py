@@ -77,7 +77,7 @@ def build_plan(
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
         origin_deg=origin_deg,
-        parts=tuple(builder.segments) if repeats else (),
+        segments=tuple(builder.segments) if repeats else (),
         primitive_stages=4 if repeats else None,
     )
 
@@ -152,7 +152,7 @@ class _PlanBuilder:
             self._add_stage(path, trigger, sensing, block.min_c1)
         end = (_expression("s"), _expression(_number(block.travel_m - END_TOLERANCE_M)))
         segment = Segment(first, 4, tuple(_loop_variables(block)), end)
-        self.stages[first:] = [replace(stage, part=segment) for stage in self.stages[first:]]
+        self.stages[first:] = [replace(stage, segment=segment) for stage in self.stages[first:]]
         self.segments.append(segment)
         self.shortest_m = min([self.shortest_m, *(leg.piece.length_m for leg in block.legs(0.0)[2::4])])
 

@@ -45,14 +45,6 @@ def shortest(value: float) -> float | int:
     return int(value) if float(value).is_integer() and abs(value) < 1e15 else value
 
 
-def _empty() -> FloatArray:
-    return np.empty(0)
-
-
-def _none() -> IntArray:
-    return np.empty(0, dtype=np.int64)
-
-
 @dataclass(frozen=True)
 class ProfileFinding:
     """A warning about the measurements; `point` is the index of its configuration."""
@@ -113,11 +105,11 @@ class Profile:
     units: tuple[str, ...]
     configurations: FloatArray
     power_w: FloatArray
-    std_w: FloatArray = field(default_factory=_empty)
-    samples: IntArray = field(default_factory=_none)
+    std_w: FloatArray = field(default_factory=lambda: np.empty(0))
+    samples: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     interpolation: Kind = "linear"
     source: str = ""
-    standard_error_w: FloatArray = field(default_factory=_empty)
+    standard_error_w: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         points = np.array(self.configurations, dtype=np.float64)
@@ -293,8 +285,8 @@ class Profile:
         tuple of ProfileFinding
             At most one for each parameter, at its first turning point; then at most one of few independent samples.
         """
-        turns = [found for axis in range(len(self.names)) for found in self._turns(axis)[:1]]
-        return (*turns, *self._few())
+        turns = (self._first_turn(axis) for axis in range(len(self.names)))
+        return (*filter(None, turns), *self._few())
 
     def _few(self) -> list[ProfileFinding]:
         if self.samples.max() <= 1:  # averages, of which nothing more is known
@@ -311,18 +303,16 @@ class Profile:
         """A measured configuration by its index, as in `fps=2, keysize=32`."""
         return configuration_text(self.names, self.configurations[point].tolist())
 
-    def _turns(self, axis: int) -> list[ProfileFinding]:
-        """Every line of configurations along one parameter in which power turns."""
+    def _first_turn(self, axis: int) -> ProfileFinding | None:
+        """The first line of configurations along one parameter in which power turns."""
         lines: dict[tuple[float, ...], list[int]] = defaultdict(list)
         for point, configuration in enumerate(self.configurations.tolist()):
-            others = (*configuration[:axis], *configuration[axis + 1 :])
-            lines[others].append(point)
-        found = []
+            lines[(*configuration[:axis], *configuration[axis + 1 :])].append(point)
         for others, points in lines.items():
-            turn, rising = _first_turn(self.power_w[points].tolist())
+            turn, rising = _turn_of(self.power_w[points])
             if turn:
-                found.append(self._turn_finding(axis, others, points[turn], rising))
-        return found
+                return self._turn_finding(axis, others, points[turn], rising)
+        return None
 
     def _turn_finding(self, axis: int, others: tuple[float, ...], point: int, rising: bool) -> ProfileFinding:
         name, value, turn_w = self.names[axis], self.configurations[point, axis], self.power_w[point]
@@ -334,18 +324,15 @@ class Profile:
         return ProfileFinding(point, f"power is not monotone in {name}{where}: {what}; kept as measured")
 
 
-def _first_turn(values: Sequence[float]) -> tuple[int, bool]:
+def _turn_of(values: FloatArray) -> tuple[int, bool]:
     """Where a sequence first turns, and whether it rose before; index 0 if it never turns.
 
     The index is that of the last value before the turn shows: of equal values at the top, the last.
     """
-    direction = 0
-    for i in range(1, len(values)):
-        step = (values[i] > values[i - 1]) - (values[i] < values[i - 1])
-        if step * direction < 0:
-            return i - 1, direction > 0
-        direction = step or direction
-    return 0, False
+    steps = np.sign(np.diff(values))
+    changes = np.flatnonzero(steps)
+    turns = changes[1:][np.diff(steps[changes]) != 0]
+    return (int(turns[0]), bool(steps[turns[0]] < 0)) if len(turns) else (0, False)
 
 
 def _whole_steps(start: float, values: Sequence[float]) -> bool:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from eadp.core.bounds import Degrees, Duration, MetresPerSecond
+from eadp.core.geometry.bearings import blowing_to_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,5 @@ class Wind:
     @property
     def steady_mps(self) -> tuple[float, float]:
         """The steady wind's vector (east, north) [m/s]."""
-        towards_deg = (270.0 - self.from_deg) % 360 if self.towards_deg is None else self.towards_deg
-        angle = math.radians(towards_deg)
+        angle = blowing_to_rad(self.from_deg) if self.towards_deg is None else math.radians(self.towards_deg)
         return self.speed_mps * math.cos(angle), self.speed_mps * math.sin(angle)

@@ -326,7 +326,7 @@ class TrackingPlanner:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
-        lap_stages = None if self._mission.plan.parts else self._lap_stages
+        lap_stages = None if self._mission.plan.segments else self._lap_stages
         if segment.repeats:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
@@ -359,6 +359,15 @@ def allowed_levels(settings: PlannerSettings, mission: Mission, index: int, box:
     if own is None:
         return mission.computing.levels(index - mission.plan.path_count, box)
     return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
+
+
+def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float, ...]]:
+    """Levels with at most `limit` combinations: drops every second one of the longest list while it has over two."""
+    kept = list(levels)
+    while math.prod(map(len, kept)) > limit and max(map(len, kept)) > 2:
+        k = max(range(len(kept)), key=lambda i: len(kept[i]))
+        kept[k] = (*kept[k][:-1:2], kept[k][-1])
+    return kept
 
 
 def next_multiple(time_s: float, every_s: float) -> float:

@@ -1,4 +1,4 @@
-"""Quadratic programs by OSQP, the only import of it: set up once, updated, warm-started, status always checked.
+"""Quadratic programs by OSQP, imported here only: set up once, updated, warm-started, the status always checked.
 
 minimise ½ zᵀ P z + qᵀ z  subject to  l ≤ A z ≤ u, with P = ε I.
 
@@ -23,8 +23,8 @@ from eadp.errors import Infeasible, SolverFailed
 UNBOUNDED = 1e30
 TOLERANCE = 1e-7
 ITERATIONS = 4000
-# Rows come scaled, and a ρ that starts high and adapts early: measured on the QPs of horizons of 10 and 46 steps that
-# are short of charge, this takes 50 to 125 iterations in the median, where the defaults ran into the limit.
+# Rows are scaled by the caller; ρ starts high and adapts early. On QPs of horizons of 10 and 46 steps with little
+# charge this takes a median of 50 to 125 iterations; the defaults reach the limit.
 SETTINGS = {"scaling": 0, "rho": 3.0, "adaptive_rho_tolerance": 2.0, "polishing": False, "warm_starting": True}
 
 
@@ -93,8 +93,8 @@ class QuadraticProgram:
             raise Infeasible("a row whose lower bound is above its upper bound")
 
     def _build(self, linear: FloatArray, entries: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        places = range(self._columns)
-        identity = csc_matrix((np.full(self._columns, self._proximal), (places, places)))
+        locations = range(self._columns)
+        identity = csc_matrix((np.full(self._columns, self._proximal), (locations, locations)))
         rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
         self._failed = True  # until it has a solution
         self._solver = osqp.OSQP()

@@ -8,12 +8,12 @@ from eadp.planning.base import TrackingPlanner
 
 
 class StaticPlanner(TrackingPlanner):
-    """Keeps the parameters of take-off; it still estimates the power, so that its flights record a forecast.
+    """Keeps the parameters of take-off; it estimates the power, so that its flights record a forecast.
 
     Source: flights I and II of the letter.
     """
 
     @property
     def next_update_s(self) -> float:
-        """Infinity: there is nothing to decide."""
+        """Infinity: no decisions."""
         return math.inf

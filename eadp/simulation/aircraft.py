@@ -1,7 +1,7 @@
-"""The simulated aircraft in wind. It knows nothing of planners.
+"""The simulated aircraft in wind.
 
-A flight's numbers lie in one list, or in one array for compiled code (`eadp.core.compiled`), which the functions here
-change in place: they are the inner loop, and run as they stand or as machine code.
+The state is one list, or one array for compiled code (`eadp.core.compiled`), that the functions here change in place.
+They run in plain Python or compiled.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ random numbers are left."""
 MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(11)
 MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
 LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
-PARASITIC, INDUCED, SLOWEST, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
+PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
 AIRCRAFT_CONSTANTS = 26
 """Of every vehicle, then of the papers' or of a fixed wing."""
 
@@ -188,7 +188,7 @@ def _fixed_wing_step(
     s[BANK] += (bank - s[BANK]) * c[ROLLED]
     level = math.cos(s[BANK])
     turn = GRAVITY_MPS2 * math.sin(s[BANK]) / (level * speed)  # g tan φ / V
-    # 2. climb, at once but within its limit; airspeed by the throttle, which knows drag and climb
+    # 2. climb rate without lag, within its limit; airspeed by the throttle, with drag and climb fed forward
     climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MAX_CLIMB])
     square = speed * speed
     drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
@@ -203,8 +203,8 @@ def _fixed_wing_step(
     s[WIND_X], s[WIND_Y] = wind_x, wind_y
     # m V̇ = T − D − W sin γ, less the air's own acceleration along the heading
     speed += ((thrust - drag - weight * climb / speed) / mass - gust) * step_s
-    if speed < c[SLOWEST]:
-        speed = c[SLOWEST]
+    if speed < c[MIN_SPEED]:
+        speed = c[MIN_SPEED]
     s[AIRSPEED], s[CLIMB] = speed, climb
     s[ALTITUDE] += climb * step_s
     # 3. position, then heading

@@ -1,9 +1,9 @@
-"""The inner loop: a stretch of steps at whose ends alone something outside has to look.
+"""Inner loop of the simulation: steps between two events that the outer loop has to handle.
 
-Aircraft, guidance, gusts, charge, triggers and sums, from one moment at which a planner, a log, a fault or a new stage
-is due to the next. Written once: plain Python on lists, or compiled on arrays (`eadp.core.compiled`), to the same bits.
-Compiled, paths are lines and circles and the charge is drained; a general curve, or a replayed charge, is flown by the
-plain function on the same numbers.
+Aircraft, guidance, gusts, charge, triggers and sums, until a planner, a row of the log, a fault or a new stage is due.
+One function runs in plain Python on lists, or compiled on arrays (`eadp.core.compiled`), with identical results. It is
+compiled for lines and circles and a drained charge; for a general curve or a replayed charge it runs in plain Python on
+the same variables.
 """
 
 from __future__ import annotations
@@ -42,34 +42,34 @@ from eadp.simulation.aircraft import (
     next_gust,
 )
 
-SOC, POWER, ENERGY, DISTANCE, LEAST, MOST, READ_AT, READINGS = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 8)
+SOC, POWER, ENERGY, DISTANCE, MIN_POWER, MAX_POWER, READ_AT, READINGS = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 8)
 STATE = AIRCRAFT_STATE + 8
-"""State of charge, power [W]; sums of power and ground speed over the steps, least and most power [W]; the step of the
-next reading, how many have been taken."""
+"""State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]; the step of
+the next reading, number of readings."""
 
 EMPTY_V, RISE_V, FOUR_R, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE = range(AIRCRAFT_CONSTANTS, AIRCRAFT_CONSTANTS + 8)
 Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(AIRCRAFT_CONSTANTS + 8, AIRCRAFT_CONSTANTS + 19)
 CONSTANTS = AIRCRAFT_CONSTANTS + 19
-"""Of the battery and the sensors, then of the stage: its closed form, offset [m], gain, sense, and the power of the
-computations [W]."""
+"""Constants of the battery and the sensors, then of the stage: closed form of its path, offset [m], gain, sense, power
+of the computations [W]."""
 
 LOST, EMPTY, SAGS = 4, 8, 16
-"""What ends a flight, as bits beside `FIRED` and `ENDED`: the path has no value here, the battery is empty, or cannot
-deliver."""
+"""Events that end a flight, as bits beside `FIRED` and `ENDED`: the path has no value here, the battery is empty, or it
+cannot deliver the power."""
 
-MOMENT = 7
-"""Numbers of a moment that a sensor may tell late: x, y, power, charge, ground velocity, heading."""
+SNAPSHOT = 7
+"""Number of measured variables, which a sensor may delay: x, y, power, charge, ground velocity, heading."""
 
-READING, MOST_READINGS = 1 + MOMENT, 500
-"""Numbers of a reading: its step and the moment that it tells of; and the most of them in one stretch."""
+READING, MAX_READINGS = 1 + SNAPSHOT, 500
+"""Length of a reading, its step and the measured variables; maximum number of readings in one run."""
 
 NOISE = 2000
-"""Random numbers of gusts drawn at once."""
+"""Random numbers of gusts per draw."""
 
 _NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
-def fly_stretch(
+def run_steps(
     s: State,
     w: MutableSequence[float],
     c: Constants,
@@ -82,22 +82,22 @@ def fly_stretch(
     curve: CurveProgress | None,
     replay: Callable[[float], float] | None,
 ) -> tuple[int, int]:
-    """Fly from step `k` to step `end`, or until something happens; return the steps flown and what has been seen.
+    """Fly from step `k` to step `end` or the next event; return the last step and the events.
 
     Parameters
     ----------
     s, w, c
-        The flight's state and what is watched, which are changed, and its constants.
+        State and variables of the triggers, which are changed, and constants.
     noise
-        Normal random numbers for gusts, enough of them.
+        Normal random numbers for gusts.
     late
-        The last moments, `LATE` + 1 of them, filled in turn.
+        Ring buffer of the measured variables of the last `LATE` + 1 steps.
     readings
-        Readings of the sensors, filled from the first on.
+        Readings of the sensors, appended to.
     path, curve
-        Of a stage that is a general curve.
+        Of a stage whose path is a general curve.
     replay : function of time [s]
-        The charge where it is not drained.
+        The state of charge if it is replayed.
     """
     while k < end:
         k += 1
@@ -121,23 +121,23 @@ def fly_stretch(
         s[POWER] = power_w
         s[ENERGY] += power_w
         s[DISTANCE] += math.sqrt(s[VX] * s[VX] + s[VY] * s[VY])
-        if power_w < s[LEAST]:
-            s[LEAST] = power_w
-        if power_w > s[MOST]:
-            s[MOST] = power_w
+        if power_w < s[MIN_POWER]:
+            s[MIN_POWER] = power_w
+        if power_w > s[MAX_POWER]:
+            s[MAX_POWER] = power_w
         failed = drain(s, c, power_w, k, replay)
         if failed:
             return k, failed
         if c[LATE] != 0.0 or k == s[READ_AT]:
             _sense(s, c, late, readings, k)
-        seen = watched(w, s[X], s[Y], curve)
-        if seen:
-            return k, seen
+        events = watched(w, s[X], s[Y], curve)
+        if events:
+            return k, events
     return k, 0
 
 
 def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[float], float] | None) -> int:
-    """Draw a power over step `k` from the battery, and what is lost then; return `EMPTY`, `SAGS` or 0."""
+    """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
     # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c: eadp.core.flight.battery
     volts = c[EMPTY_V] + c[RISE_V] * s[SOC]
     discriminant = volts * volts - c[FOUR_R] * power_w
@@ -156,16 +156,16 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[floa
 
 
 def _sense(s: State, c: Constants, late: MutableSequence[float], readings: MutableSequence[float], k: int) -> None:
-    """Keep the moment of a step, and take a reading if that is due."""
+    """Store the measured variables of a step, and append a reading if one is due."""
     rows = int(c[LATE]) + 1
-    at = (k - 1) % rows * MOMENT
+    at = (k - 1) % rows * SNAPSHOT
     late[at], late[at + 1], late[at + 2], late[at + 3] = s[X], s[Y], s[POWER], s[SOC]
     late[at + 4], late[at + 5], late[at + 6] = s[VX], s[VY], s[HEADING]
     if k == s[READ_AT]:
-        at = max(k - 1 - int(c[LATE]), 0) % rows * MOMENT
+        at = max(k - 1 - int(c[LATE]), 0) % rows * SNAPSHOT
         n = int(s[READINGS]) * READING
         readings[n] = k
-        for i in range(MOMENT):
+        for i in range(SNAPSHOT):
             readings[n + 1 + i] = late[at + i]
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
@@ -179,23 +179,23 @@ def drain_constants(battery: Battery, step_s: float) -> list[float]:
 
 
 class InnerLoop:
-    """One flight's numbers, and the function that takes them from stretch to stretch."""
+    """State and constants of one flight, and the function that runs its steps."""
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled() and not battery.prescribed
-        self._fly = compiled.jitted(fly_stretch, drain, _sense, *FLYING, *WATCHING) if self._compiled else fly_stretch
+        self._fly = compiled.jitted(run_steps, drain, _sense, *FLYING, *WATCHING) if self._compiled else run_steps
         self._replay = battery.prescribed_soc if battery.prescribed else None
         self._rng = rng
         first = rng.standard_normal(2)
         c: Any = [*constants, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS)]
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
         s[GUST_X], s[GUST_Y] = wind.gust_std_mps * float(first[0]), wind.gust_std_mps * float(first[1])
-        s[LEAST], s[MOST] = math.inf, -math.inf
+        s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
         s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
         self._noise: Any = self._numbers([])
         self._late: Any = self._numbers([])
-        self._readings: Any = self._numbers([0.0] * (READING * MOST_READINGS))
+        self._readings: Any = self._numbers([0.0] * (READING * MAX_READINGS))
         self._path: PathFunction | None = None
         self._curve: CurveProgress | None = None
         self._watch: Any = []
@@ -205,89 +205,78 @@ class InnerLoop:
         return np.array(values) if self._compiled else values
 
     def sense(self, every: int, late: int) -> None:
-        """Take a reading every so many steps from the first on, of a moment so many steps before."""
+        """Take a reading every so many steps from the first on, with a delay in steps."""
         self._s[READ_AT] = 1
         self._c[READ_EVERY], self._c[LATE] = every, late
-        self._late = self._numbers([0.0] * (MOMENT * (late + 1)))
+        self._late = self._numbers([0.0] * (SNAPSHOT * (late + 1)))
 
     def fault(self, step: int, drop: float) -> None:
         """The next sudden loss of charge."""
         self._c[FAULT_AT], self._c[DROP] = step, drop
 
-    def along(self, itinerary: PlanExecutor, computing_w: float) -> None:
-        """Go on along the stage that an itinerary is at."""
-        c, stage, (ox, oy) = self._c, itinerary.stage, itinerary.cursor.offset_m
+    def start_stage(self, executor: PlanExecutor, computing_w: float) -> None:
+        """Start the stage that an executor is at."""
+        c, stage, (ox, oy) = self._c, executor.stage, executor.cursor.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
-        if itinerary.form is not None:
-            q, x, y, a, b, e = itinerary.form
+        if executor.form is not None:
+            q, x, y, a, b, e = executor.form
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e
             self._path = None
         else:
-            self._path = _guarded(itinerary.path)
-        watch = itinerary.watch
+            self._path = _guarded(executor.path)
+        watch = executor.watch
         self._curve, watch.numbers = watch.curve, self._numbers(list(watch.numbers))
         self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
-        """Fly on; see `fly_stretch`. May end early where random numbers or room for readings do."""
+        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room for readings end."""
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
                 self._noise = self._numbers(self._rng.standard_normal(NOISE).tolist())
                 self._s[NOISE_LEFT] = NOISE
             end = min(end, k + int(self._s[NOISE_LEFT]) // 2)
-        room = MOST_READINGS - int(self._s[READINGS])
+        room = MAX_READINGS - int(self._s[READINGS])
         end = min(end, k + room * int(self._c[READ_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
-            return self._plainly(k, end)
-        k, seen = self._fly(
-            self._s,
-            self._watch,
-            self._c,
-            self._noise,
-            self._late,
-            self._readings,
-            k,
-            end,
-            self._path,
-            self._curve,
-            self._replay,
-        )
-        return k, seen
+            return self._run_uncompiled(k, end)
+        state = (self._s, self._watch, self._c, self._noise, self._late, self._readings)
+        k, events = self._fly(*state, k, end, self._path, self._curve, self._replay)
+        return k, events
 
-    def _plainly(self, k: int, end: int) -> tuple[int, int]:
-        """A stretch along a general curve beside compiled ones."""
+    def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
+        """Run along a general curve in plain Python, on the arrays of the compiled function."""
         arrays = (self._s, self._watch, self._late, self._readings)
         s, w, late, readings = (array.tolist() for array in arrays)
         c, noise = self._c.tolist(), self._noise.tolist()
-        k, seen = fly_stretch(s, w, c, noise, late, readings, k, end, self._path, self._curve, None)
+        k, events = run_steps(s, w, c, noise, late, readings, k, end, self._path, self._curve, None)
         for array, values in zip(arrays, (s, w, late, readings), strict=True):
             array[:] = values
-        return k, seen
+        return k, events
 
-    def told(self, k: int) -> tuple[float, ...]:
-        """What sensors tell after step `k`: the numbers of a moment, so late as they are."""
+    def measured(self, k: int) -> tuple[float, ...]:
+        """The measured variables after step `k`, with the sensors' delay."""
         rows = int(self._c[LATE]) + 1
         if rows == 1:
             s = self._s
             return tuple(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
-        at = max(k - rows, 0) % rows * MOMENT
-        return tuple(map(float, self._late[at : at + MOMENT]))
+        at = max(k - rows, 0) % rows * SNAPSHOT
+        return tuple(map(float, self._late[at : at + SNAPSHOT]))
 
     def readings(self) -> tuple[list[int], list[list[float]]]:
-        """Steps of the readings since this was asked last, and each number of their moments in turn."""
+        """Steps of the readings since the last call, and a list of values for each measured variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
         values: list[float] = flat.tolist() if self._compiled else flat
         return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
 
-    def number(self, place: int) -> float:
-        """One of the flight's numbers."""
-        return float(self._s[place])
+    def variable(self, index: int) -> float:
+        """A variable of the state."""
+        return float(self._s[index])
 
 
 def _guarded(path: PathFunction) -> PathFunction:
-    """The same path function, but for no numbers where it has no value."""
+    """The path function with NaN where it has no value."""
 
     def jet(x: float, y: float) -> Jet:
         try:

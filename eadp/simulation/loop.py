@@ -21,21 +21,21 @@ from eadp.models.plan.plan import Plan
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.base import DecisionRecord, Observation, Planner, Readings
+from eadp.planning.base import Decision, DecisionRecord, Observation, Planner, Readings
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
-from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LEAST, LOST, MOST, POWER, SAGS, SOC, InnerLoop
+from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
 from eadp.simulation.metrics import FlightTotals, ParameterLog
 from eadp.simulation.sensors import SensorSuite
 
 COMPLETED = "final point reached"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
-MOST_STEPS = 1 << 40
+MAX_STEPS = 1 << 40
 
 
 @dataclass(frozen=True)
 class World:
-    """Everything of a flight but the planner."""
+    """Everything in a flight except the planner."""
 
     plan: Plan
     computing: Computing
@@ -57,7 +57,7 @@ class World:
 
 
 class Step(NamedTuple):
-    """One logged moment; `stage` counts from 1 over the whole flight's stages of a lap."""
+    """A row of the log; `stage` is the index within the plan's stages, from 1."""
 
     time_s: float
     stage: int
@@ -73,7 +73,7 @@ class Step(NamedTuple):
 
 @dataclass
 class Outcome:
-    """How a flight ended, and what it added up to."""
+    """End of a flight, and its totals."""
 
     completed: bool = False
     reason: str = ""
@@ -88,8 +88,8 @@ class Outcome:
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
 
-    From one moment at which something has to look to the next the aircraft flies by itself
-    (`eadp.simulation.inner_loop`): until a planner is due, a row of the log, a loss of charge, or a new stage.
+    The inner loop (`eadp.simulation.inner_loop`) runs until the planner, a row of the log, a loss of charge or a new
+    stage is due.
 
     Raises
     ------
@@ -97,134 +97,117 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         If the first path cannot be evaluated where the flight starts.
     """
     step_s, log_every = world.step_s, max(1, round(world.log_every_s / world.step_s))
-    itinerary = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
+    executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
     steady_mps = world.wind.steady_mps
-    stretches = InnerLoop(
+    inner_loop = InnerLoop(
         state_of(world.vehicle, steady_mps, world.start_m, world.heading_rad, world.altitude_m),
         constants_of(world.vehicle, world.guidance, world.wind, step_s),
         world.battery,
         world.wind,
         np.random.default_rng(world.seed),
     )
-    watcher = _SensorBridge(world, planner, stretches)
+    bridge = _SensorBridge(world, planner, inner_loop, outcome.records)
     losses = _losses(world)
-    alarms = [step + watcher.late for step, _ in losses]
-    parameters, stage = itinerary.parameters, itinerary.stage
+    alarms = [step + bridge.late for step, _ in losses]
+    parameters, stage = executor.parameters, executor.stage
     log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets)
-    stretches.along(itinerary, world.computing.power_w(parameters, stage.sets))
-    decided: Vector | None = None
-    recorded: DecisionRecord | None = None
+    inner_loop.start_stage(executor, world.computing.power_w(parameters, stage.sets))
+    decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason = TIME_LIMIT
-    k, look, last_logged = 0, 1, -1
+    k, next_update, last_logged = 0, 1, -1
 
     def logged() -> Step:
-        place = (number(X), number(Y), number(ALTITUDE), number(HEADING))
-        forecast_w = watcher.forecast_w
-        return Step(k * step_s, stage.index, *place, number(POWER), forecast_w, number(SOC), parameters)
+        motion = (variable(X), variable(Y), variable(ALTITUDE), variable(HEADING))
+        forecast_w = bridge.decision.power_forecast_w
+        return Step(k * step_s, stage.index, *motion, variable(POWER), forecast_w, variable(SOC), parameters)
 
-    number = stretches.number
+    variable = inner_loop.variable
     while k < steps:
-        if losses and k >= losses[-1][0]:
+        if k >= losses[-1][0]:
             losses.pop()
-        if alarms and k >= alarms[-1]:
+        if k >= alarms[-1]:
             alarms.pop()
-        loss = losses[-1] if losses else (steps, 0.0)
-        alarm = alarms[-1] if alarms else steps
-        stretches.fault(*loss)
-        k, seen = stretches.run(k, min(steps, look, loss[0], alarm, k - k % log_every + log_every))
+        loss, alarm = losses[-1], alarms[-1]
+        inner_loop.fault(*loss)
+        k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm, k - k % log_every + log_every))
         time_s = k * step_s
-        if seen & (LOST | EMPTY | SAGS):
-            reason = _failure(seen, world, stretches, stage.index, k)
+        if events & (LOST | EMPTY | SAGS):
+            reason = _failure(events, world, inner_loop, stage.index, k)
             break
-        looks = k >= look or k == alarm
-        if looks:
-            watcher.look(k, itinerary)
-            if watcher.record is not recorded:
-                recorded = watcher.record
-                if recorded is not None:
-                    outcome.records.append(recorded)
+        due = k >= next_update or k == alarm
+        if due:
+            bridge.update(k, executor)
         if k % log_every == 0:
-            watcher.ingest(k)
+            bridge.ingest(k)
             last_logged = k
             yield logged()
         try:
-            changed = itinerary.handle(seen, number(X), number(Y)) if seen else False
-            if itinerary.complete:
+            changed = executor.handle(events, variable(X), variable(Y)) if events else False
+            if executor.complete:
                 outcome.completed, reason = True, COMPLETED
                 break
             if changed:
                 outcome.stage_times_s.append(time_s)
-            if watcher.parameters is not decided:
-                decided = watcher.parameters
-                if decided is not None:
-                    changed |= itinerary.decide(decided, (number(X), number(Y)))
+            if bridge.decision.parameters is not decided:
+                decided = bridge.decision.parameters
+                changed |= executor.decide(decided, (variable(X), variable(Y)))
         except EadpError as error:
             reason = str(error)
             break
         if changed:
-            stage, parameters = itinerary.stage, itinerary.parameters
-            stretches.along(itinerary, world.computing.power_w(parameters, stage.sets))
+            stage, parameters = executor.stage, executor.parameters
+            inner_loop.start_stage(executor, world.computing.power_w(parameters, stage.sets))
             log.change(time_s, parameters, stage.sets)
-            look = k + 1  # a new stage, or what has been decided, is told at once
-        elif looks:
-            look = max(k + 1, step_at(planner.next_update_s, step_s, steps))
+            next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
+        elif due:
+            next_update = max(k + 1, step_at(planner.next_update_s, step_s, steps))
     if k != last_logged:
-        watcher.ingest(k)
+        bridge.ingest(k)
         yield logged()
     totals = outcome.totals
-    totals.energy_j, totals.distance_m = number(ENERGY) * step_s, number(DISTANCE) * step_s
-    totals.power_min_w, totals.power_max_w = number(LEAST), number(MOST)
+    totals.energy_j, totals.distance_m = variable(ENERGY) * step_s, variable(DISTANCE) * step_s
+    totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
     log.close(k * step_s)
-    outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, number(SOC)
+    outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, variable(SOC)
 
 
 class _SensorBridge:
-    """What goes from the sensors to the planner, and what it has decided."""
+    """Measurements from the inner loop to the planner, and its last decision."""
 
-    def __init__(self, world: World, planner: Planner, stretches: InnerLoop) -> None:
+    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, records: list[DecisionRecord]) -> None:
         self._step_s = world.step_s
         self._planner = planner
-        self._stretches = stretches
+        self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
         self._suite = SensorSuite(world.sensors, world.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
-        """How many steps old what is told is."""
-        stretches.sense(step_at(planner.reading_every_s, world.step_s, MOST_STEPS), self.late)
-        self.forecast_w = 0.0
-        self.parameters: Vector | None = None
-        self.record: DecisionRecord | None = None
+        """Delay of the measurements in steps."""
+        inner_loop.sense(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late)
+        self._records = records
+        self.decision = Decision(world.parameters, 0.0)
 
-    def look(self, k: int, itinerary: PlanExecutor) -> None:
-        """Show the planner what is known after step `k`."""
+    def update(self, k: int, executor: PlanExecutor) -> None:
+        """Update the planner with an observation after step `k`."""
         self.ingest(k - 1)
-        x, y, power_w, soc, vx, vy, heading = self._stretches.told(k)
-        observation = Observation(
-            k * self._step_s,
-            x,
-            y,
-            itinerary.cursor,
-            itinerary.joined_m,
-            itinerary.stages_started,
-            power_w,
-            soc,
-            None,
-            (vx, vy),
-            heading,
-        )
+        x, y, power_w, soc, vx, vy, heading = self._inner_loop.measured(k)
+        plan = executor.cursor, executor.joined_m, executor.stages_started
+        observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
         decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
-        self.forecast_w, self.parameters, self.record = decision.power_forecast_w, decision.parameters, decision.record
+        if decision.record is not None and decision.record is not self.decision.record:
+            self._records.append(decision.record)
+        self.decision = decision
 
     def ingest(self, k: int) -> None:
-        """Give the planner the readings up to step `k` that it has not been shown; a later one it sees itself."""
-        steps, moments = self._stretches.readings()
+        """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
+        steps, snapshots = self._inner_loop.readings()
         if steps and steps[-1] > k:
             steps.pop()
-            for numbers in moments:
+            for numbers in snapshots:
                 numbers.pop()
         if not steps:
             return
-        x, y, true_w, charges, vx, vy, headings = moments
+        x, y, true_w, charges, vx, vy, headings = snapshots
         powers_w: list[float | None] = [*true_w]
         if not self._ideal:
             suite = self._suite
@@ -234,47 +217,47 @@ class _SensorBridge:
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
         readings = Readings([n * step_s for n in steps], x, y, powers_w, charges, vx, vy, headings)
-        self.forecast_w = self._planner.ingest(readings).power_forecast_w
+        self.decision = self._planner.ingest(readings)
 
 
-def step_at(time_s: float, step_s: float, most: int) -> int:
-    """The first step after which it is a time [s] or later, 1 or more; at most `most`."""
-    if time_s >= most * step_s:
-        return most
+def step_at(time_s: float, step_s: float, max_step: int) -> int:
+    """The first step that ends at a time [s] or later, from 1 to `max_step`."""
+    if time_s >= max_step * step_s:
+        return max_step
     return max(1, math.ceil((time_s - 1e-9) / step_s - 1e-9))
 
 
 def _losses(world: World) -> list[tuple[int, float]]:
-    """The steps with a sudden loss of charge and how much it is, the last first; of a replayed charge, 0.
+    """Steps with a sudden loss of charge and its amount, in descending order; of a replayed charge, 0.
 
-    A planner looks at once.
+    The planner is updated at each. The first entry is beyond the end of any flight.
     """
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:
         points = world.battery.prescribed
         drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(points) if t == after]
-    losses: dict[int, float] = {}
+    losses = {MAX_STEPS: 0.0}
     for at_s, drop in sorted(drops):
-        step = step_at(at_s, world.step_s, MOST_STEPS)
+        step = step_at(at_s, world.step_s, MAX_STEPS)
         losses[step] = losses.get(step, 0.0) + drop
     return sorted(losses.items(), reverse=True)
 
 
-def _failure(seen: int, world: World, stretches: InnerLoop, stage: int, k: int) -> str:
-    """Why a flight ends early.
+def _failure(events: int, world: World, inner_loop: InnerLoop, stage: int, k: int) -> str:
+    """Reason of a flight's early end.
 
     Raises
     ------
     PathUndefined
         If the first path cannot be evaluated where the flight starts.
     """
-    if seen & EMPTY:
+    if events & EMPTY:
         return BATTERY_EMPTY
-    if seen & SAGS:
-        volts = world.battery.voltage_at(stretches.number(SOC))
-        power_w = stretches.number(POWER)
+    if events & SAGS:
+        volts = world.battery.voltage_at(inner_loop.variable(SOC))
+        power_w = inner_loop.variable(POWER)
         return "the battery cannot deliver: " + undeliverable(power_w, volts, world.battery.resistance_ohm)
     if k == 1:
         x, y = world.start_m
         raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")
-    return f"the path of stage {stage} has no value at ({stretches.number(X):.1f}, {stretches.number(Y):.1f})"
+    return f"the path of stage {stage} has no value at ({inner_loop.variable(X):.1f}, {inner_loop.variable(Y):.1f})"

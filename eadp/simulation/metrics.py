@@ -1,4 +1,4 @@
-"""Figures of a flight, accumulated over its steps: energy, distance, power, parameters and the quality U."""
+"""Metrics of a flight: parameters over time and the quality U."""
 
 from __future__ import annotations
 

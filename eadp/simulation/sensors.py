@@ -1,4 +1,4 @@
-"""Sensors: from the true state to a planner's observation, with noise, delay and drop-outs."""
+"""Simulated sensors: noise, delay and drop-outs between the true state and a planner's observation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eadp.planning.base import Observation
 
 BATCH = 2000
 CHANNELS = 4
-"""Noise of each step: of power, x, y and charge."""
+"""Channels of noise: power, x, y and charge."""
 
 NEVER_STEPS = 1 << 62
 
@@ -62,7 +62,7 @@ class SensorSuite:
         return x_m + std_m * of_x, y_m + std_m * of_y
 
     def observe(self, step: int, truth: Observation) -> Observation:
-        """The measurement of an observation that is true but delayed."""
+        """The measurement of a true, delayed observation."""
         assert truth.power_w is not None
         x, y = self.position_m(step, truth.x_m, truth.y_m)
         return truth._replace(x_m=x, y_m=y, power_w=self.power_w(step, truth.power_w), soc=self.soc(step, truth.soc))

@@ -57,17 +57,6 @@ class Report:
         return any(finding.severity == ERROR for finding in self.findings)
 
 
-@dataclass(frozen=True)
-class _Joint:
-    """A stage, the one it is joined from, and the next, at given parameters; None beside the plan's ends."""
-
-    before: Stage | None
-    stage: Stage
-    after: Stage | None
-    shift_before: bool = False
-    shift_after: bool = False
-
-
 @dataclass
 class _Measures:
     """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
@@ -88,7 +77,7 @@ class _Measures:
 def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     """Check a plan over the whole range of its path parameters.
 
-    Vector
+    Parameters
     ----------
     plan : Plan
         With sets, or without: then it is checked with all parameters 0.
@@ -103,10 +92,10 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
     findings: list[Finding] = []
     witness: list[Vector | None] = []
-    if plan.parts:
+    if plan.segments:
         sampled = _measured_flights(plan)
     else:
-        sampled = [(joint.stage, _measured(plan, joint, least)) for joint in _joints(plan)]
+        sampled = [(stage, _measured(plan, stage, least)) for stage in plan.stages]
     troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
     for stage, measured in sampled:
         if troubled and not measured:  # no flight came so far
@@ -119,31 +108,31 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
     return Report(tuple(findings), tuple(witness))
 
 
-def _joints(plan: Plan) -> Iterator[_Joint]:
-    stages = plan.stages
-    for i, stage in enumerate(stages):
-        before = stages[i - 1] if i or plan.repeats else None
-        after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
-        yield _Joint(before, stage, after, shift_before=i == 0, shift_after=i + 1 == len(stages))
+def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
+    """The stage that this one is joined from, and the next; None beyond the plan's ends."""
+    stages, i = plan.stages, stage.index - 1
+    before = stages[i - 1] if i or plan.repeats else None
+    after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
+    return before, after
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------
 
 
-def _boxes(plan: Plan, joint: _Joint) -> list[Box]:
-    """The sets of the path parameters that matter at a joint; [0, 0] for those that do not, or have none."""
-    stages = [stage for stage in (joint.before, joint.stage, joint.after) if stage is not None]
+def _boxes(plan: Plan, stage: Stage) -> list[Box]:
+    """The sets of the path parameters that matter round a stage; [0, 0] for those that do not, or have none."""
+    near = [one for one in (stage, *_neighbours(plan, stage)) if one is not None]
+    at_end = stage.index in (1, len(plan.stages))
     boxes = []
     for i in range(plan.path_count):
         name = f"c{i + 1}"
-        moved = joint.shift_before or joint.shift_after
-        matters = any(stage.names(name) for stage in stages) or (moved and _shift_names(plan, name))
+        matters = any(one.names(name) for one in near) or (at_end and _shift_names(plan, name))
         if not plan.has_sets:
             boxes.append(Box(0.0, 0.0))
         elif matters:
-            boxes.append(joint.stage.sets[i])
+            boxes.append(stage.sets[i])
         else:
-            boxes.append(Box(joint.stage.sets[i].hi, joint.stage.sets[i].hi))
+            boxes.append(Box(stage.sets[i].hi, stage.sets[i].hi))
     return boxes
 
 
@@ -169,14 +158,14 @@ def _grid(boxes: Sequence[Box]) -> list[Vector]:
     return list(dict.fromkeys(points))
 
 
-def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Vector, _Measures]]:
+def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vector, _Measures]]:
     """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
 
     What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
     """
-    boxes = _boxes(plan, joint)
+    boxes = _boxes(plan, stage)
     points = _grid(boxes)
-    measured = [(point, _measure(plan, joint, point)) for point in points]
+    measured = [(point, _measure(plan, stage, point)) for point in points]
     corners = set(itertools.product(*((box.lo, box.hi) for box in boxes)))
     searched: list[tuple[Callable[[_Measures], float], float]] = [
         (lambda m: m.own_m, POSITION_WARNING_M / 10),
@@ -188,7 +177,7 @@ def _measured(plan: Plan, joint: _Joint, least: float | None) -> list[tuple[Vect
     for badness, small in searched:
         start = max(measured, key=lambda item: _finite(badness(item[1])))
         if start[0] not in corners and _finite(badness(start[1])) > small:
-            measured.append(_refined(plan, joint, boxes, start, badness))
+            measured.append(_refined(plan, stage, boxes, start, badness))
     return measured
 
 
@@ -198,7 +187,7 @@ def _finite(value: float) -> float:
 
 def _refined(
     plan: Plan,
-    joint: _Joint,
+    stage: Stage,
     boxes: Sequence[Box],
     start: tuple[Vector, _Measures],
     badness: Callable[[_Measures], float],
@@ -213,7 +202,7 @@ def _refined(
                 trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
                 if trial == point:
                     continue
-                measures = _measure(plan, joint, trial)
+                measures = _measure(plan, stage, trial)
                 if _finite(badness(measures)) > badness(best):
                     point, best, moved = trial, measures, True
         if not moved:
@@ -282,24 +271,22 @@ def _measure_flight(
     return True
 
 
-def _measure(plan: Plan, joint: _Joint, parameters: Vector) -> _Measures:
-    stage = joint.stage
+def _measure(plan: Plan, stage: Stage, parameters: Vector) -> _Measures:
+    """A stage between its neighbours, of the laps before and after where it is the first or the last of one."""
+    before, after = _neighbours(plan, stage)
     try:
         path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-        shift = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
-        join = None
-        if joint.before is not None:
-            join = joint.before.trigger_at(parameters)
-            if joint.shift_before:
-                join = (join[0] - shift[0], join[1] - shift[1])
+        dx, dy = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
+        join = None if before is None else before.trigger_at(parameters)
+        if join is not None and stage.index == 1:
+            join = (join[0] - dx, join[1] - dy)
     except PathUndefined as error:
-        return _Measures(trouble=str(error), before=joint.before, after=joint.after)
-    measures = _measure_stage(stage, path, trigger, joint.before, join)
-    measures.after = joint.after
-    if joint.after is not None and not measures.trouble:
-        here = (trigger[0] - shift[0], trigger[1] - shift[1]) if joint.shift_after else trigger
-        following = joint.after
-        _measure_joint(measures, stage, path, trigger, following, here, lambda: following.path_at(parameters))
+        return _Measures(trouble=str(error), before=before, after=after)
+    measures = _measure_stage(stage, path, trigger, before, join)
+    measures.after = after
+    if after is not None and not measures.trouble:
+        here = (trigger[0] - dx, trigger[1] - dy) if stage.index == len(plan.stages) else trigger
+        _measure_joint(measures, stage, path, trigger, after, here, lambda: after.path_at(parameters))
     return measures
 
 
@@ -482,7 +469,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
 
     Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
     """
-    if plan.whole_laps or plan.parts or not plan.has_sets:
+    if plan.whole_laps or plan.segments or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
         worst: tuple[float, Vector, Vector] = (0.0, (), ())

@@ -182,7 +182,7 @@ def test_a_rectangles_laps_move_by_the_letters_shift():
     solution = solution_of(field)
     plan = read_plan(Text("p", plan_text(build_plan(solution))))[0]
     assert plan.primitive_stages == 4
-    part = next(part for part in plan.parts if part.repeats)
+    part = next(part for part in plan.segments if part.repeats)
     block = solution.blocks[0]
     points = np.random.default_rng(0).uniform(-300, 300, (20, 2))
     for c1 in (0.0, solution.min_c1, 0.4 * solution.min_c1):
@@ -211,7 +211,7 @@ def test_one_block_has_a_shift():
 
 def test_turns_of_a_block_are_to_one_hand():
     plan = build_plan(solution_of(quadrilateral(3)))
-    for part in plan.parts:
+    for part in plan.segments:
         if part.repeats:
             stages = plan.stages[part.first : part.first + part.count]
             assert [stage.kind for stage in stages] == ["line", "circle", "line", "circle"]

@@ -139,7 +139,7 @@ def test_time_to_an_empty_battery_follows_a_periodic_power():
     o = observation(199.9, soc=0.7)
     t, soc = 199.9, 0.7
     while soc > 0:
-        y = power(t + 0.005) + pilot._ahead_w[-1]
+        y = power(t + 0.005) + pilot._computing_plan_w[-1]
         soc -= BATTERY.k_b_per_s * BATTERY.current_a(float(y)) / BATTERY.capacity_ah * 0.01
         t += 0.01
     assert pilot._time_to_reserve_s(o) == pytest.approx(t - 199.9, rel=0.005)
@@ -218,7 +218,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
 
 
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
-    def failing(self, outlook):
+    def failing(self, forecast):
         raise SolverFailed("OSQP: maximum iterations reached")
 
     monkeypatch.setattr(Horizon, "solve", failing)
@@ -231,12 +231,12 @@ def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypat
 
 
 def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(monkeypatch):
-    monkeypatch.setattr(Horizon, "solve", lambda self, outlook: (_ for _ in ()).throw(SolverFailed("x")))
+    monkeypatch.setattr(Horizon, "solve", lambda self, forecast: (_ for _ in ()).throw(SolverFailed("x")))
     monkeypatch.setattr(Horizon, "lowered", lambda *args: (_ for _ in ()).throw(Infeasible("y")))
     pilot = planner()
     decision = pilot.update(observation(0.1))
     assert decision.parameters[1] == 2.0
-    assert decision.reason.startswith("fallback, lowest")
+    assert decision.reason.startswith("fallback, minimum")
 
 
 def test_inhibited_computations_are_not_solved_for():

@@ -1,4 +1,4 @@
-"""Flights in stretches: compiled beside plain, and whatever the stretches are."""
+"""Flights by the inner loop: compiled beside plain, whatever the lengths of its runs."""
 
 from __future__ import annotations
 

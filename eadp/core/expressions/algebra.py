@@ -5,20 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from eadp.core.expressions import tree
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import (
-    Expression,
-    Negative,
-    Node,
-    Number,
-    Power,
-    Product,
-    Sum,
-    Symbol,
-    children,
-    symbols,
-    unchecked_value,
-)
+from eadp.core.expressions.tree import Expression, Node
 from eadp.errors import ExpressionError
 
 _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
@@ -30,12 +19,12 @@ def is_zero(node: Node) -> bool:
     Decided numerically, at twelve points, relative to the magnitude of its terms: expressions that vanish at all of
     them by coincidence do not occur in practice, and the cost is linear in the size of the tree.
     """
-    names = sorted(symbols(node) - {"pi"})
+    names = sorted(tree.symbols(node) - {"pi"})
     seen = False
     for k, probe in enumerate(_PROBES):
         values = {name: probe * (1 + 0.07 * i * (k + 1)) + 0.003 * i for i, name in enumerate(names)}
         try:
-            value, size = unchecked_value(node, values), _magnitude(node, values)
+            value, size = tree.unchecked_value(node, values), _magnitude(node, values)
         except (ArithmeticError, ValueError):
             continue
         if not abs(value) <= 1e-13 * size:
@@ -46,20 +35,20 @@ def is_zero(node: Node) -> bool:
 
 def _magnitude(node: Node, values: Mapping[str, float]) -> float:
     """The sum of the absolute values of the terms of a tree: the scale of its rounding errors."""
-    if isinstance(node, Sum):
+    if isinstance(node, tree.Sum):
         size = 0.0
         for _, term in node.terms:
             size += _magnitude(term, values)
         return size
-    if isinstance(node, Product):
+    if isinstance(node, tree.Product):
         size = 1.0
         for divides, factor in node.factors:
-            part = abs(unchecked_value(factor, values)) if divides else _magnitude(factor, values)
+            part = abs(tree.unchecked_value(factor, values)) if divides else _magnitude(factor, values)
             size = size / part if divides else size * part
         return size
-    if isinstance(node, Negative):
+    if isinstance(node, tree.Negative):
         return _magnitude(node.operand, values)
-    return abs(unchecked_value(node, values))
+    return abs(tree.unchecked_value(node, values))
 
 
 def to_sympy(node: Node) -> Any:
@@ -79,17 +68,17 @@ def to_sympy(node: Node) -> Any:
     }
 
     def build(part: Node) -> Any:
-        if isinstance(part, Number):
+        if isinstance(part, tree.Number):
             return sympy.Rational(repr(part.value)) if part.value != int(part.value) else sympy.Integer(int(part.value))
-        if isinstance(part, Symbol):
+        if isinstance(part, tree.Symbol):
             return sympy.pi if part.name == "pi" else sympy.Symbol(part.name, real=True)
-        if isinstance(part, Sum):
+        if isinstance(part, tree.Sum):
             return sympy.Add(*[-build(term) if minus else build(term) for minus, term in part.terms])
-        if isinstance(part, Product):
+        if isinstance(part, tree.Product):
             return sympy.Mul(*[1 / build(factor) if divides else build(factor) for divides, factor in part.factors])
-        if isinstance(part, Power):
+        if isinstance(part, tree.Power):
             return sympy.Pow(build(part.base), build(part.exponent))
-        if isinstance(part, Negative):
+        if isinstance(part, tree.Negative):
             return -build(part.operand)
         return functions[part.function](*[build(argument) for argument in part.arguments])
 
@@ -120,15 +109,17 @@ def _tame(expression: Expression) -> bool:
     waiting = [expression.node]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, Power) and not (isinstance(node.exponent, Number) and node.exponent.value in (0, 1, 2)):
+        if isinstance(node, tree.Power) and not (
+            isinstance(node.exponent, tree.Number) and node.exponent.value in (0, 1, 2)
+        ):
             return False
-        if isinstance(node, Product | Power):
-            sums += sum(isinstance(part, Sum) for part in children(node))
-        waiting.extend(children(node))
+        if isinstance(node, tree.Product | tree.Power):
+            sums += sum(isinstance(part, tree.Sum) for part in tree.children(node))
+        waiting.extend(tree.children(node))
     return sums <= 6
 
 
-def from_sympy(tree: Any) -> Expression:
+def from_sympy(result: Any) -> Expression:
     """An expression from a sympy tree, read back through the reader so that every check holds.
 
     Raises
@@ -138,5 +129,5 @@ def from_sympy(tree: Any) -> Expression:
     """
     import sympy
 
-    text = sympy.sstr(tree, order="none").replace("Abs(", "abs(").replace("Min(", "min(").replace("Max(", "max(")
+    text = sympy.sstr(result, order="none").replace("Abs(", "abs(").replace("Min(", "min(").replace("Max(", "max(")
     return read_expression(text)

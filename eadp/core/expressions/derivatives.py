@@ -17,19 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from eadp.core.expressions.tree import (
-    PARAMETER,
-    Call,
-    Expression,
-    Negative,
-    Node,
-    Power,
-    Product,
-    Sum,
-    Symbol,
-    children,
-    evaluate,
-)
+from eadp.core.expressions import tree
+from eadp.core.expressions.tree import Expression, Node
 from eadp.errors import PathUndefined
 
 Jet = tuple[float, float, float, float, float, float]
@@ -40,7 +29,7 @@ PathFunction = Callable[[float, float], Jet]
 
 
 def bind(
-    expression: Expression, parameters: Sequence[float], quantities: Mapping[str, float] | None = None
+    expression: Expression, parameters: Sequence[float], variables: Mapping[str, float] | None = None
 ) -> PathFunction:
     """The path function of an expression at given parameters.
 
@@ -50,7 +39,7 @@ def bind(
         In x, y and parameters.
     parameters : sequence of float
         c1, c2, …; at least as many as the expression names.
-    quantities : mapping of str to float, optional
+    variables : mapping of str to float, optional
         Values of the other names in it.
 
     Returns
@@ -64,7 +53,7 @@ def bind(
     """
     source, constants, others = _generate(expression.node)
     try:
-        values = tuple([(quantities or {})[name] for name in others])
+        values = tuple([(variables or {})[name] for name in others])
         function: PathFunction = _compiled(source)(constants, tuple(parameters), values)
     except (ArithmeticError, ValueError):
         raise PathUndefined(f"{expression.text[:60]} has no finite real value at these parameters") from None
@@ -174,24 +163,24 @@ class _Writer:
     def jet(self, node: Node) -> _Jet:
         if not _depends_on_point(node):
             return _Jet(self._fixed(node))
-        if isinstance(node, Symbol):
+        if isinstance(node, tree.Symbol):
             one_x, one_y = (_ONE, None) if node.name == "x" else (None, _ONE)
             return _Jet(_Value(node.name, True), one_x, one_y)
-        if isinstance(node, Sum):
+        if isinstance(node, tree.Sum):
             return self._sum(node)
-        if isinstance(node, Product):
+        if isinstance(node, tree.Product):
             jet = self.jet(node.factors[0][1])
             for divides, factor in node.factors[1:]:
                 other = self.jet(factor)
                 jet = self._multiply(jet, self._reciprocal(other) if divides else other)
             return jet
-        if isinstance(node, Negative):
+        if isinstance(node, tree.Negative):
             jet = self.jet(node.operand)
             negative = [self.negate(part) for part in (jet.x, jet.y, jet.xx, jet.xy, jet.yy)]
             return _Jet(self.let(f"-{jet.v.text}", jet.v), *negative)
-        if isinstance(node, Power):
+        if isinstance(node, tree.Power):
             return self._power(node)
-        assert isinstance(node, Call)
+        assert isinstance(node, tree.Call)
         jets = [self.jet(argument) for argument in node.arguments]
         if node.function == "atan2":
             return self._atan2(*jets)
@@ -206,24 +195,24 @@ class _Writer:
         """A part without x and y: constants become arguments, the rest is computed when parameters are bound."""
         if not _has_parameters(node):
             name = f"k{len(self.constants)}"
-            self.constants.append(evaluate(node, {}))
+            self.constants.append(tree.evaluate(node, {}))
             return _Value(name, False)
-        if isinstance(node, Symbol):
-            if not PARAMETER.match(node.name):  # a loop variable of the file: replaced by a generated name
+        if isinstance(node, tree.Symbol):
+            if not tree.PARAMETER.match(node.name):  # a loop variable of the file: replaced by a generated name
                 return _Value(self.others.setdefault(node.name, f"q{len(self.others)}"), False)
             self.parameters.add(node.name)
             return _Value(node.name, False)
-        if isinstance(node, Sum):
+        if isinstance(node, tree.Sum):
             return self._chain([("-" if minus else "+", term) for minus, term in node.terms])
-        if isinstance(node, Product):
+        if isinstance(node, tree.Product):
             return self._chain([("/" if divides else "*", factor) for divides, factor in node.factors])
-        if isinstance(node, Negative):
+        if isinstance(node, tree.Negative):
             value = self._fixed(node.operand)
             return self.let(f"-{value.text}", value)
-        if isinstance(node, Power):
+        if isinstance(node, tree.Power):
             base, exponent = self._fixed(node.base), self._fixed(node.exponent)
             return self.let(f"pow({base.text}, {exponent.text})", base, exponent)
-        assert isinstance(node, Call)
+        assert isinstance(node, tree.Call)
         arguments = [self._fixed(argument) for argument in node.arguments]
         return self.let(f"{node.function}({', '.join(argument.text for argument in arguments)})", *arguments)
 
@@ -234,7 +223,7 @@ class _Writer:
             value = self.let(f"{value.text} {operator} {other.text}", value, other)
         return value
 
-    def _sum(self, node: Sum) -> _Jet:
+    def _sum(self, node: tree.Sum) -> _Jet:
         jet = self.jet(node.terms[0][1])
         for minus, term in node.terms[1:]:
             jet = _each(self.subtract if minus else self.add, jet, self.jet(term))
@@ -280,13 +269,13 @@ class _Writer:
         f1 = self.let(f"-{f.text} * {f.text}", f)
         return self._compose(u, f, f1, self.let(f"-2.0 * {f1.text} * {f.text}", f1, f))
 
-    def _power(self, node: Power) -> _Jet:
+    def _power(self, node: tree.Power) -> _Jet:
         if _depends_on_point(node.exponent):  # u^w = exp(w log u)
             logarithm = self._function("log", self.jet(node.base))
             return self._function("exp", self._multiply(self.jet(node.exponent), logarithm))
         u = self.jet(node.base)
         if not _has_parameters(node.exponent):
-            exponent = evaluate(node.exponent, {})
+            exponent = tree.evaluate(node.exponent, {})
             if exponent == int(exponent):
                 return self._whole_power(u, int(exponent))
         e = self._fixed(node.exponent)
@@ -379,7 +368,7 @@ def _names_any(node: Node, wanted: Callable[[str], bool]) -> bool:
     waiting = [node]
     while waiting:
         part = waiting.pop()
-        if isinstance(part, Symbol) and wanted(part.name):
+        if isinstance(part, tree.Symbol) and wanted(part.name):
             return True
-        waiting.extend(children(part))
+        waiting.extend(tree.children(part))
     return False

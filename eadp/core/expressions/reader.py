@@ -22,25 +22,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from eadp.core.expressions.tree import (
-    CONSTANT_LIMIT,
-    DIGITS_LIMIT,
-    FUNCTIONS,
-    LENGTH_LIMIT,
-    NESTING_LIMIT,
-    NON_SMOOTH_FUNCTIONS,
-    PARAMETER,
-    Call,
-    Expression,
-    Negative,
-    Node,
-    Number,
-    Power,
-    Product,
-    Sum,
-    Symbol,
-    constant_value,
-)
+from eadp.core.expressions import tree
+from eadp.core.expressions.tree import Expression, Node
 from eadp.errors import ExpressionError, printable
 
 _TOKEN = re.compile(
@@ -89,9 +72,11 @@ def read_expressions(text: str, names: Collection[str] = (), *, count: int | Non
         With the offset in `text`, on any breach of the grammar or of a limit, and on a constant part that is not a
         finite real number.
     """
-    if len(text) > LENGTH_LIMIT:
+    if len(text) > tree.LENGTH_LIMIT:
         start = len(text) - len(text.lstrip())
-        raise ExpressionError(start, f"an expression of {len(text)} characters", f"at most {LENGTH_LIMIT} characters")
+        raise ExpressionError(
+            start, f"an expression of {len(text)} characters", f"at most {tree.LENGTH_LIMIT} characters"
+        )
     reader = _Reader(text, names)
     expressions = [reader.expression()]
     while reader.token.text == "," and (count is None or len(expressions) < count):
@@ -144,7 +129,7 @@ class _Reader:
             terms.append(self._product())
         if len(terms) == 1:
             return terms[0]
-        return _joined(offset, Sum(tuple(zip(signs, (part.node for part in terms), strict=True))), terms)
+        return _joined(offset, tree.Sum(tuple(zip(signs, (part.node for part in terms), strict=True))), terms)
 
     def _product(self) -> _Part:
         divides, factors = [False], [self._unary()]
@@ -160,7 +145,7 @@ class _Reader:
                 break
         if len(factors) == 1:
             return factors[0]
-        return _joined(offset, Product(tuple(zip(divides, (part.node for part in factors), strict=True))), factors)
+        return _joined(offset, tree.Product(tuple(zip(divides, (part.node for part in factors), strict=True))), factors)
 
     def _implicit(self) -> bool:
         before, token = self._before, self.token
@@ -176,7 +161,7 @@ class _Reader:
         self._depth -= 1
         if sign.text == "+":
             return part
-        return _joined(sign.offset, Negative(part.node), [part])
+        return _joined(sign.offset, tree.Negative(part.node), [part])
 
     def _power(self) -> _Part:
         base = self._atom()
@@ -185,7 +170,7 @@ class _Reader:
         offset = self._deeper().offset
         exponent = self._unary()
         self._depth -= 1
-        return _joined(offset, Power(base.node, exponent.node), [base, exponent])
+        return _joined(offset, tree.Power(base.node, exponent.node), [base, exponent])
 
     def _atom(self) -> _Part:
         token = self.token
@@ -201,35 +186,35 @@ class _Reader:
         return part
 
     def _number(self, token: _Token) -> _Part:
-        if sum(c.isdigit() for c in token.text) > DIGITS_LIMIT:
+        if sum(c.isdigit() for c in token.text) > tree.DIGITS_LIMIT:
             what = f"a number of {len(token.text)} characters"
-            raise ExpressionError(token.offset, what, f"at most {DIGITS_LIMIT} digits")
+            raise ExpressionError(token.offset, what, f"at most {tree.DIGITS_LIMIT} digits")
         value = float(token.text)
-        if value > CONSTANT_LIMIT:
-            raise ExpressionError(token.offset, "a constant part that is too large", f"at most {CONSTANT_LIMIT:g}")
-        return _Part(Number(value), value)
+        if value > tree.CONSTANT_LIMIT:
+            raise ExpressionError(token.offset, "a constant part that is too large", f"at most {tree.CONSTANT_LIMIT:g}")
+        return _Part(tree.Number(value), value)
 
     def _name(self, token: _Token) -> _Part:
         name = token.text
-        if name in FUNCTIONS:
+        if name in tree.FUNCTIONS:
             return self._call(token)
         if self.token.text == "(":
-            known = ", ".join(sorted(FUNCTIONS))
+            known = ", ".join(sorted(tree.FUNCTIONS))
             raise ExpressionError(token.offset, f"{printable(name, 40)} is not a function", f"one of {known}")
         if name == "pi":
-            return _Part(Symbol(name), math.pi)
-        if name not in ("x", "y") and not PARAMETER.match(name) and name not in self._names:
+            return _Part(tree.Symbol(name), math.pi)
+        if name not in ("x", "y") and not tree.PARAMETER.match(name) and name not in self._names:
             own = sorted(self._names)[:20]  # a file may name thousands
             known = ", ".join(["x, y, c1 … c999, pi", *own, "a function"])
             raise ExpressionError(token.offset, f"unknown name {printable(name, 40)}", known)
         self._offsets.setdefault(name, token.offset)
-        return _Part(Symbol(name))
+        return _Part(tree.Symbol(name))
 
     def _call(self, token: _Token) -> _Part:
         name = token.text
         if self.token.text != "(":
             self.fail(f"( after {name}")
-        if name in NON_SMOOTH_FUNCTIONS:
+        if name in tree.NON_SMOOTH_FUNCTIONS:
             self._non_smooth = self._non_smooth or name
         self._deeper()
         arguments = [self._sum()]
@@ -237,17 +222,17 @@ class _Reader:
             self.advance()
             arguments.append(self._sum())
         self._close()
-        fewest, most = FUNCTIONS[name]
+        fewest, most = tree.FUNCTIONS[name]
         if not fewest <= len(arguments) <= most:
             wanted = str(fewest) if fewest == most else f"{fewest} to {most}"
             raise ExpressionError(token.offset, f"{name} with {len(arguments)} arguments", wanted)
-        return _joined(token.offset, Call(name, tuple(part.node for part in arguments)), arguments)
+        return _joined(token.offset, tree.Call(name, tuple(part.node for part in arguments)), arguments)
 
     def _deeper(self) -> _Token:
         self._depth += 1
-        if self._depth > NESTING_LIMIT:
-            what = f"nested deeper than {NESTING_LIMIT} levels"
-            raise ExpressionError(self.token.offset, what, f"at most {NESTING_LIMIT}")
+        if self._depth > tree.NESTING_LIMIT:
+            what = f"nested deeper than {tree.NESTING_LIMIT} levels"
+            raise ExpressionError(self.token.offset, what, f"at most {tree.NESTING_LIMIT}")
         return self.advance()
 
     def _close(self) -> None:
@@ -259,7 +244,7 @@ class _Reader:
 
 def _joined(offset: int, node: Node, parts: Sequence[_Part]) -> _Part:
     size = 1 + sum(part.size for part in parts)  # no text within the limit of characters exceeds the limit of nodes
-    return _Part(node, constant_value(node, [part.value for part in parts], offset), size)
+    return _Part(node, tree.constant_value(node, [part.value for part in parts], offset), size)
 
 
 def _tokens(text: str) -> list[_Token]:

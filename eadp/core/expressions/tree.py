@@ -128,7 +128,7 @@ class Expression:
         parameters: Sequence[float] = (),
         x: float = 0.0,
         y: float = 0.0,
-        quantities: Mapping[str, float] | None = None,
+        variables: Mapping[str, float] | None = None,
     ) -> float:
         """Value for parameters c1, c2, … at a point, and for other names' values.
 
@@ -139,7 +139,7 @@ class Expression:
         """
         if isinstance(self.node, Number):
             return self.node.value
-        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}, **(quantities or {})}
+        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}, **(variables or {})}
         return evaluate(self.node, values)
 
 

@@ -55,3 +55,11 @@ def induced_drag_factor(aspect_ratio: float, oswald: float) -> float:
 def load_factor(bank_rad: float) -> float:
     """n = 1/cos φ of a level turn with a bank below 90°. Source: Anderson 1999."""
     return 1.0 / math.cos(bank_rad)
+
+
+def speed_of_least_power_mps(
+    weight_n: float, area_m2: float, density_kgpm3: float, zero_lift_drag: float, induced_drag: float
+) -> float:
+    """Airspeed of least power in level flight [m/s]: where C_L² = 3 C_D0/K. Source: Anderson 1999."""
+    lift = math.sqrt(3 * zero_lift_drag / induced_drag)
+    return math.sqrt(2 * weight_n / (density_kgpm3 * area_m2 * lift))

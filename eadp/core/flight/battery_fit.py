@@ -126,13 +126,11 @@ def fit_battery(
         # without a resistance, fit the terminal voltage
         columns = [np.ones_like(amps), charge] if linear else [np.ones_like(amps)]
         fit = _regressed(np.stack(columns, axis=1), volts, t)
-    slope = -1 if linear else None
-    empty = float(fit.values[0])
-    full = empty + (float(fit.values[slope]) if slope is not None else 0.0)
-    ends = np.zeros((2, len(fit.values)))
+    ends = np.zeros((2, len(fit.values)))  # without charge, and full
     ends[:, 0] = 1.0
-    if slope is not None:
-        ends[1, slope] = 1.0
+    if linear:
+        ends[1, -1] = 1.0
+    empty, full = (ends @ fit.values).tolist()
     empty_std, full_std = np.sqrt(np.einsum("ij,jk,ik->i", ends, fit.covariance, ends))
     return BatteryFit(
         full,

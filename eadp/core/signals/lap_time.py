@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.spectrum import MIN_PERIODS
+from eadp.core.signals.spectrum import MIN_PERIODS, vertex
 
 MAX_POINTS = 2000
 """Most points of the even grid that positions are interpolated on."""
@@ -71,6 +71,4 @@ def _first_peak(correlation: FloatArray) -> float | None:
     if not len(peaks) or correlation[peaks].max() < MIN_CORRELATION:
         return None
     at = int(peaks[correlation[peaks] >= PEAK_SHARE * correlation[peaks].max()][0])
-    before, here, after = correlation[at - 1 : at + 2].tolist()
-    bend = before - 2 * here + after
-    return at + (0.5 * (before - after) / bend if bend < 0 else 0.0)
+    return at + vertex(correlation, at)

@@ -614,7 +614,7 @@ def _posterior(
         if std > 1.5 * step:
             break
         grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
-    return float(grid[at]) + step * _vertex(density, at), max(std, step / 4)
+    return float(grid[at]) + step * vertex(density, at), max(std, step / 4)
 
 
 def _mixture(scan: LikelihoodScan) -> FloatArray:
@@ -625,7 +625,7 @@ def _mixture(scan: LikelihoodScan) -> FloatArray:
     return density
 
 
-def _vertex(density: FloatArray, at: int) -> float:
+def vertex(density: FloatArray, at: int) -> float:
     """Vertex of the parabola through a maximum and its neighbours, in steps from it."""
     if not 0 < at < len(density) - 1:
         return 0.0

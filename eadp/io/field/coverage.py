@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from eadp.core.geometry.bearings import blowing_to_rad, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.coverage.cover import AUTO, CoverageRequest, cover
@@ -105,7 +106,7 @@ class CoverageOptions:
             return None
         if not math.isfinite(self.heading_deg):
             raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
-        return math.radians((90 - self.heading_deg) % 360)
+        return heading_rad(self.heading_deg)
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ def wind_vector_mps(given: Pair) -> Point:
     speed, from_deg = _two_numbers("--wind", given, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
     if speed < 0:
         raise _fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
-    angle = math.radians((270 - from_deg) % 360)
+    angle = blowing_to_rad(from_deg)
     return speed * math.cos(angle), speed * math.sin(angle)
 
 

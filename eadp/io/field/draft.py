@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.source import Location, SourceText
@@ -25,13 +25,7 @@ class Vertex(NamedTuple):
 
     x: float
     y: float
-    line: int
-    column: int
-
-    @property
-    def location(self) -> Location:
-        """Line and column."""
-        return self.line, self.column
+    location: Location
 
 
 @dataclass
@@ -70,7 +64,7 @@ class VertexReader:
     def add(self, ring: Ring, x: float, y: float, location: Location) -> None:
         """Add a vertex at a location to a ring."""
         self._count(location)
-        ring.vertices.append(Vertex(x, y, *location))
+        ring.vertices.append(Vertex(x, y, location))
 
     def refuse(self, faults: Sequence[Fault]) -> None:
         """Add the faults, one or more, of something that is no vertex."""
@@ -93,12 +87,13 @@ class VertexReader:
 class FeatureCandidate:
     """A feature with polygons: its location, its names, and its polygons, each with its location.
 
-    The type of a polygon is its reader's.
+    The type of a polygon is its reader's. `chain` are the objects of GeoJSON that enclose it, which may have the units.
     """
 
     location: Location
     names: list[str]
     polygons: list[tuple[Any, Location]]
+    chain: list[Any] = field(default_factory=list)
 
     @property
     def label(self) -> str:
@@ -106,10 +101,7 @@ class FeatureCandidate:
         return printable(self.names[0], 40) if self.names else "without a name"
 
 
-_AnyCandidate = TypeVar("_AnyCandidate", bound=FeatureCandidate)
-
-
-def choose_feature(candidates: Sequence[_AnyCandidate], feature: str | None, source: SourceText) -> _AnyCandidate:
+def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText) -> FeatureCandidate:
     """The feature that was asked for, by a name or by its number from 1, or the only one.
 
     Raises

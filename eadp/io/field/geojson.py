@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -28,13 +27,6 @@ _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 
-@dataclass
-class _Feature(FeatureCandidate):
-    """A feature of GeoJSON; `chain` are the objects from the document to its polygons, which may have the units."""
-
-    chain: list[JsonObject] = field(default_factory=list)
-
-
 def read_geojson(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Read the polygon of a feature.
 
@@ -54,7 +46,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     """
     root = JsonReader(source).document()
     start = source.location(len(source.body) - len(source.body.lstrip()))
-    candidates: list[_Feature] = []
+    candidates: list[FeatureCandidate] = []
     seen: Counter[str] = Counter()
     _collect(source, root, start, [], candidates, seen)
     if not candidates:
@@ -74,7 +66,7 @@ def _collect(
     node: Any,
     location: Location,
     chain: Sequence[JsonObject],
-    found: list[_Feature],
+    found: list[FeatureCandidate],
     seen: Counter[str],
 ) -> None:
     """Collect the features with polygons at and below a GeoJSON object, and count the types of the others."""
@@ -95,11 +87,11 @@ def _collect(
             return
         polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen)
         if polygons:
-            found.append(_Feature(location, _names(node), polygons, [*chain, *objects]))
+            found.append(FeatureCandidate(location, _names(node), polygons, [*chain, *objects]))
     else:
         polygons, objects = _polygons(source, node, location, seen)
         if polygons:
-            found.append(_Feature(location, [], polygons, [*chain[:-1], *objects]))
+            found.append(FeatureCandidate(location, [], polygons, [*chain[:-1], *objects]))
 
 
 def _polygons(

@@ -108,14 +108,12 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     _check_shape(rings, origin_deg, source)
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
     counter_clockwise = [signed_area_m2(ring) > 0 for ring in corners]
-    result = Field(
-        corners[0] if counter_clockwise[0] else (corners[0][0], *corners[0][:0:-1]),
-        tuple(
-            (ring[0], *ring[:0:-1]) if up else ring for ring, up in zip(corners[1:], counter_clockwise[1:], strict=True)
-        ),
-        printable(draft.name),
-        origin_deg,
-    )
+    # the outline runs counter-clockwise, the holes clockwise
+    wound = [
+        ring if up == (i == 0) else (ring[0], *ring[:0:-1])
+        for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
+    ]
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")
@@ -151,14 +149,13 @@ def _localised(
     """Metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
     _check_degrees(rings, draft, source)
     rings = [list(ring) for ring in rings]
-    west, east = _span([vertex.x for vertex in rings[0]])
+    west, east, south, north = _extent(rings[0])
     if east - west > 180:
         moved = [[v._replace(x=v.x + 360) if v.x < 0 else v for v in ring] for ring in rings]
-        from_west, to_east = _span([vertex.x for vertex in moved[0]])
+        from_west, to_east, *_ = _extent(moved[0])
         if to_east - from_west < _WIDEST_DEG:
             rings, west, east = moved, from_west, to_east
             notes.append("longitudes counted on across the antimeridian")
-    south, north = _span([vertex.y for vertex in rings[0]])
     middle = (west + east) / 2
     origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
     start = rings[0][0]
@@ -168,19 +165,19 @@ def _localised(
         if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
             message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
             raise source.error(vertex.location, message, _or(_SMALLER, draft.remedy))
-    return [[_at(vertex, to_local_m(vertex.y, vertex.x, origin)) for vertex in ring] for ring in rings], origin
-
-
-def _at(vertex: Vertex, point: tuple[float, float]) -> Vertex:
-    return vertex._replace(x=point[0], y=point[1])
+    return [
+        [Vertex(*to_local_m(vertex.y, vertex.x, origin), vertex.location) for vertex in ring] for ring in rings
+    ], origin
 
 
 def _or(expected: str, remedy: str) -> str:
     return f"{expected}, or {remedy}" if remedy else expected
 
 
-def _span(values: Sequence[float]) -> tuple[float, float]:
-    return min(values), max(values)
+def _extent(vertices: Sequence[Vertex]) -> tuple[float, float, float, float]:
+    """The smallest and the largest x, the smallest and the largest y."""
+    x, y, _ = zip(*vertices, strict=True)
+    return min(x), max(x), min(y), max(y)
 
 
 def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
@@ -206,7 +203,7 @@ def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: 
     if far:
         message = f"a vertex at ({far[0].x:.3g}, {far[0].y:.3g}) m"
         raise source.error(far[0].location, message, f"coordinates of at most {LARGEST_M:g} m")
-    (west, east), (south, north) = (_span([vertex[i] for vertex in rings[0]]) for i in (0, 1))
+    west, east, south, north = _extent(rings[0])
     degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
     if degrees and max(east - west, north - south) < 1:
         message = f"a field of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
@@ -216,7 +213,7 @@ def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: 
 def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
     """Refuse a field that is too large, at the vertex furthest from the first."""
     vertices = [vertex for ring in rings for vertex in ring]
-    (west, east), (south, north) = (_span([vertex[i] for vertex in vertices]) for i in (0, 1))
+    west, east, south, north = _extent(vertices)
     if max(east - west, north - south) > EXTENT_LIMIT_M:
         start = vertices[0]
         furthest = max(vertices, key=lambda vertex: math.dist(vertex[:2], start[:2]))

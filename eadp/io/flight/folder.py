@@ -111,7 +111,7 @@ def _expected(expected: Preflight) -> dict[str, Any]:
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
     """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
     n = world.plan.primitive_stages
-    if not n or world.plan.parts:
+    if not n or world.plan.segments:
         return []
     starts = outcome.stage_times_s[n - 1 :: n]
     return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]

@@ -13,7 +13,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
-from eadp.io.profile.model_file import ends_as_model, parse_profile
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -82,7 +82,7 @@ class Files:
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
     """A profile and its warnings: a model, or measurements."""
-    return parse_profile(text, is_model=ends_as_model(text.name))
+    return parse_profile(text)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.log.messages import Tables
-from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_text
+from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_text
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
@@ -38,7 +38,7 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
         message = f"{rows_text(unknown)} with an unknown voltage or current (0 or -1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
     others = np.empty((len(time_us), 0)) if position_m is None else position_m
-    readings = Readings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
+    readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
     return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None)
 
 

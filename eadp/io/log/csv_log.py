@@ -17,7 +17,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable, refuse
-from eadp.io.log.power_log import LARGEST_W, Columns, PowerLog, Readings, in_order, rows_warning
+from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_warning
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows
 from eadp.io.text.streams import Text
 
@@ -170,7 +170,8 @@ def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: li
         if stem == "timestamp":
             return known["us"]
         message = f"{printable(header.fields[index], 80)} has no unit"
-        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {_units()}"))
+        units = "|".join(filter(str.isascii, _PER_SECOND))
+        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {units}"))
     if not unit:
         taken = {"power": "W", "voltage": "V", "current": "A"}[role]
         message = f"{printable(header.fields[index], 80)} has no unit: taken as {taken}"
@@ -182,10 +183,6 @@ def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: li
     return known[unit]
 
 
-def _units() -> str:
-    return "|".join(unit for unit in _PER_SECOND if unit.isascii())
-
-
 # ── rows ──
 
 _REASONS = {
@@ -195,7 +192,9 @@ _REASONS = {
 }
 
 
-def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings, list[Fault], dict[str, int | float]]:
+def _readings(
+    name: str, rows: Iterable[Row], layout: _Layout
+) -> tuple[LogReadings, list[Fault], dict[str, int | float]]:
     """The rows that are readings; warnings for those that are not, and their numbers."""
     lines: list[int] = []
     values: list[list[float]] = []
@@ -227,7 +226,7 @@ def _readings(name: str, rows: Iterable[Row], layout: _Layout) -> tuple[Readings
     rest = np.array(others).reshape(len(values), len(layout.others))
     if layout.degrees and len(rest):
         rest[:, :2] = _metres(rest[:, :2])
-    readings = Readings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
+    readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
     return readings, layout.warnings + warnings, counts
 
 

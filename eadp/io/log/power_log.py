@@ -82,7 +82,7 @@ class PowerLog:
 
 
 @dataclass(frozen=True)
-class Readings:
+class LogReadings:
     """The readings of a log as arrays of one length, in the order of the file.
 
     Attributes
@@ -102,14 +102,14 @@ class Readings:
     others: FloatArray
     lines: IntArray
 
-    def at(self, index: NDArray[Any] | slice) -> Readings:
+    def at(self, index: NDArray[Any] | slice) -> LogReadings:
         """Some of the readings."""
-        return Readings(self.raw[index], self.factors[index], self.others[index], self.lines[index])
+        return LogReadings(self.raw[index], self.factors[index], self.others[index], self.lines[index])
 
 
 def in_order(
     name: str,
-    readings: Readings,
+    readings: LogReadings,
     per_second: float,
     warnings: list[Fault],
     counts: dict[str, int | float],
@@ -144,7 +144,7 @@ def in_order(
     return PowerLog(name, times, factors.prod(axis=1), found, volts, amps, where, named, counts)
 
 
-def _sorted(name: str, readings: Readings, warnings: list[Fault], counts: dict[str, int | float]) -> Readings:
+def _sorted(name: str, readings: LogReadings, warnings: list[Fault], counts: dict[str, int | float]) -> LogReadings:
     """The longest run between restarts of the clock, in order of time, each time once."""
     kept = _longest_run(readings.raw)
     if (lost := len(readings.raw) - (kept.stop - kept.start)) > 0:

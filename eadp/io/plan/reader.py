@@ -231,11 +231,8 @@ class _Reader:
     def _scalar(self, line: _Line, text: str, start: int) -> Expression | None:
         """A number in parameters and loop variables."""
         value = self._expression(line, text, start)
-        for name in ("x", "y"):
-            if value is not None and name in value.offsets:
-                self._fault(line, start + value.offsets[name], f"a value that depends on {name}", "numbers and names")
-                return None
-        return value
+        free = value is not None and self._is_free(line, start, [value], "a value", "numbers and names")
+        return value if free else None
 
     def _read_stage_line(self, line: _Line) -> None:
         stripped = line.text.lstrip()
@@ -562,7 +559,7 @@ class _Reader:
             min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
-            parts=parts,
+            segments=parts,
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured
@@ -586,7 +583,7 @@ class _Reader:
 
     def _with_laps(self, plan: Plan) -> Plan:
         """A plan of segments: how many stages a lap has, and the shift of its laps where there is one."""
-        counts = {part.count for part in plan.parts if part.repeats}
+        counts = {part.count for part in plan.segments if part.repeats}
         return replace(plan, primitive_stages=counts.pop() if len(counts) == 1 else None, shift=find_shift(plan))
 
     def _structured(self, plan: Plan) -> Plan:
@@ -733,14 +730,17 @@ class _Reader:
 
     def _point(self, line: _Line, expected: str) -> PointExpression | None:
         pair = self._expressions(line, line.text, 0, expected, self._coordinates)
-        if pair is None:
-            return None
-        for part in pair:
+        free = pair is not None and self._is_free(line, 0, pair, "a point", "numbers and parameters")
+        return (pair[0], pair[1]) if pair and free else None
+
+    def _is_free(self, line: _Line, start: int, parts: list[Expression], what: str, expected: str) -> bool:
+        """Whether expressions do not depend on x or y; else the first that does is a fault."""
+        for part in parts:
             for name in ("x", "y"):
                 if name in part.offsets:
-                    self._fault(line, part.offsets[name], f"a point that depends on {name}", "numbers and parameters")
-                    return None
-        return pair[0], pair[1]
+                    self._fault(line, start + part.offsets[name], f"{what} that depends on {name}", expected)
+                    return False
+        return True
 
     def _number(
         self, line: _Line, text: str, start: int, expected: str, valid: Callable[[float], bool]

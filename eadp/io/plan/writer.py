@@ -24,8 +24,8 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
-    if plan.parts:
-        for part in plan.parts:
+    if plan.segments:
+        for part in plan.segments:
             lines += _part_lines(plan, part)
         return "\n".join([*lines, ""])
     short = plan.short_form
@@ -46,9 +46,9 @@ def plan_text(plan: Plan) -> str:
 def _part_lines(plan: Plan, part: Segment) -> list[str]:
     """The sections of a segment."""
     lines = []
-    if part.repeats or part.quantities:
+    if part.repeats or part.variables:
         lines += ["init:", f"n = {part.count}"]
-        for q in part.quantities:
+        for q in part.variables:
             lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
     lines.append("path:")
     for stage in plan.stages[part.first : part.first + part.count]:

@@ -92,7 +92,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list
     InputError
         With the faults of the file, or of `names`.
     """
-    return parse_profile(read_text(path), names, is_model=ends_as_model(path))
+    return parse_profile(read_text(path), names)
 
 
 def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
@@ -107,19 +107,19 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
     texts = [read_text(path) for path in sources.files]
-    models = [text for path, text in zip(sources.files, texts, strict=True) if _is_model(path, text)]
+    models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         expected = "measurements, or --add for computations that were measured apart"
         raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
     if models and (sources.configurations or sources.pattern):
         raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
     if models:
-        profile, warnings = parse_profile(texts[0], names, is_model=True)
+        profile, warnings = parse_profile(texts[0], names)
     else:
         profile, warnings = _measured(_traces(sources, texts), names, nameless=apart)
     profiles = [profile]
     for path in sources.added:
-        profile, more = parse_profile(read_text(path), is_model=ends_as_model(path), nameless=apart)
+        profile, more = parse_profile(read_text(path), nameless=apart)
         profiles.append(profile)
         warnings += more
     profile = _added(profiles, sources.names if apart else ())
@@ -147,15 +147,13 @@ def _traces(sources: Sources, texts: Sequence[Text]) -> list[Trace]:
     return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
 
 
-def parse_profile(
-    text: Text, names: Sequence[str] = (), *, is_model: bool = False, nameless: bool = False
-) -> tuple[AnyProfile, list[Fault]]:
-    """`read_profile` of a text: a model if `is_model`, or if its first key is `schema`.
+def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = False) -> tuple[AnyProfile, list[Fault]]:
+    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`.
 
     `nameless` names the columns of a file without names c1, c2, …: they are renamed later.
     """
     _check_names(names)
-    if not (is_model or _starts_as_model(text.body)):
+    if not _is_model(text):
         return _measured([Trace(text)], names, nameless=nameless)
     parts = _read_model(text)
     warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
@@ -199,18 +197,11 @@ def _added(profiles: Sequence[AnyProfile], names: Sequence[str]) -> AnyProfile:
         raise InputError.at("--add", 1, 1, str(error), "names of their own, as --names gives them") from None
 
 
-def _is_model(path: str, text: Text) -> bool:
-    return ends_as_model(path) or _starts_as_model(text.body)
-
-
-def ends_as_model(path: str) -> bool:
-    """Whether a file's name has the ending of a model."""
-    return os.path.splitext(path)[1].lower() in (".yaml", ".yml", ".json")
-
-
-def _starts_as_model(body: str) -> bool:
-    """Whether the first line that is neither a comment nor a document's mark starts a model."""
-    lines = (line.strip() for line in body.split("\n"))
+def _is_model(text: Text) -> bool:
+    """Whether a text is a model and not measurements: by the ending of its name, or by its first line."""
+    if os.path.splitext(text.name)[1].lower() in (".yaml", ".yml", ".json"):
+        return True
+    lines = (line.strip() for line in text.body.split("\n"))
     first = next((line for line in lines if line and not line.startswith("#") and line != "---"), "")
     return _MODEL.match(first) is not None
 

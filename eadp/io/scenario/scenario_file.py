@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import json
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, TypeAdapter
 
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
+from eadp.core.geometry.bearings import heading_rad
 from eadp.errors import Fault, InputError, capped, printable
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
 from eadp.io.text.source import SourceText
@@ -95,7 +95,7 @@ class Start:
     @property
     def heading_rad(self) -> float | None:
         """The heading in the plan's frame, 0 east, counter-clockwise [rad], if it is given."""
-        return None if self.heading_deg is None else math.radians((90.0 - self.heading_deg) % 360)
+        return None if self.heading_deg is None else heading_rad(self.heading_deg)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.plan.reader import read_plan
 from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.simulation.sweep.design import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
@@ -180,12 +180,13 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
-    files = {kind: beside(document.name, value) for kind in FILES if (value := getattr(keys, kind)) is not None}
-    kept = Files(_texts(document, keys, files))
-    scenarios = _scenarios(document, keys, files, kept, overrides)
+    paths, kept = _paths(document, keys), Files()
+    _read_texts(document, paths, kept)
+    files = {kind: path for kind, path, location in paths if location == (kind,)}
+    scenarios = _scenarios(paths, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
     _check_values(document, keys, sweep)
-    return replace(sweep, warnings=_read_all(document, keys, sweep))
+    return replace(sweep, warnings=_read_all(paths, sweep))
 
 
 # --- the design, and checks beyond the schema
@@ -301,40 +302,43 @@ def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
 # --- files, and values checked in them
 
 
-def _texts(document: Document, keys: SweepKeys, files: Mapping[str, str]) -> dict[str, Text]:
-    """The texts of all files that the sweep file names, by path."""
-    named: list[tuple[Any, KeyPath]] = [(getattr(keys, kind), (kind,)) for kind in files]
-    named += [(value, location) for name, value, location in _listed(keys) if name in FILES]
-    texts: dict[str, Text] = {}
+def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]]:
+    """Kind, path and location of every file that the sweep file names."""
+    given = [(kind, getattr(keys, kind)) for kind in FILES]
+    named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
+    named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
+    if faults := [
+        document.fault(location, "not a file name", "a path relative to this file")
+        for _, value, location in named
+        if not isinstance(value, str)
+    ]:
+        raise capped(faults)
+    return [(kind, beside(document.name, value), location) for kind, value, location in named]
+
+
+def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
+    """Read every file; one that cannot be read is a fault of the sweep file."""
     faults = []
-    for value, location in named:
-        if not isinstance(value, str):
-            faults.append(document.fault(location, "not a file name", "a path relative to this file"))
-            continue
-        path = beside(document.name, value)
+    for _, path, location in paths:
         try:
-            texts.setdefault(path, texts.get(path) or read_text(path))
+            kept.text(path)
         except InputError as error:
             fault = error.faults[0]
             faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
     if faults:
         raise capped(faults)
-    return texts
 
 
-def _scenarios(
-    document: Document, keys: SweepKeys, files: Mapping[str, str], kept: Files, overrides: Mapping[str, Any]
-) -> dict[str, Scenario]:
+def _scenarios(paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]) -> dict[str, Scenario]:
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
-    paths = [beside(document.name, value) for name, value, _ in _listed(keys) if name == "scenario"]
-    if not paths and "scenario" in files:
-        paths = [files["scenario"]]
-    scenarios = {path: kept.scenario(path, overrides) for path in dict.fromkeys(paths)}
-    for scenario in scenarios.values():
-        own = scenario.profile_path
-        replaced = "profile" in files or any(name == "profile" for name, *_ in _varied_keys(keys))
-        if own is not None and own not in kept.texts and not replaced:
-            kept.texts[own] = read_text(own)
+    # a varied scenario comes after the one of all runs, and replaces it
+    named = [(path, location) for kind, path, location in paths if kind == "scenario"]
+    flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
+    scenarios = {path: kept.scenario(path, overrides) for path in flown}
+    if not any(kind == "profile" for kind, *_ in paths):
+        for scenario in scenarios.values():
+            if scenario.profile_path is not None:
+                kept.text(scenario.profile_path)
     return scenarios
 
 
@@ -356,12 +360,10 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
         raise capped(list(dict.fromkeys(faults)))
 
 
-def _read_all(document: Document, keys: SweepKeys, sweep: Sweep) -> tuple[Fault, ...]:
+def _read_all(paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
-    named = [*sweep.files.items()]
-    named += [(name, beside(document.name, value)) for name, value, _ in _listed(keys) if name in FILES]
-    for kind, path in named:
+    for kind, path, _ in paths:
         if kind in parsers:
             sweep.kept.read(path, parsers[kind])
     try:

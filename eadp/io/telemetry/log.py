@@ -12,7 +12,7 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from eadp import __version__
 from eadp.errors import Fault, InputError
@@ -24,12 +24,6 @@ SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION = "start", "telemetry", "decision"
 SYNC_EVERY_S = 1.0
 """Maximum loss at a power cut [s]; a kill loses nothing that is written."""
-
-
-class Entry(NamedTuple):
-    """An entry: a sample that was used, or None for a decision that was emitted."""
-
-    sample: Sample | None
 
 
 def hash_of(texts: Mapping[str, Text], overrides: Mapping[str, Any]) -> str:
@@ -85,8 +79,8 @@ class ReplanLog:
             os.close(self._file)
             raise
 
-    def entries(self) -> Iterator[Entry]:
-        """Entries of the log; an incomplete last line is dropped with a warning.
+    def entries(self) -> Iterator[Sample | None]:
+        """Samples of the log, and None for each decision; an incomplete last line is dropped with a warning.
 
         Raises
         ------
@@ -98,15 +92,14 @@ class ReplanLog:
             number, kept = 1, len(stream.readline())
             while raw := stream.readline():
                 number += 1
-                entry, fault = self._entry(number, raw, reader)
+                sample, fault = self._entry(number, raw, reader)
                 if fault is not None:
                     if raw.endswith(b"\n") and stream.read(1):
                         raise InputError(fault)
                     self._drop(number, kept)
                     return
                 kept += len(raw)
-                if entry is not None:
-                    yield entry
+                yield sample
 
     def telemetry(self, document: Mapping[str, Any]) -> None:
         """Append a sample before it is used."""
@@ -153,7 +146,7 @@ class ReplanLog:
             what = f"was started by eadp {first.get('eadp')}; this is {__version__}, whose decisions may differ"
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
-    def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> tuple[Entry | None, Fault | None]:
+    def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> tuple[Sample | None, Fault | None]:
         expected = "a JSON object with the kind telemetry or decision"
         try:
             line = json.loads(raw)
@@ -161,14 +154,14 @@ class ReplanLog:
             line = None
         kind = line.get("kind") if isinstance(line, dict) else None
         if kind == DECISION:
-            return Entry(None), None
+            return None, None
         if kind != TELEMETRY:
             return None, Fault(self._path, number, 1, "is no line of a log", expected)
         del line["kind"]
         sample, _, faults = reader.read(number, _encoded(line))
         if sample is None:
             return None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
-        return Entry(sample), None
+        return sample, None
 
     def _drop(self, number: int, kept: int) -> None:
         os.ftruncate(self._file, kept)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import Annotated, Any, BinaryIO
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from eadp.core.geometry.bearings import heading_rad
 from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
@@ -144,19 +144,9 @@ class TelemetryReader:
             line = TelemetryLine.model_validate(known)
         except ValidationError as error:
             raise InputError(self._fault_of(number, document, error)) from None
-        heading = line.heading_deg
-        return Sample(
-            time_s=line.time_s,
-            x_m=line.x_m,
-            y_m=line.y_m,
-            power_w=line.power_w,
-            soc=line.soc,
-            stage=line.stage,
-            wind_mps=line.wind_mps,
-            velocity_mps=line.velocity_mps,
-            heading_rad=None if heading is None else math.radians(math.fmod(90.0 - heading, 360.0)),
-            parameters=line.parameters or {},
-        )
+        values = line.model_dump(exclude={"heading_deg", "parameters"})
+        heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
+        return Sample(**values, heading_rad=heading, parameters=line.parameters or {})
 
     def _fault_of(self, number: int, document: JsonObject, error: ValidationError) -> Fault:
         """A warning about the first invalid value, else about the missing keys."""

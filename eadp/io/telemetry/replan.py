@@ -93,13 +93,13 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
 def _restore(flight: LiveFlight, gate: OutlierGate, log: ReplanLog, emit: Emit, warn: Warn) -> float | None:
     """Replay a log; emit the last decision if it is missing; return the time of the last line."""
     pending, last_s = None, None
-    for entry in log.entries():
-        if entry.sample is None:
+    for sample in log.entries():
+        if sample is None:
             pending = None
             continue
-        last_s = entry.sample.time_s
-        gate.keep(entry.sample)
-        pending, _ = flight.update(entry.sample)
+        last_s = sample.time_s
+        gate.keep(sample)
+        pending, _ = flight.update(sample)
     _warn_all(log, warn)
     if pending is not None:
         line = decision_line(pending)

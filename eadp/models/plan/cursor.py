@@ -255,8 +255,8 @@ class _Table:
 
     def __init__(self, plan: Plan, rules: Rules) -> None:
         self.plan, self.rules = plan, rules
-        self.segments = plan.parts or (Segment(0, len(plan.stages)),)
-        self.live = rules.parameter_changes == LIVE and not plan.parts
+        self.segments = plan.segments or (Segment(0, len(plan.stages)),)
+        self.live = rules.parameter_changes == LIVE and not plan.segments
         self.latches = [_latches(plan, segment) for segment in self.segments]
         self._changed = [
             next((stage for stage in plan.stages if parameter.name in stage.path.names), plan.stages[0])
@@ -300,7 +300,7 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
             continue
         # names of loop variables that depend on the parameter, through formulas of formulas
         dependent = {parameter.name}
-        for variable in segment.quantities:
+        for variable in segment.variables:
             if variable.shift is None and variable.first.names & dependent:
                 dependent.add(variable.name)
         named = [i for i, stage in enumerate(stages) if stage.path.names & dependent]

@@ -70,7 +70,7 @@ class Stage:
     path: Expression
     trigger: PointExpression
     sets: tuple[Box, ...] = ()
-    part: Segment | None = None
+    segment: Segment | None = None
 
     @cached_property
     def kind(self) -> str:
@@ -91,7 +91,7 @@ class Stage:
             If it has no value there; the message names the stage.
         """
         try:
-            return bind(self.path, parameters, self._quantities(parameters, state))
+            return bind(self.path, parameters, self._variables(parameters, state))
         except PathUndefined as error:
             raise PathUndefined(f"the path of stage {self.index} {error}") from None
 
@@ -103,13 +103,13 @@ class Stage:
         PathUndefined
             If it has no value there; the message names the stage.
         """
-        quantities = self._quantities(parameters, state)
-        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", quantities)
+        variables = self._variables(parameters, state)
+        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", variables)
 
-    def _quantities(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
-        if self.part is None:
+    def _variables(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
+        if self.segment is None:
             return {}
-        return self.part.values(parameters, self.part.start(parameters) if state is None else state)
+        return self.segment.values(parameters, self.segment.start(parameters) if state is None else state)
 
     def track(self, path: PathFunction, end: Point) -> Track:
         """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
@@ -121,7 +121,7 @@ class Stage:
 
 
 def point_at(
-    point: PointExpression, parameters: Sequence[float], what: str, quantities: Mapping[str, float] | None = None
+    point: PointExpression, parameters: Sequence[float], what: str, variables: Mapping[str, float] | None = None
 ) -> Point:
     """A point [m] at given parameters and loop variables.
 
@@ -131,7 +131,7 @@ def point_at(
         If it has no value there; the message starts with `what`.
     """
     try:
-        return point[0].at(parameters, quantities=quantities), point[1].at(parameters, quantities=quantities)
+        return point[0].at(parameters, variables=variables), point[1].at(parameters, variables=variables)
     except PathUndefined as error:
         raise PathUndefined(f"{what}: {error}") from None
 
@@ -166,7 +166,7 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. A plan of `parts` flies them one after the other; the last one once, so
+    file's first line says, with its own sign. A plan of `segments` flies them one after the other; the last once, so
     that its last trigger is the final point.
     """
 
@@ -184,7 +184,7 @@ class Plan:
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
-    parts: tuple[Segment, ...] = ()
+    segments: tuple[Segment, ...] = ()
 
     @property
     def has_sets(self) -> bool:

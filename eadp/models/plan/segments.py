@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from eadp.core.expressions.tree import Expression, evaluate, substituted
 
 State = tuple[float, ...]
 """The values, in this lap, of a segment's loop variables that change from lap to lap."""
+
+MAX_KEPT = 10_000
+"""Most laps whose values a segment keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ class Segment:
 
     first: int
     count: int
-    quantities: tuple[LoopVariable, ...] = ()
+    variables: tuple[LoopVariable, ...] = ()
     until: tuple[Expression, Expression] | None = None
 
     @property
@@ -55,19 +59,19 @@ class Segment:
             If a first value is no finite real number; so do the other methods for what they evaluate.
         """
         values = _named(parameters)
-        return tuple([evaluate(q.first.node, values) for q in self.quantities if q.shift is not None])
+        return tuple([evaluate(q.first.node, values) for q in self.variables if q.shift is not None])
 
     def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
         """Every loop variable's value in a lap."""
-        if not self.quantities:
+        if not self.variables:
             return {}
         known = self._known(parameters, state)
-        return {q.name: known[q.name] for q in self.quantities}
+        return {q.name: known[q.name] for q in self.variables}
 
     def next(self, parameters: Sequence[float], state: State) -> State:
         """The state of the next lap."""
         known = self._known(parameters, state)
-        changing = [q for q in self.quantities if q.shift is not None]
+        changing = [q for q in self.variables if q.shift is not None]
         return tuple(
             [value + evaluate(q.shift.node, known) for q, value in zip(changing, state, strict=True) if q.shift]
         )
@@ -87,21 +91,32 @@ class Segment:
         ExpressionError
             If formulas of formulas grow too large.
         """
-        known = {q.name: q.first for q in self.quantities if q.shift is not None}
-        for q in self.quantities:
+        known = {q.name: q.first for q in self.variables if q.shift is not None}
+        for q in self.variables:
             if q.shift is None:
                 known[q.name] = substituted(q.first, known) if known else q.first
         return known
 
     def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
         """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
+        key = (tuple(parameters), state)
+        if key in self._values:
+            return self._values[key]
         known = _named(parameters)
-        changing = [q.name for q in self.quantities if q.shift is not None]
+        changing = [q.name for q in self.variables if q.shift is not None]
         known.update(zip(changing, state, strict=True))
-        for q in self.quantities:
+        for q in self.variables:
             if q.shift is None:
                 known[q.name] = evaluate(q.first.node, known)
+        if len(self._values) >= MAX_KEPT:
+            self._values.clear()
+        self._values[key] = known
         return known
+
+    @cached_property
+    def _values(self) -> dict[tuple[tuple[float, ...], State], dict[str, float]]:
+        """Values by parameters and state: each lap asks for the same ones several times, and so do similar routes."""
+        return {}
 
 
 def _named(parameters: Sequence[float]) -> dict[str, float]:

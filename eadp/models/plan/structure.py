@@ -115,11 +115,11 @@ def _samples(plan: Plan) -> list[Sequence[float]]:
 def find_shift(plan: Plan) -> PointExpression | None:
     """The shift d(c) of the first lap of a plan of segments; None unless one has laps, whose form does not change.
 
-    Looked for as the step of the one quantity that changes, along the direction in which the first trigger moves with
+    Looked for as the step of the one variable that changes, along the direction in which the first trigger moves with
     it. Seen from a small step: a last lap may be cut short.
     """
-    laps = [segment for segment in plan.parts if segment.repeats]
-    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].quantities) != 1:
+    laps = [segment for segment in plan.segments if segment.repeats]
+    if len(laps) != 1 or sum(q.shift is not None for q in laps[0].variables) != 1:
         return None
     segment = laps[0]
     stages = plan.stages[segment.first : segment.first + segment.count]
@@ -137,7 +137,7 @@ def find_shift(plan: Plan) -> PointExpression | None:
             return None
     if any(abs(a - b) > 1e-6 for move in moves for a, b in zip(move, moves[0], strict=True)):
         return None
-    moving = next(q for q in segment.quantities if q.shift is not None)
+    moving = next(q for q in segment.variables if q.shift is not None)
     step_of = _first_step(segment, moving)
     if step_of is None:
         return None

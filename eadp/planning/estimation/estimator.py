@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -90,31 +90,6 @@ class EstimatorSettings:
     """Random walk of each harmonic's parts [W/√s]."""
 
 
-class Estimator(Protocol):
-    """Interface of estimators: readings and laps in, forecast power out."""
-
-    period_s: float | None
-
-    def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return its one-step forecast [W]."""
-
-    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order; return the one-step forecast of the last [W]."""
-
-    def lap(self, time_s: float) -> None:
-        """End a lap and start the next."""
-
-    def start_lap(self, time_s: float) -> None:
-        """Start timing a lap that follows no other."""
-
-    def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Motion power [W], `ahead_s` [s] after the last reading."""
-
-    @property
-    def state_w(self) -> FloatArray:
-        """The energy state q [W], shape (2·order + 1,)."""
-
-
 def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
     expected = 0.0
     for time_s, value in zip(times_s, motion_w, strict=True):
@@ -164,7 +139,7 @@ class ExactEstimator:
         self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
         self._time_s: float | None = None
         self._learn_from_s = 0.0
-        self._laps = _Laps()
+        self._lap_marks_s: list[float] = []
         self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
         self._learn_at_s = math.inf
 
@@ -191,7 +166,10 @@ class ExactEstimator:
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Predict to `time_s`, and correct with the reading unless the gate holds; see `Estimator.observe`."""
+        """Take a reading [W], or None where there is none; return its one-step forecast [W].
+
+        Predicts to `time_s`, and corrects with the reading unless the gate holds.
+        """
         if self._time_s is None:
             self._time_s = time_s
             self._learn_from(time_s)
@@ -213,7 +191,7 @@ class ExactEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Process readings in batches between noise estimates; see `Estimator.observe_batch`."""
+        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W]."""
         expected, n = 0.0, 0
         while n < len(times_s):
             # up to the next noise estimate
@@ -252,8 +230,8 @@ class ExactEstimator:
 
     def lap(self, time_s: float) -> None:
         """Take the lap's time as the period, except the first: it may have started anywhere."""
-        self._laps.end(time_s)
-        times = self._laps.times_s
+        self._lap_marks_s.append(time_s)
+        times = np.diff(self._lap_marks_s).tolist()
         if not times:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
@@ -263,13 +241,13 @@ class ExactEstimator:
 
     def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
-        self._laps = _Laps([time_s])
+        self._lap_marks_s = [time_s]
         self._learn_from(time_s)
 
     # --- forecasts
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """C e^{At} x, the decaying disturbance included; see `Estimator.forecast`."""
+        """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
         return self._rows(ahead_s) @ self._filter.state
 
     def _rows(self, ahead_s: FloatArray) -> FloatArray:
@@ -294,7 +272,8 @@ class ExactEstimator:
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
-        drift[1:] += _squared_amplitudes(state) * turned**2 / (2 * period_s)
+        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
     def _learn_from(self, time_s: float) -> None:
@@ -310,7 +289,7 @@ class ExactEstimator:
         times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         times, power = times[times > time_s - window_s], power[times > time_s - window_s]
-        angle = 2 * math.pi * self._laps.turns(times, self.period_s or 1.0)
+        angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
         found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
@@ -334,29 +313,14 @@ class ExactEstimator:
         return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
-class _Laps:
-    """Times at which laps started."""
-
-    def __init__(self, marks_s: list[float] | None = None) -> None:
-        self._marks_s = marks_s or []
-
-    def end(self, time_s: float) -> None:
-        """End a lap and start the next."""
-        self._marks_s.append(time_s)
-
-    @property
-    def times_s(self) -> list[float]:
-        """Times of the whole laps [s]."""
-        return np.diff(self._marks_s).tolist()
-
-    def turns(self, times_s: FloatArray, period_s: float) -> FloatArray:
-        """Laps flown at given times: completed ones are one turn each, others progress by the period."""
-        marks = self._marks_s or [float(times_s[0])]
-        far = 1e6
-        marks_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
-        count = np.arange(len(marks), dtype=float)
-        turns: FloatArray = np.interp(times_s, marks_s, np.concatenate([[-far], count, [count[-1] + far]]))
-        return turns
+def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
+    """Laps flown at given times: completed ones are one turn each, others progress by the period."""
+    marks = marks_s or [float(times_s[0])]
+    far = 1e6
+    known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
+    count = np.arange(len(marks), dtype=float)
+    turns: FloatArray = np.interp(times_s, known_s, np.concatenate([[-far], count, [count[-1] + far]]))
+    return turns
 
 
 def _lap_time_std_s(times_s: list[float]) -> float:
@@ -364,10 +328,6 @@ def _lap_time_std_s(times_s: list[float]) -> float:
     if len(times_s) < 3:
         return ONE_LAP_SHARE * times_s[-1]
     return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
-
-
-def _squared_amplitudes(state: FloatArray) -> FloatArray:
-    return state[1:-2:2] ** 2 + state[2:-2:2] ** 2
 
 
 @lru_cache(maxsize=16)
@@ -391,7 +351,7 @@ class PublishedEstimator:
         self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
         self._gain_for = (0.0, 0.0)
         self._gain: list[float] = []
-        self.period_s: float | None = 1.0
+        self.period_s = 1.0
 
     @property
     def state_w(self) -> FloatArray:
@@ -399,7 +359,7 @@ class PublishedEstimator:
         return np.array(self._state)
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """One step of the published filter; see `Estimator.observe`."""
+        """One step of the published filter; see `ExactEstimator.observe`."""
         # the time of the last lap, or of this one once it is longer
         period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
@@ -424,7 +384,7 @@ class PublishedEstimator:
         return expected
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """One step each; see `Estimator.observe_batch`."""
+        """One step each; see `ExactEstimator.observe_batch`."""
         return _one_by_one(self, times_s, motion_w)
 
     def _published_gain(self, turn: float) -> list[float]:
@@ -444,6 +404,9 @@ class PublishedEstimator:
         self._lap_started_s = time_s
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """Exact from the filter's state: Euler's step would grow the harmonics; see `Estimator.forecast`."""
-        assert self.period_s is not None
+        """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+Estimator = ExactEstimator | PublishedEstimator
+"""Readings and laps in, forecast power out."""

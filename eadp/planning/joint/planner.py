@@ -96,7 +96,7 @@ class JointPlanner(TrackingPlanner):
         return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
-        """Take an observation; re-plan when it is time to, at a new stage, and at once when the charge jumps."""
+        """Update with an observation; re-plan when due, at a new stage, and at once when the charge jumps."""
         o, forecaster = observation, self._forecaster
         cause = NEW_STAGE if forecaster.update_stage(o) else ""
         read = o.time_s >= self._next_reading_s - 1e-9
@@ -146,34 +146,40 @@ class JointPlanner(TrackingPlanner):
 
     def _solve(self, cause: str) -> tuple[Solution, bool]:
         """The solution from here, and whether path parameters were optimised or only kept."""
-        forecaster = self._forecaster
-        here = forecaster.candidate(forecaster.shares)
-        if here is not None and 0 < here.increments.base_use - here.available < here.tolerance:
-            # the parameters in force stay valid within the tolerance
-            here = replace(here, available=here.increments.base_use)
-        kept = best_at(here) if here is not None else None
-        if not forecaster.open:
+        kept = self._kept()
+        if not self._forecaster.open:
             if kept is None:
                 raise Infeasible("the rest of the plan cannot be flown in this wind")
             return kept, False
         if kept is not None and cause != JUMPED and not self._must_reevaluate(kept, cause):
             return kept, False
+        return self._optimised(kept), True
+
+    def _kept(self) -> Solution | None:
+        """The solution at the path parameters in force; None if the plan cannot be flown at them."""
+        candidate = self._forecaster.candidate(self._forecaster.shares)
+        if candidate is None:
+            return None
+        if 0 < candidate.increments.base_use - candidate.available < candidate.tolerance:
+            # the parameters in force stay valid within the tolerance
+            candidate = replace(candidate, available=candidate.increments.base_use)
+        return best_at(candidate)
+
+    def _optimised(self, kept: Solution | None) -> Solution:
+        """The solution with optimal path parameters, or the kept one unless the gain exceeds the minimum."""
+        forecaster = self._forecaster
         flown = kept if kept is not None and kept.allocation.feasible else None
         threshold = -math.inf if flown is None else flown.value + self._own.min_gain
-        at_best = threshold >= 1.0 and self._own.objective == QUALITY  # U is 1 at most
-        found = None if at_best else self._program.solve(forecaster.candidate, forecaster.shares, threshold)
-        if flown is not None and (found is None or not found.allocation.feasible or found.value <= threshold):
-            self._evaluated_at = _value_and_rest(flown)
-            return flown, True
-        assert found is not None
-        self._evaluated_at = _value_and_rest(found)
-        if (
-            kept is not None
-            and not found.allocation.feasible
-            and found.shortfall > kept.shortfall - kept.candidate.tolerance
-        ):
-            return kept, True
-        return found, True
+        if flown is not None and threshold >= 1.0 and self._own.objective == QUALITY:  # U is at most 1
+            best = flown
+        else:
+            best = self._program.solve(forecaster.candidate, forecaster.shares, threshold)
+            if flown is not None and (not best.allocation.feasible or best.value <= threshold):
+                best = flown
+        self._evaluated_at = _value_and_rest(best)
+        if kept is None or best.allocation.feasible or best.shortfall <= kept.shortfall - kept.candidate.tolerance:
+            return best
+        return kept
 
     def _must_reevaluate(self, kept: Solution, cause: str) -> bool:
         """Whether to optimise path parameters again: they can take effect, and the forecast has changed."""
@@ -195,7 +201,7 @@ class JointPlanner(TrackingPlanner):
             return now
         envelope = terms.kinds[terms.kind_of[0]]
         if not solution.allocation.feasible:
-            return [float(value) for value in envelope.configurations[0]]
+            return list(envelope.configurations[0].tolist())
         target_w = _sustained_w(terms, solution, remaining_s)
         # the configuration in force is one of these, or rounded down to one
         powers, values, configurations = envelope.near
@@ -211,7 +217,7 @@ class JointPlanner(TrackingPlanner):
         if sustained == held and configurations[held].tolist() == now:
             return now
         affordable = powers <= powers[sustained] + 1e-12
-        return [float(value) for value in configurations[int(np.argmax(np.where(affordable, values, -np.inf)))]]
+        return list(configurations[int(np.argmax(np.where(affordable, values, -np.inf)))].tolist())
 
     def _power_of(self, values: list[float], route: Route) -> float:
         own = (*route.parameters[0][: self._rho], *values)

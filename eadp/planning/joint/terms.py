@@ -17,7 +17,7 @@ from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Box
 from eadp.models.plan.route import Route
-from eadp.planning.base import Mission, PlannerSettings, allowed_levels
+from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 from eadp.planning.joint.settings import JointSettings
 
@@ -237,13 +237,8 @@ class TermBuilder:
 
     def _listed(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
         rho, names, computing = self._rho, self._plan.names, self._mission.computing
-        levels = [allowed_levels(self._settings, self._mission, rho + k, box) for k, box in enumerate(sets[rho:])]
-        while math.prod(len(values) for values in levels) > MAX_CONFIGURATIONS:
-            longest = max(range(len(levels)), key=lambda k: len(levels[k]))
-            if len(levels[longest]) <= 2:
-                break
-            kept = levels[longest][::2]
-            levels[longest] = kept if kept[-1] == levels[longest][-1] else (*kept, levels[longest][-1])
+        own_levels = [allowed_levels(self._settings, self._mission, rho + k, box) for k, box in enumerate(sets[rho:])]
+        levels = thinned(own_levels, MAX_CONFIGURATIONS)
         rows, powers = [], []
         for choice in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
             values = (*own[:rho], *choice)

@@ -10,10 +10,10 @@ the computations' parameters at each step of the horizon, z ∈ [0, 1] of their 
 
 y ≥ 0 needs no row: computations only add power.
 
-The relaxation is solved by a sequence of QPs. For one computation a closed form is often optimal, certified by its
-multipliers: then it is the solution, or, where QPs are requested, the bound at which their sequence from the last plan
-stops. Steps share nothing but charge, so the integer solution is found by branch and bound, not only by rounding: each
-choice enters by its power, its charge and its value.
+The relaxation is solved by sequential QPs. For one computation a closed form is often optimal, certified by its
+multipliers: then it is the bound at which the QPs from the last plan stop, and the solution if they fail. Steps are
+coupled by the charge only, so branch and bound finds the integer solution: each choice has a power, a use of charge and
+a value.
 
 Source: letter, Eq. 16 and Def. III.3; drafts 003 and 004 for the trade-offs and for the subroutine that
 lowers by δ.
@@ -37,6 +37,7 @@ from eadp.core.flight.battery import current_slope_a_per_w, currents_a
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
+from eadp.planning.base import thinned
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 Table = list[list[float]]
@@ -45,13 +46,13 @@ Numbers = Any
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
 COSTS = (CONTROL, POWER, QUADRATIC, OUTPUT)
 PROXIMAL = (0.03, 0.3)
-"""Proximal weights for a gradient scaled to 1: the first needs few QPs, the second is for those that OSQP fails on."""
+"""Proximal weights for a gradient scaled to 1: the first needs few QPs, the second is used if OSQP fails."""
 
-PASSES = 25
-"""Most QPs of one ascent."""
+MAX_QPS = 25
+"""Maximum number of QPs of one ascent."""
 
-CHORD_PASSES = 4
-"""Most QPs of the ascent along chords that finds a starting point."""
+MAX_CHORD_QPS = 4
+"""Maximum number of QPs of the ascent along chords that finds a starting point."""
 
 STATIONARY = 1e-7
 """Movement, as a share of its set, below which a plan is stationary."""
@@ -69,10 +70,10 @@ FLOOR_SLACK = 1e-4
 """Tolerance, as a share of the span of power, within which a relaxed value counts as its next level above."""
 
 CHOICES = 4096
-"""Most combinations of levels; of more, every second level of the longest list is left out."""
+"""Maximum number of combinations of levels; above it, every second level of the longest list is dropped."""
 
 WORK = 20_000
-"""Most steps that branch and bound visits; its first descent is feasible, and nearly always optimal."""
+"""Maximum number of steps that branch and bound visits; its first descent is feasible and nearly always optimal."""
 
 TIGHTEST = 1e-5
 """Smallest scaling of a parameter, as a share of its set."""
@@ -89,21 +90,21 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class ComputationLevels:
-    """The computations, their sets, levels and power.
+    """Sets, levels and power of the computations.
 
     Parameters
     ----------
     low, high : array, shape (σ,)
         Their sets.
     levels : sequence of σ tuples
-        The values each may take, lowest first.
+        Levels of each, in ascending order.
     power : function (c of shape (σ,)) → g(c) [W]
 
     Attributes
     ----------
     knots, values : list of float
-        One computation: knots of the piecewise linear g, and its values [W]; g is linear between its levels and the
-        ends of its set. Several: empty.
+        One computation: knots and values [W] of g, piecewise linear between its levels and the ends of its set.
+        Several: empty.
     """
 
     low: FloatArray
@@ -153,7 +154,7 @@ class ComputationLevels:
         return self._slopes[self.pieces(c, side), None]
 
     def pieces(self, c: FloatArray, side: int = 1) -> IntArray:
-        """One computation: which linear piece each step is on, shape (M,); at a knot, the one on a side."""
+        """One computation: index of each step's linear piece, shape (M,); at a knot, of the one on a side."""
         nudge = side * BEND * (self.knots[-1] - self.knots[0])
         return np.clip(np.searchsorted(self.knots, c[:, 0] + nudge, "right") - 1, 0, len(self.knots) - 2)
 
@@ -171,7 +172,7 @@ class ComputationLevels:
 
 @dataclass(frozen=True)
 class HorizonForecast:
-    """Forecast over the horizon.
+    """Forecast of motion power and charge over the horizon.
 
     Parameters
     ----------
@@ -198,14 +199,14 @@ class HorizonForecast:
 class HorizonSolution:
     """A solution: the parameters at each step, shape (M, σ), relaxed and on their levels.
 
-    `passes` is the number of QPs, 0 where the certified closed form is the solution.
+    `qp_solves` is the number of QPs, 0 where the certified closed form is the solution.
     """
 
     relaxed: FloatArray
     chosen: FloatArray
     objective: float
     relaxed_objective: float
-    passes: int
+    qp_solves: int
 
     @property
     def gap(self) -> float:
@@ -214,7 +215,7 @@ class HorizonSolution:
 
 
 class Horizon:
-    """The problem for one set of computations and one number of steps: built once, solved many times.
+    """The optimal control problem for one set of computations and one number of steps: built once, solved many times.
 
     Parameters
     ----------
@@ -228,8 +229,6 @@ class Horizon:
         Rows R c − r ≥ 0; contributions of other parameters are in r.
     weights : (float, float)
         Q and R of cost `quadratic`, as multiples of the identity.
-    closed_form : bool
-        Use the closed form where its multipliers certify it; otherwise QPs.
     """
 
     def __init__(
@@ -240,17 +239,14 @@ class Horizon:
         cost: str = CONTROL,
         trade_offs: Sequence[tuple[Sequence[float], float]] = (),
         weights: tuple[float, float] = (1.0, 1.0),
-        *,
-        closed_form: bool = True,
     ) -> None:
-        self._closed_form = closed_form
         self._c = computations
         self._battery = battery
         self._steps = steps
         self._cost = cost
         self._weights = weights
         self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, computations.count)
-        self._least = np.array([r for _, r in trade_offs], dtype=float)
+        self._min_rows = np.array([r for _, r in trade_offs], dtype=float)
         self._width = computations.high - computations.low
         # the minimum parameters, and each alone at its maximum
         ends = computations.low + np.vstack([np.zeros(computations.count), np.diag(self._width)])
@@ -267,8 +263,8 @@ class Horizon:
 
     def _list_choices(self) -> None:
         """Every combination of levels that satisfies the trade-offs, in order of power."""
-        choices = np.array(list(itertools.product(*_thinned(self._c.levels))), dtype=float)
-        choices = choices[(choices @ self._rows.T >= self._least - _slack(self._least)).all(axis=1)]
+        choices = np.array(list(itertools.product(*thinned(self._c.levels, CHOICES))), dtype=float)
+        choices = choices[(choices @ self._rows.T >= self._min_rows - _slack(self._min_rows)).all(axis=1)]
         powers = np.array([self._c.power(choice.tolist()) for choice in choices], dtype=float)
         order = np.argsort(powers, kind="stable")
         self._choices: FloatArray = choices[order]
@@ -286,8 +282,8 @@ class Horizon:
         trades = np.kron(np.eye(steps), np.ones_like(self._rows))
         filled = np.vstack([np.eye(size), self._until, trades]) > 0
         self._programs = [(proximal, QuadraticProgram(filled, proximal)) for proximal in PROXIMAL]
-        least = np.tile(self._least - self._rows @ self._c.low, steps)
-        self._lower = np.concatenate([np.zeros(size), np.full(steps, -UNBOUNDED), least])
+        minimum = np.tile(self._min_rows - self._rows @ self._c.low, steps)
+        self._lower = np.concatenate([np.zeros(size), np.full(steps, -UNBOUNDED), minimum])
         self._upper = np.concatenate([np.ones(size), np.zeros(steps), np.full(steps * extra, UNBOUNDED)])
 
     # --- the model
@@ -318,7 +314,7 @@ class Horizon:
             powers = bool((self.excess_w(c, forecast) <= FEASIBLE_W).all())
         except Infeasible:
             return False
-        return powers and bool((c @ self._rows.T >= self._least - _slack(self._least)).all())
+        return powers and bool((c @ self._rows.T >= self._min_rows - _slack(self._min_rows)).all())
 
     def _soc_per_a(self, forecast: HorizonForecast) -> float:
         """What a step takes off the state of charge for each ampere: k_b Δ/Q_c [1/A]."""
@@ -356,28 +352,26 @@ class Horizon:
         Raises
         ------
         Infeasible
-            If not even the levels of minimum power are feasible.
+            If the levels of minimum power are infeasible.
         SolverFailed
             If the solver failed; the caller's fallback is `lowered`.
         """
         made, objective, whole = self._search(forecast)
         chosen = self._choices[made]
-        relaxed, best, passes = self._reals(chosen, objective, forecast)
+        relaxed, best, qp_solves = self._reals(chosen, objective, forecast)
         if not whole:
             chosen, objective = self._floored(relaxed, chosen, objective, forecast)
         if objective > best:
             relaxed, best = chosen, objective
-        return HorizonSolution(relaxed, chosen, objective, best, passes)
+        return HorizonSolution(relaxed, chosen, objective, best, qp_solves)
 
-    def _reals(self, chosen: FloatArray, least: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
+    def _reals(self, chosen: FloatArray, objective: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
         """The relaxed solution, its objective and the number of QPs."""
         starts = [chosen]
         if self._increasing and not len(self._rows):
             steps = self._fill_greedy(forecast)
             filled, value = np.array([[step.c] for step in steps]), sum(step.value for step in steps)
-            if value >= least - SAME * abs(least) and _is_optimal(steps):
-                if self._closed_form:
-                    return filled, value, 0
+            if value >= objective - SAME * abs(objective) and _is_optimal(steps):
                 return self._ascent_to(value, filled, chosen, forecast)
             starts.append(filled)
         return self._best_ascent(starts, forecast)
@@ -385,51 +379,51 @@ class Horizon:
     def _ascent_to(
         self, value: float, filled: FloatArray, chosen: FloatArray, forecast: HorizonForecast
     ) -> tuple[FloatArray, float, int]:
-        """The relaxed solution by QPs from the last plan, where multipliers certify its optimum.
+        """The relaxed solution by QPs from the last plan, given a certified optimum.
 
-        The ascent stops at the optimum. Where it ends lower, or OSQP fails, the certified plan is the solution.
+        The ascent stops at the optimum. If it ends below, or OSQP fails, the certified plan is the solution.
         """
-        enough = value - REACHED * abs(value)
+        target = value - REACHED * abs(value)
         start = chosen if self._last is None or not self.feasible(self._last, forecast) else self._last
-        relaxed, best, passes = filled, value, 0
+        relaxed, best, qp_solves = filled, value, 0
         with contextlib.suppress(SolverFailed, Infeasible):
-            top, reached, passes = self._ascent(start, forecast, enough=enough)
-            if reached >= enough:
+            top, reached, qp_solves = self._ascent(start, forecast, target=target)
+            if reached >= target:
                 relaxed, best = top, reached
         self._last = relaxed
-        return relaxed, best, passes
+        return relaxed, best, qp_solves
 
     def _best_ascent(self, starts: list[FloatArray], forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
-        """The best local maximum reached from several plans: where charge is short there are many.
+        """The best of the local maxima reached from several plans: with little charge there are many.
 
         Raises
         ------
         SolverFailed
-            If OSQP failed from each.
+            If OSQP fails from each.
         """
-        passes, maxima, failures = 0, [], []
-        least = np.tile(self._choices[0], (self._steps, 1))
-        for start, chords in (*((start, None) for start in starts), (least, self._chords(forecast))):
+        qp_solves, maxima, failures = 0, [], []
+        minimum = np.tile(self._choices[0], (self._steps, 1))
+        for start, chords in (*((start, None) for start in starts), (minimum, self._chords(forecast))):
             try:
-                first, _, chord_passes = (start, 0.0, 0) if chords is None else self._ascent(start, forecast, chords)
+                first, _, chord_qps = (start, 0.0, 0) if chords is None else self._ascent(start, forecast, chords)
                 top, value, more = self._ascent(first, forecast)
-            except (SolverFailed, Infeasible) as error:  # a QP round a feasible plan is feasible
+            except (SolverFailed, Infeasible) as error:  # a QP around a feasible plan is feasible
                 failures.append(str(error))
                 continue
             maxima.append((value, top))
-            passes += chord_passes + more
+            qp_solves += chord_qps + more
         if not maxima:
             raise SolverFailed(failures[0])
         best, relaxed = max(maxima, key=lambda top: top[0])
-        return relaxed, best, passes
+        return relaxed, best, qp_solves
 
     # --- integer solution
 
     def _search(self, forecast: HorizonForecast) -> tuple[list[int], float, bool]:
         """The best choice for each step, their value, and whether the search completed.
 
-        Charge is counted relative to choices of minimum power at every step so far: then the charge that a choice needs
-        does not depend on the choices before it.
+        Charge is relative to choices of minimum power at every step so far, so that the charge needed by a choice does
+        not depend on the choices before it.
         """
         if not len(self._choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
@@ -442,7 +436,7 @@ class Horizon:
         needed = (limit + (self._powers - FEASIBLE_W)) / b.power_per_soc_w + beyond
         needed += np.cumsum(drop[:, 0])[:, None]
         needed[under_root < 0] = math.inf
-        # minimum power must remain possible later: a choice needs what later steps need, and what it uses
+        # minimum power must stay feasible: a choice needs the charge of the later steps, and its own use
         later = np.maximum.accumulate(needed[::-1, 0])[::-1]
         if not later[0] <= forecast.soc:
             if math.isnan(later[0] + forecast.soc):
@@ -472,7 +466,7 @@ class Horizon:
     # --- continuous relaxation
 
     def _fill_greedy(self, forecast: HorizonForecast) -> list[_Step]:
-        """Greedy fill for one computation: each step uses all power that its limit and the later minimum leave.
+        """Greedy filling for one computation: each step uses the power left by its limit and the later minimum.
 
         Exact for the nonlinear battery: with I the current, y = V I − R I², so the limit is a quadratic in I.
         """
@@ -507,11 +501,11 @@ class Horizon:
 
     def _rests(self, limits: list[float], means: list[float], rate: float) -> list[float]:
         """The charge that must remain after each step for minimum power in the later ones."""
-        b, least, per_soc = self._battery, self._c.values[0], self._battery.power_per_soc_w
+        b, minimum, per_soc = self._battery, self._c.values[0], self._battery.power_per_soc_w
         rest, rests = -math.inf, []
         for limit, mean in zip(reversed(limits), reversed(means), strict=True):
             rests.append(rest)
-            rest = max(rest, (limit + least) / per_soc) + rate * b.current_a(mean + least)
+            rest = max(rest, (limit + minimum) / per_soc) + rate * b.current_a(mean + minimum)
         return rests[::-1]
 
     def _chords(self, forecast: HorizonForecast) -> FloatArray:
@@ -526,33 +520,33 @@ class Horizon:
         return chords
 
     def _ascent(
-        self, c: FloatArray, forecast: HorizonForecast, chords: FloatArray | None = None, enough: float = math.inf
+        self, c: FloatArray, forecast: HorizonForecast, chords: FloatArray | None = None, target: float = math.inf
     ) -> tuple[FloatArray, float, int]:
-        """Ascent by QPs from a feasible plan to a stationary one, or to an objective of `enough`: plan, value, QPs.
+        """Ascent by QPs from a feasible plan to a stationary one, or to the objective `target`: plan, value, QPs.
 
-        Slopes above and below alternate, so that a knot of g is left on the better side. With chords, a few QPs along
-        them.
+        Slopes above and below alternate, so that a plan leaves a knot of g on the better side. With chords, a few QPs
+        along them.
         """
 
         def value_of(plan: FloatArray) -> float:
             return self.objective(plan, forecast) if chords is None else float((chords * plan).sum())
 
-        most = PASSES if chords is None else CHORD_PASSES
+        max_qps = MAX_QPS if chords is None else MAX_CHORD_QPS
         sides = 1 if len(self._c.knots) == 2 else 2
         value = value_of(c)
-        still = passes = 0
-        while still < sides and passes < most:
-            passes += 1
-            new = self._pass(c, 1 if passes % 2 else -1, forecast, chords)
+        still = qp_solves = 0
+        while still < sides and qp_solves < max_qps:
+            qp_solves += 1
+            new = self._qp_step(c, 1 if qp_solves % 2 else -1, forecast, chords)
             before = value
             c, value = self._line_search(c, new, value, value_of, forecast)
-            if value >= enough:
+            if value >= target:
                 break
             still = still + 1 if value - before <= SAME * abs(value) else 0
-        return c, value, passes
+        return c, value, qp_solves
 
-    def _pass(self, c: FloatArray, side: int, forecast: HorizonForecast, chords: FloatArray | None) -> FloatArray:
-        """One QP round a plan: linearised rows and gradient, and a proximal term."""
+    def _qp_step(self, c: FloatArray, side: int, forecast: HorizonForecast, chords: FloatArray | None) -> FloatArray:
+        """One QP around a plan: linearised rows and gradient, and a proximal term."""
         z = np.divide(c - self._c.low, self._width, out=np.zeros_like(c), where=self._width > 0).ravel()
         gradient, rows, left = self._linearised(c, z, side, forecast)
         lower, upper = self._bounds(c, side)
@@ -569,8 +563,8 @@ class Horizon:
         units[units == 0] = 1.0
         gradient *= reach
         gradient /= max(float(np.abs(gradient).max()), 1e-12)
-        answer = self._nearest(gradient, matrix / units[:, None], lower / units, upper / units, z / reach)
-        return self._c.low + np.clip(answer * reach, 0.0, 1.0).reshape(c.shape) * self._width
+        solution = self._nearest(gradient, matrix / units[:, None], lower / units, upper / units, z / reach)
+        return self._c.low + np.clip(solution * reach, 0.0, 1.0).reshape(c.shape) * self._width
 
     def _linearised(
         self, c: FloatArray, z: FloatArray, side: int, forecast: HorizonForecast
@@ -621,7 +615,7 @@ class Horizon:
         """Line search from the plan c to the QP's solution: a feasible plan of greater value, else c."""
         if np.abs(new - c).max() <= STATIONARY * self._width.max():
             return c, value
-        # a little less power makes up for the solver's tolerance and the battery's curvature
+        # slightly less power compensates for the solver's tolerance and the battery's curvature
         less = (new + share * (self._choices[0] - new) for share in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4))
         nearer = (c + share * (new - c) for share in (0.5, 0.2, 0.05, 0.01))
         for trial in itertools.chain(less, nearer):
@@ -647,23 +641,23 @@ class Horizon:
         Raises
         ------
         Infeasible
-            If not even the minimum parameters are feasible.
+            If the minimum parameters are infeasible.
 
         Source: drafts 003 and 004, the subroutine of their algorithms.
         """
         c = np.clip(now, self._c.low, self._c.high)
         while True:
-            value = np.array([_floor(levels, x) for levels, x in zip(self._c.levels, c, strict=True)])
+            value = np.array([_round_down(levels, x) for levels, x in zip(self._c.levels, c, strict=True)])
             plan = np.tile(value, (self._steps, 1))
             if self.feasible(plan, forecast):
                 return plan
             if (c <= self._c.low).all():
-                raise Infeasible("not even the lowest parameters are admissible")
+                raise Infeasible("even the minimum parameters are infeasible")
             c = np.maximum(c - deltas, self._c.low)
 
 
 class _Step(NamedTuple):
-    """A filled step: the computation, its l, ∂l/∂y, κ; whether it is at its maximum, or at its own limit."""
+    """A filled step: computation, l, ∂l/∂y, κ; whether it is at its maximum, and whether at its own limit."""
 
     c: float
     value: float
@@ -676,7 +670,7 @@ class _Step(NamedTuple):
 def _is_optimal(steps: Sequence[_Step]) -> bool:
     """Whether steps at their maximum or at their own limits have multipliers of 0 or more: a local optimum.
 
-    Backwards: a watt more at step m gains ∂l/∂y, and lowers its own limit and every later one by κ_m.
+    Backwards: one more watt at step m gains ∂l/∂y, and lowers its own limit and every later one by κ_m.
     """
     later = 0.0
     for step in reversed(steps):
@@ -694,8 +688,7 @@ class _Search:
     Parameters
     ----------
     needed, beyond, top : tables of M rows, one entry for each choice, in order of power
-        Charge that must be left for it, and what it uses of that; the running maximum of the value. The first two
-        rise along a row.
+        Charge that each needs, and its use of that; running maximum of the value. The first two ascend along a row.
 
     A choice of no greater value than one of less power is dominated: `top` shows which are not.
     """
@@ -706,7 +699,7 @@ class _Search:
     def best(self, charge: float) -> tuple[list[int], float, bool]:
         """One index for each step, their value, and whether it is certified as optimal.
 
-        It ends where the first descent meets the bound, the usual case.
+        The usual case ends with the first descent, which meets the bound.
         """
         made, value = self._descent(charge)
         enough = value + SAME * abs(value)
@@ -728,7 +721,7 @@ class _Search:
         """Upper bound of the value of the steps from `first` on, or a number up to `enough` if that is less.
 
         At first each step is bounded as if those before it had used nothing. A plan better than `enough` forgoes at
-        most the difference, so it uses almost as much charge: the bound is tightened with it.
+        most the difference and so uses almost as much charge, which tightens the bound.
         """
         steps = range(first, len(self._needed))
         bound = spared = math.inf
@@ -748,52 +741,37 @@ class _Search:
     @cached_property
     def _charge_per_value(self) -> float:
         """Largest charge saved per value forgone, at any step."""
-        most = 0.0
+        rate = 0.0
         for beyond, top in zip(self._beyond, self._top, strict=True):
             last = 0
             for i in range(1, len(top)):
                 if top[i] > top[last]:
-                    most = max(most, (beyond[i] - beyond[last]) / (top[i] - top[last]))
+                    rate = max(rate, (beyond[i] - beyond[last]) / (top[i] - top[last]))
                     last = i
-        return most
+        return rate
 
-    def _branched(self, charge: float, made: list[int], most: float) -> tuple[list[int], float, bool]:
+    def _branched(self, charge: float, made: list[int], best: float) -> tuple[list[int], float, bool]:
         """A plan of greater value, if there is one: depth first, from the choices of greatest value down."""
         steps, work = len(self._needed), 0
-        stack: list[tuple[int, float, float, _Link | None]] = [(0, charge, 0.0, None)]
+        stack: list[tuple[tuple[int, ...], float, float]] = [((), charge, 0.0)]
         while stack and work < WORK:
             work += steps
-            m, charge, value, chain = stack.pop()
-            enough = most + SAME * abs(most) - value
+            chain, charge, value = stack.pop()
+            m = len(chain)
+            enough = best + SAME * abs(best) - value
             if self._bound(m, charge, enough) <= enough:
                 continue
-            if m == steps and chain is not None:
-                made, most = chain.choices(), value
+            if m == steps:
+                made, best = [*chain], value
                 continue
             top, branches = self._top[m], []
             i = bisect_right(self._needed[m], charge) - 1
             while i >= 0:
                 i = bisect_left(top, top[i])
-                branches.append((m + 1, charge - self._beyond[m][i], value + top[i], _Link(i, chain)))
+                branches.append(((*chain, i), charge - self._beyond[m][i], value + top[i]))
                 i -= 1
             stack.extend(reversed(branches))
-        return made, most, not stack
-
-
-class _Link(NamedTuple):
-    """The last choice of a sequence, and those before it."""
-
-    choice: int
-    before: _Link | None
-
-    def choices(self) -> list[int]:
-        """The whole sequence, in order."""
-        found = []
-        link: _Link | None = self
-        while link is not None:
-            found.append(link.choice)
-            link = link.before
-        return found[::-1]
+        return made, best, not stack
 
 
 def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[float]]:
@@ -813,27 +791,18 @@ def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[
 def _reach(rows: FloatArray, left: FloatArray) -> FloatArray:
     """Reach of each column: the share of its set by which it could move if it alone used the slack of the rows.
 
-    Where charge is short the reach is small; without this scaling OSQP stalls.
+    With little charge the reach is small; without this scaling OSQP stalls.
     """
     shares = np.divide(left[:, None], rows, out=np.ones_like(rows), where=rows > 0)
     reach: FloatArray = np.clip(shares.min(axis=0), TIGHTEST, 1.0)
     return reach
 
 
-def _thinned(levels: Sequence[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """Levels of which there are at most CHOICES combinations, if all but two of each are enough for that."""
-    kept = list(levels)
-    while math.prod(map(len, kept)) > CHOICES and max(map(len, kept)) > 2:
-        k = max(range(len(kept)), key=lambda i: len(kept[i]))
-        kept[k] = (*kept[k][:-1:2], kept[k][-1])
-    return kept
+def _slack(rows: FloatArray) -> FloatArray:
+    return 1e-9 * (1 + np.abs(rows))
 
 
-def _slack(least: FloatArray) -> FloatArray:
-    return 1e-9 * (1 + np.abs(least))
-
-
-def _floor(levels: Sequence[float], value: float) -> float:
+def _round_down(levels: Sequence[float], value: float) -> float:
     below = [level for level in levels if level <= value + 1e-9]
     return below[-1] if below else levels[0]
 
@@ -849,6 +818,3 @@ def _separate(low: FloatArray, width: FloatArray, end_powers: FloatArray) -> tup
         for bottom, span, end in zip(low, width, end_powers[1:], strict=True)
     ]
     return np.array([nu for nu, _ in scaled]), np.array([tau for _, tau in scaled])
-
-
-__all__ = ["COSTS", "ComputationLevels", "Horizon", "HorizonForecast", "HorizonSolution", "SolverFailed"]

@@ -1,4 +1,4 @@
-"""The letter's planner: computations by a receding horizon, then the path by the time that remains."""
+"""The letter's planner: computations by a receding horizon, then the path by the remaining time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForec
 
 LOOK_AHEAD_STEP_S = 1.0
 UNKNOWN_PERIOD_S = 6.0
-"""Horizon of one period, where there is none."""
+"""Horizon in place of one period if there is none [s]."""
 SAMPLES_PER_STEP = 10
 
 
@@ -53,10 +53,10 @@ class PaperSettings:
     """Q and R of cost `quadratic`."""
 
     constraint_at: Literal["end", "worst"] = "worst"
-    """Where in each step the power is bounded: at its end, or where the motion takes most."""
+    """Where in each step the power is bounded: at its end, or where the motion's power is greatest."""
 
     remaining_time: Literal["corrected", "published"] = "corrected"
-    """Formula of the time that remains: corrected, or with the letter's misprint."""
+    """Formula of the remaining time: corrected, or with the letter's misprint."""
 
     delta: Mapping[str, Positive] = field(default_factory=dict)
     """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
@@ -65,7 +65,7 @@ class PaperSettings:
     """How a path parameter changes: by its delta, or to the largest value for which the time suffices."""
 
     raise_path: bool = True
-    """Whether a path parameter may also rise while there is time to spare."""
+    """Whether a path parameter may also rise while time is left."""
 
     path_every_s: Positive | None = None
     """Time between re-plannings of the path [s]; by default `every_s`."""
@@ -87,10 +87,10 @@ class PaperSettings:
 
 
 class PaperPlanner(TrackingPlanner):
-    """The letter's Algorithm 2: computations by a receding horizon, then the path by the time that remains.
+    """The letter's Algorithm 2: computations by a receding horizon, then the path by the remaining time.
 
     Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; drafts 003 and 004 for the
-    subroutine that a failed solve falls back to.
+    subroutine that is the fallback of a failed solve.
     """
 
     own_settings = PaperSettings
@@ -111,21 +111,21 @@ class PaperPlanner(TrackingPlanner):
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._times = _coverage_times_s(own, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
-        self._ahead_w: FloatArray = np.zeros(0)
+        self._computing_plan_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
 
     @property
     def next_update_s(self) -> float:
-        """When it re-plans next, if it has begun to."""
+        """Time of the next re-planning; infinite before the first periods are flown."""
         return self._next_s if self._laps_known() else math.inf
 
     def ingest(self, readings: Readings) -> Decision:
-        """Take readings all at once, and the charge: what it falls from one to the next is no jump."""
+        """Take a batch of readings; the fall of the charge within it is no jump."""
         self._soc = readings.charges[-1]
         return super().ingest(readings)
 
     def update(self, observation: Observation) -> Decision:
-        """Take an observation; re-plan when it is time to, and at once when the state of charge jumps."""
+        """Update with an observation; re-plan when due, and at once when the state of charge jumps."""
         o = observation
         self._track(o)
         jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
@@ -152,20 +152,20 @@ class PaperPlanner(TrackingPlanner):
     # --- computations
 
     def _computations(self, o: Observation) -> tuple[Vector, str]:
-        """The parameters with the computations chosen anew, and why; notes their power ahead."""
+        """The parameters with new computations, and the reason; sets the computations' power over the horizon."""
         decided = self._decision.parameters
         sets = self._mission.plan.stages[o.stage - 1].sets
         free = [i for i in range(self._rho, len(decided)) if not sets[i].fixed]
         steps = self._steps()
         if not free:
-            self._ahead_w = np.full(steps, self._computing_w)
+            self._computing_plan_w = np.full(steps, self._computing_w)
             return decided, "nothing to choose"
         horizon = self._horizon(o, free, steps)
-        outlook = self._outlook(o, steps)
+        forecast = self._horizon_forecast(o, steps)
         now = np.array([decided[i] for i in free])
         reason = "planned"
         try:
-            values = self._solve(horizon, outlook)
+            values = self._solve(horizon, forecast)
         except Infeasible as error:
             self.report.infeasible += 1
             values, reason = np.array([[sets[i].lo for i in free]] * steps), f"infeasible: {error}"
@@ -173,29 +173,29 @@ class PaperPlanner(TrackingPlanner):
             self.report.failures += 1
             deltas = np.array([self._delta(i) for i in free])
             try:
-                values, reason = horizon.lowered(now, deltas, outlook), f"fallback, lowered by δ: {error}"
+                values, reason = horizon.lowered(now, deltas, forecast), f"fallback, lowered by δ: {error}"
             except Infeasible:
-                values, reason = np.array([[sets[i].lo for i in free]] * steps), f"fallback, lowest: {error}"
+                values, reason = np.array([[sets[i].lo for i in free]] * steps), f"fallback, minimum: {error}"
         chosen = list(decided)
-        ahead = []
+        powers = []
         for row in values:
             for i, value in zip(free, row.tolist(), strict=True):
                 chosen[i] = value
-            ahead.append(self._mission.computing.power_w(chosen, sets))
-        self._ahead_w = np.array(ahead)
+            powers.append(self._mission.computing.power_w(chosen, sets))
+        self._computing_plan_w = np.array(powers)
         for i, value in zip(free, values[0].tolist(), strict=True):
             chosen[i] = value
         return tuple(chosen), reason
 
-    def _solve(self, horizon: Horizon, outlook: HorizonForecast) -> FloatArray:
+    def _solve(self, horizon: Horizon, forecast: HorizonForecast) -> FloatArray:
         started = time.perf_counter()
         self.report.solves += 1
         try:
-            plan = horizon.solve(outlook)
+            plan = horizon.solve(forecast)
         finally:
             self.report.solve_ms.append(1e3 * (time.perf_counter() - started))
         self.report.gaps.append(plan.gap)
-        self.report.qps += plan.passes
+        self.report.qps += plan.qp_solves
         return plan.chosen
 
     def _steps(self) -> int:
@@ -228,12 +228,10 @@ class PaperPlanner(TrackingPlanner):
                 weights = [row.coefficients.get(name, 0.0) for name in names]
                 rest = sum(weights[i] * o.parameters[i] for i in range(len(names)) if i not in free)
                 rows.append(([weights[i] for i in free], row.at_least - rest))
-            self._horizons[key] = Horizon(
-                computations, battery, steps, own.cost, rows, own.cost_weights, closed_form=False
-            )
+            self._horizons[key] = Horizon(computations, battery, steps, own.cost, rows, own.cost_weights)
         return self._horizons[key]
 
-    def _outlook(self, o: Observation, steps: int) -> HorizonForecast:
+    def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
@@ -247,7 +245,7 @@ class PaperPlanner(TrackingPlanner):
     # --- path
 
     def _path(self, o: Observation, parameters: Vector) -> Vector:
-        """Path parameters by the time that remains against the time to an empty battery: letter, Alg. 2 l. 17-27."""
+        """Path parameters from the remaining time and the time to an empty battery. Source: letter, Alg. 2 l. 17-27."""
         if not self._rho or self._times is None:
             return parameters
         last_s = self._time_to_reserve_s(o)
@@ -300,34 +298,34 @@ class PaperPlanner(TrackingPlanner):
         return total_s - time_s
 
     def _largest_share(self, time_s: float, last_s: float) -> float:
-        """The share of their sets at which all path parameters just have t_r ≤ t_b, held within 0..1."""
+        """The largest share of their sets, in 0..1, at which all path parameters have t_r ≤ t_b."""
         assert self._times is not None
         shortest, longest = self._times
-        most_s = last_s + time_s
+        limit_s = last_s + time_s
         if self._own.remaining_time == "published":
             whole = max(self._times)
-            most_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
-        if math.isinf(most_s) or longest == shortest:
+            limit_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
+        if math.isinf(limit_s) or longest == shortest:
             return 1.0 if longest >= shortest else 0.0
-        return min(1.0, max(0.0, (most_s - shortest) / (longest - shortest)))
+        return min(1.0, max(0.0, (limit_s - shortest) / (longest - shortest)))
 
     def _time_to_reserve_s(self, o: Observation) -> float:
-        """t_b: how long the predicted battery lasts [s], down to the reserve.
+        """t_b: time until the predicted battery reaches the reserve [s].
 
-        The horizon's computations, then its last one held; the motion is periodic, so whole periods are divided out and
-        the look-ahead costs one period whatever the battery. A voltage that falls with the charge is taken half way.
+        The horizon's computations, then its last one held. The motion is periodic: whole periods are divided out, and
+        one period is predicted. A voltage that falls with the charge is taken half way.
         """
         spare = o.soc - self._settings.reserve_soc
         if spare <= 0:
             return 0.0
         b = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         step_s = LOOK_AHEAD_STEP_S
-        head = max(1, round(len(self._ahead_w) * self._settings.every_s / step_s))
+        head = max(1, round(len(self._computing_plan_w) * self._settings.every_s / step_s))
         period = max(1, round((self.period_s or step_s) / step_s))
         motion = np.maximum(self._estimator.forecast(np.arange(0.5, head + period) * step_s), 0.0)
         repeat = max(1, round(self._settings.every_s / step_s))
-        computing = np.full(head + period, self._ahead_w[-1])
-        early = np.repeat(self._ahead_w, repeat)[:head]
+        computing = np.full(head + period, self._computing_plan_w[-1])
+        early = np.repeat(self._computing_plan_w, repeat)[:head]
         computing[: len(early)] = early
         try:
             current = currents_a(motion + computing, b.voltage_v, b.resistance_ohm)
@@ -346,7 +344,7 @@ class PaperPlanner(TrackingPlanner):
 
 
 def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
-    """When a growing sum, taken after each step, meets a value: linear within the step."""
+    """Time at which a growing sum, given after each step, reaches a value: linear within the step [s]."""
     i = int(np.searchsorted(drops, spare))
     before = float(drops[i - 1]) if i else 0.0
     if i == len(drops):
@@ -355,10 +353,10 @@ def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
 
 
 def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float, float] | None:
-    """Time of the whole coverage at the lowest and at the highest path parameters, t̲ and t̄ [s].
+    """Time of the whole coverage at the minimum and at the maximum path parameters, t̲ and t̄ [s].
 
-    As the settings say, else as flown exactly at cruise speed without wind. None where there is no path parameter to
-    choose, or no such flight.
+    From the settings, else nominal at cruise speed without wind. None if no path parameter is free, or the nominal path
+    is undefined.
     """
     plan = mission.plan
     rho = plan.path_count

@@ -1,4 +1,4 @@
-"""Plans of parts: read, walked, flown; quantities that change from lap to lap; what cannot be read."""
+"""Plans of parts: read, walked, flown; variables that change from lap to lap; what cannot be read."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_canonical_text_reads_as_the_same_plan():
     text = plan_text(plan())
     again = plan(text)
     assert plan_text(again) == text
-    assert again.parts == plan().parts
+    assert again.segments == plan().segments
 
 
 def test_the_check_finds_nothing_in_a_sound_plan_and_a_gap_in_another():
@@ -92,7 +92,7 @@ def test_the_check_looks_at_what_a_change_leaves_behind():
 
 
 def test_the_first_lap_in_parameters_alone():
-    known = plan().parts[1].first_lap()
+    known = plan().segments[1].first_lap()
     assert known["top"].at([0.0]) == 500
     assert known["next"].at([-900.0]) == pytest.approx(step(-900))
     assert all(not value.names - {"c1", "c2"} for value in known.values())

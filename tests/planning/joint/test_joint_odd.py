@@ -126,25 +126,25 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
     battery = Battery(capacity_ah=0.6, letter_crate_per_h=20.0)
     pilot = planner_for(plan, (0.0, 10.0), battery=battery, start=(-45.0, 216.0))
-    itinerary, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)
+    executor, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)
 
     def seen(time_s, x_m, y_m, soc):
-        joined_m, started = itinerary.joined_m, itinerary.stages_started
-        return Observation(time_s, x_m, y_m, itinerary.cursor, joined_m, started, 46.0, soc)
+        joined_m, started = executor.joined_m, executor.stages_started
+        return Observation(time_s, x_m, y_m, executor.cursor, joined_m, started, 46.0, soc)
 
     for k in range(1, 31):
         if k in (10, 20):
-            itinerary.skip(itinerary.trigger_m)
+            executor.skip(executor.trigger_m)
         pilot.update(seen(float(k), -40.0, -60.0, 1.0 if k < 30 else 0.5))
         if k == 20:  # nothing but the loss of charge is to change the path
             first = pilot.update(seen(20.5, -40.0, -60.0, 1.0)).parameters
-            itinerary.decide(first, (-40.0, -60.0))
+            executor.decide(first, (-40.0, -60.0))
     decided = pilot.update(seen(30.5, -40.0, -60.0, 0.5)).parameters
     assert decided[0] != first[0], "decided in the last moment of stage 3"
-    itinerary.skip(itinerary.trigger_m)
-    itinerary.decide(decided, itinerary.joined_m)  # a moment after stage 4 has started with what was in force before
+    executor.skip(executor.trigger_m)
+    executor.decide(decided, executor.joined_m)  # a moment after stage 4 has started with what was in force before
     pilot.update(seen(31.0, 35.0, 0.0, 0.5))
     forecaster = pilot._forecaster
-    assert forecaster.route(forecaster.shares).parameters[0][0] == first[0] == itinerary.parameters[0]
-    again = RoutePredictor().route(itinerary.cursor.decide(pilot._decision.parameters), itinerary.joined_m)
+    assert forecaster.route(forecaster.shares).parameters[0][0] == first[0] == executor.parameters[0]
+    again = RoutePredictor().route(executor.cursor.decide(pilot._decision.parameters), executor.joined_m)
     assert forecaster.route(forecaster.shares).parameters == again.parameters

@@ -38,7 +38,7 @@ path:
 [-900, 0]
 [2, 10]
 """
-"""A way in, laps whose quantities change from lap to lap, a way out."""
+"""A way in, laps whose variables change from lap to lap, a way out."""
 
 WAVES = """\
 init:
