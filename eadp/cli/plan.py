@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from eadp.core.expressions.tree import Expression
     from eadp.errors import Fault
-    from eadp.models.plan.plan import Finding, Plan, PointExpression, Stage
+    from eadp.models.plan.plan import Finding, Plan
+    from eadp.models.plan.stage import PointExpression, Stage
     from eadp.validation.check import Report
 
 

@@ -14,8 +14,9 @@ from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.models.plan.plan import Box, Plan, Stage
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import LoopVariable, Segment
+from eadp.models.plan.stage import Box, Stage
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eadp.errors import EadpError, Infeasible
-from eadp.models.plan.plan import Box, Plan
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 
 

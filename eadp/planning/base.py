@@ -20,7 +20,8 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
-from eadp.models.plan.plan import Box, Plan
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.estimation.estimator import (
     MIN_NOISE_W,

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Box, Plan
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
 
 
 @dataclass

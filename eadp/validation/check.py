@@ -23,7 +23,8 @@ from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
-from eadp.models.plan.plan import COMPUTATION, Box, Finding, Plan, Stage
+from eadp.models.plan.plan import Finding, Plan
+from eadp.models.plan.stage import COMPUTATION, Box, Stage
 
 ERROR, WARNING = "error", "warning"
 POSITION_WARNING_M = 1e-3

@@ -9,7 +9,7 @@ from eadp.errors import EadpError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.computing import join_profile
-from eadp.models.plan.plan import Box
+from eadp.models.plan.stage import Box
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import added
 

@@ -6,7 +6,7 @@ import pytest
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
-from eadp.models.plan.plan import Box
+from eadp.models.plan.stage import Box
 from eadp.simulation.metrics import ParameterLog
 
 PLAN, _ = read_plan(Text("p", "0.1; 90; x-c1\nc1, 400\n[-1000, 0]\n[2, 10]\n"))

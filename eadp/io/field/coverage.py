@@ -20,7 +20,8 @@ from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Box, Plan
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
 

@@ -21,7 +21,7 @@ from eadp.io.figures.canvas import (
     legend_below,
     write_headline,
 )
-from eadp.models.plan.plan import COMPUTATION, point_at
+from eadp.models.plan.stage import COMPUTATION, point_at
 from eadp.planning.base import DecisionRecord
 from eadp.planning.joint.program import INFEASIBLE
 from eadp.simulation.loop import Step, World

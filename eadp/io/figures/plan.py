@@ -10,7 +10,8 @@ import numpy as np
 from eadp.errors import PathUndefined
 from eadp.io.figures.canvas import COLOURS, Axes, draw_arrow, draw_circles, figure_file, label_map, legend_below
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.plan import Plan, point_at
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import point_at
 from eadp.models.plan.trace import nominal_legs
 
 

@@ -18,7 +18,7 @@ from eadp.core.arrays import FloatArray
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
-from eadp.models.plan.plan import PATH
+from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
 from eadp.planning.joint.preflight import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly

@@ -20,7 +20,8 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.computing import Computing, join_profile
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Plan, Stage
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
 from eadp.planning.base import Mission, Planner

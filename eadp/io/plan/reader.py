@@ -26,17 +26,9 @@ from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, print
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
-from eadp.models.plan.plan import (
-    ROTATIONS,
-    TRIGGER_RADIUS_M,
-    Box,
-    Finding,
-    Plan,
-    PointExpression,
-    ShortForm,
-    Stage,
-)
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm
 from eadp.models.plan.segments import LoopVariable, Segment
+from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")

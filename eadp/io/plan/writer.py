@@ -6,8 +6,9 @@ Source: draft 002, Appendix II.
 from __future__ import annotations
 
 from eadp.core.expressions.tree import Expression, number_text
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, PointExpression, Stage
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan
 from eadp.models.plan.segments import Segment
+from eadp.models.plan.stage import PointExpression, Stage
 
 
 def plan_text(plan: Plan) -> str:

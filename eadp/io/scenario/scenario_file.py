@@ -27,7 +27,7 @@ from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
 from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.plan.cursor import Rules
-from eadp.models.plan.plan import Box
+from eadp.models.plan.stage import Box
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance
 from eadp.models.weather import Wind

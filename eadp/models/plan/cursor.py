@@ -15,8 +15,9 @@ from typing import NamedTuple
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.plan import COMPUTATION, Plan, Stage, point_at
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import Segment, State
+from eadp.models.plan.stage import COMPUTATION, Stage, point_at
 
 LAP_LIMIT = 10_000
 Vector = tuple[float, ...]

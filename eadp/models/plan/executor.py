@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point
 from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Rules, Vector
-from eadp.models.plan.plan import Plan, Stage
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Stage
 from eadp.models.plan.triggers import ENDED, FIRED, TriggerWatch
 
 Form = tuple[float, float, float, float, float, float]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.tracks import Track
-from eadp.models.plan.plan import Stage
+from eadp.models.plan.stage import Stage
 from eadp.models.plan.triggers import beyond
 
 END_STEP_M = 1.0

@@ -2,138 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
-from eadp.core.geometry.curves import Point, path_kind
-from eadp.core.geometry.tracks import TRACKS, Track
-from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.segments import Segment, State
+from eadp.errors import EadpError
+from eadp.models.plan.segments import Segment
+from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
 
-PATH, COMPUTATION = "path", "computation"
 TRIGGER_RADIUS_M = 20.0
-ROTATIONS = (90, 270)
-
-PointExpression = tuple[Expression, Expression]
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """The set [lo, hi] of a parameter."""
-
-    lo: float
-    hi: float
-
-    @property
-    def fixed(self) -> bool:
-        """One value only: nothing to choose."""
-        return self.lo == self.hi
-
-    @property
-    def inhibited(self) -> bool:
-        """[0, 0], which for a computation means that it does not run."""
-        return self.lo == 0 and self.hi == 0
-
-    def clip(self, value: float) -> float:
-        """The value of the box nearest to `value`."""
-        return min(max(value, self.lo), self.hi)
-
-    def share(self, value: float) -> float | None:
-        """c̃ = (c − lo)/(hi − lo); None for a box of one value. Source: letter, Sec. V."""
-        return None if self.fixed else (self.clip(value) - self.lo) / (self.hi - self.lo)
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter of the plan: its name (c1, c2, …), its kind, and what the computation calls it."""
-
-    name: str
-    kind: str
-    title: str = ""
-    unit: str = ""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
-
-    `segment` is the one that it belongs to, where path and trigger may name its loop variables.
-    """
-
-    index: int
-    line: int
-    gain: float
-    rotation_deg: int
-    path: Expression
-    trigger: PointExpression
-    sets: tuple[Box, ...] = ()
-    segment: Segment | None = None
-
-    @cached_property
-    def kind(self) -> str:
-        """`line`, `circle` or `curve`."""
-        return path_kind(self.path)
-
-    @property
-    def sense(self) -> int:
-        """+1 for rotation 90, −1 for rotation 270."""
-        return 1 if self.rotation_deg == 90 else -1
-
-    def path_at(self, parameters: Sequence[float], state: State | None = None) -> PathFunction:
-        """The path function at given parameters and loop variables; without these, in the first lap.
-
-        Raises
-        ------
-        PathUndefined
-            If it has no value there; the message names the stage.
-        """
-        try:
-            return bind(self.path, parameters, self._variables(parameters, state))
-        except PathUndefined as error:
-            raise PathUndefined(f"the path of stage {self.index} {error}") from None
-
-    def trigger_at(self, parameters: Sequence[float], state: State | None = None) -> Point:
-        """The trigger [m] at given parameters and loop variables; without these, in the first lap.
-
-        Raises
-        ------
-        PathUndefined
-            If it has no value there; the message names the stage.
-        """
-        variables = self._variables(parameters, state)
-        return point_at(self.trigger, parameters, f"the trigger of stage {self.index}", variables)
-
-    def _variables(self, parameters: Sequence[float], state: State | None) -> Mapping[str, float]:
-        if self.segment is None:
-            return {}
-        return self.segment.values(parameters, self.segment.start(parameters) if state is None else state)
-
-    def track(self, path: PathFunction, end: Point) -> Track:
-        """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
-        return TRACKS[self.kind](path, end, self.sense)
-
-    def names(self, parameter: str) -> bool:
-        """Whether the path or the trigger depends on a parameter."""
-        return any(parameter in expression.names for expression in (self.path, *self.trigger))
-
-
-def point_at(
-    point: PointExpression, parameters: Sequence[float], what: str, variables: Mapping[str, float] | None = None
-) -> Point:
-    """A point [m] at given parameters and loop variables.
-
-    Raises
-    ------
-    PathUndefined
-        If it has no value there; the message starts with `what`.
-    """
-    try:
-        return point[0].at(parameters, variables=variables), point[1].at(parameters, variables=variables)
-    except PathUndefined as error:
-        raise PathUndefined(f"{what}: {error}") from None
 
 
 @dataclass(frozen=True)

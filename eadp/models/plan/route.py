@@ -23,7 +23,7 @@ from eadp.core.geometry.tracks import Nodes
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg, first_beyond_m
-from eadp.models.plan.plan import Stage
+from eadp.models.plan.stage import Stage
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0

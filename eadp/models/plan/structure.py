@@ -14,8 +14,9 @@ from eadp.core.arrays import FloatArray
 from eadp.core.expressions.algebra import is_zero, simplified
 from eadp.core.expressions.tree import Expression, constant, difference, scaled, substituted
 from eadp.errors import EadpError, ExpressionError, PathUndefined
-from eadp.models.plan.plan import Plan, PointExpression, Stage
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import LoopVariable, Segment, State
+from eadp.models.plan.stage import PointExpression, Stage
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Box
+from eadp.models.plan.stage import Box
 
 RATIO_STD = 0.02
 """Prior standard deviation of the ratio of flown to forecast time, common to all legs."""

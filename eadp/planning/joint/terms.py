@@ -15,8 +15,8 @@ from eadp.core.compiled import jitted
 from eadp.core.flight.battery import drains_per_s
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Box
 from eadp.models.plan.route import Route
+from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 from eadp.planning.joint.settings import JointSettings

@@ -16,7 +16,8 @@ from eadp.errors import InputError
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.plan import COMPUTATION, PATH, Box, Plan, Stage
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.plan import COMPUTATION, PATH, Box, Parameter, Plan, Stage
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, Stage
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 

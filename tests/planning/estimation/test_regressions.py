@@ -10,7 +10,7 @@ from common import ROOT
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
-from eadp.models.plan.plan import Box
+from eadp.models.plan.stage import Box
 from eadp.planning.estimation import regressions as observed
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.simulation.metrics import ParameterLog
