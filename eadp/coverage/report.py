@@ -71,7 +71,7 @@ def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     return covered_share(field.outline, field.holes, lines, swath_m)
 
 
-def _rounded_deg(heading_rad: float, digits: int) -> float:
+def rounded_deg(heading_rad: float, digits: int) -> float:
     """The compass bearing of a heading, rounded [°]."""
     return round(compass_deg(heading_rad), digits) % 360
 
@@ -118,7 +118,7 @@ class CoverageReport:
         full, least, motion = self.full, self.least, self.motion
         lines = [
             f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-            f"more; lines heading {_rounded_deg(self.solution.heading_rad, 1):.1f} deg.",
+            f"more; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f} deg.",
             f"{full.lines} lines, {full.length_m:.0f} m",
         ]
         if least is not full:
@@ -134,7 +134,7 @@ class CoverageReport:
         document: dict[str, Any] = {
             "schema": "eadp.cover/1",
             "pattern": solution.pattern,
-            "heading_deg": _rounded_deg(solution.heading_rad, 9),
+            "heading_deg": rounded_deg(solution.heading_rad, 9),
             "coverage": full.coverage,
             "coverage_min": least.coverage,
             "length_m": full.length_m,
@@ -163,7 +163,7 @@ class CoverageReport:
             pattern, other = f"Zamboni-like, {_counted(blocks, 'block')}", "lines in an order"
         lines = [
             f"field      {self.field.area_m2 / 1e4:.2f} ha" + (f", {_counted(holes, 'hole')}" if holes else ""),
-            f"pattern    {pattern}; lines heading {_rounded_deg(solution.heading_rad, 1):.1f}°",
+            f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
         ]
         for end in self.ends:
             at = f" at c1 = {number_text(end.c1)}" if len(self.ends) > 1 else ""

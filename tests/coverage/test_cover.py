@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from eadp.core.geometry.curves import wrap_angle_rad
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.coverage.plan_builder import FieldComputations, build_plan
-from eadp.coverage.report import PowerDraw, compass_deg, covered_by_lines, path_report
+from eadp.coverage.report import PowerDraw, covered_by_lines, path_report, rounded_deg
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
@@ -214,9 +214,9 @@ def test_a_compass_bearing_by_hand():
     """A field 200 m wide and 800 m long from south to north: flown along its length, north or south."""
     field = Field(((0.0, 0.0), (200.0, 0.0), (200.0, 800.0), (0.0, 800.0)))
     solution = cover(CoverageRequest(field, MOTION, DUBINS))
-    assert compass_deg(solution.heading_rad, 6) in (0.0, 180.0)
-    assert [compass_deg(angle, 1) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)] == [90, 0, 270, 180]
-    assert compass_deg(math.radians(90 + 1e-12), 9) == 0  # not 360
+    assert rounded_deg(solution.heading_rad, 6) in (0.0, 180.0)
+    assert [rounded_deg(angle, 1) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)] == [90, 0, 270, 180]
+    assert rounded_deg(math.radians(90 + 1e-12), 9) == 0  # not 360
 
 
 def test_energy_is_power_times_time():
