@@ -175,7 +175,7 @@ def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
     wanted = renamed.get(str(path[-1]), str(path[-1]))
     found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
     if found:
-        return " or ".join(found)
+        return " or ".join(dict.fromkeys(found))
     known = ", ".join(dict.fromkeys(name for node in nodes for name, _ in properties(schema, node)))
     return f"one of {known}" if known else ""
 
