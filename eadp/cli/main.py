@@ -128,7 +128,7 @@ def main(arguments: list[str]) -> int:
 
 def _usage(error: Exception) -> int:
     """A command line that cannot be read, or no command at all, which is answered with the help."""
-    message = getattr(error, "format_message", lambda: str(error))()
+    message = getattr(error, "format_message", lambda: str(error))().replace("Value error, ", "")
     if type(error).__name__ == "NoArgsIsHelpError":
         print(message)  # noqa: T201
         return YES
