@@ -39,7 +39,7 @@ def main(path: str) -> None:
     axes.axvline(wing.stall_mps, color="#8a8f98", linestyle=":", label=f"stall, {wing.stall_mps:.1f} m/s")
     area, density, zero_lift = wing.wing_area_m2, wing.air_density_kgpm3, wing.zero_lift_drag_coefficient
     slow_mps = speed_of_least_power_mps(wing.weight_n, area, density, zero_lift, wing.induced_drag)
-    axes.axvline(slow_mps, color="#8a8f98", linestyle="--", label=f"least power, {slow_mps:.1f} m/s")
+    axes.axvline(slow_mps, color="#8a8f98", linestyle="--", label=f"minimum power, {slow_mps:.1f} m/s")
     axes.set(xlabel="airspeed [m/s]", ylabel="electrical power [W]", ylim=(0, 110), xlim=(5, 24))
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8)
