@@ -124,7 +124,7 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     from eadp.models.plan.trace import trace
 
     origin = plan.origin_deg
-    header = ",".join([*TracePoint._fields, *(["latitude_deg", "longitude_deg"] if origin else [])])
+    header = ",".join([*TracePoint._fields, *(["lat_deg", "lon_deg"] if origin else [])])
     lines = [header]
     for point in trace(plan, parameters, step_m):
         cells = [str(point.stage), point.kind, *(repr(value) for value in point[2:])]

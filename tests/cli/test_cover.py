@@ -49,7 +49,7 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     assert check["primitive_stages"] == (4 if pattern == "zamboni" else None)
     assert check["origin_deg"] is not None
     trace = eadp("plan", plan, "--trace", "5").out.splitlines()
-    assert trace[0] == "stage,kind,x_m,y_m,heading_rad,latitude_deg,longitude_deg"
+    assert trace[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
     assert eadp("simulate", plan, "--planner", "static").code == 0
 
 

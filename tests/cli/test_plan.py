@@ -181,7 +181,7 @@ def test_trace_with_an_origin_tells_latitude_and_longitude(eadp, tmp_path):
     path = tmp_path / "map.plan"
     path.write_text("%: origin 55.37 10.43\n0.1; 90; x\n0, 100\n")
     answer = eadp("plan", path, "--trace", "50")
-    assert answer.out.splitlines()[0] == "stage,kind,x_m,y_m,heading_rad,latitude_deg,longitude_deg"
+    assert answer.out.splitlines()[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
     first = rows(answer.out)[0]
     assert float(first[5]) == pytest.approx(55.37)
     assert float(first[6]) == pytest.approx(10.43)
