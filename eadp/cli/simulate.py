@@ -89,8 +89,9 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
             f"quality    U = {summary['quality']:.3f} (weighted share of the parameters' sets, averaged over time)"
         )
     lines.append(
-        f"planner    {summary['planner']}: {summary['replans']} re-plannings, {solver['solves']} solves, "
-        f"{solver['failures']} failed, {solver['infeasible']} without an admissible answer"
+        f"planner    {summary['planner']}: {summary['replans']} re-plannings by OSQP ({solver['calls']} runs, "
+        f"{solver['failed']} failed), {solver['skipped']} kept, {solver['fallbacks']} by the fallback, "
+        f"{solver['infeasible']} infeasible"
     )
     if out is not None:
         decisions = "decisions.jsonl, " if decided else ""

@@ -8,6 +8,7 @@ from annotated_types import Ge, Gt, Le, Lt
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
+Finite = Annotated[float, Ge(-1e9), Le(1e9)]
 Share = Annotated[float, Ge(0), Le(1)]
 Efficiency = Annotated[float, Gt(0), Le(1)]
 Degrees = Annotated[float, Ge(-1e6), Le(1e6)]

@@ -127,26 +127,29 @@ class DecisionRecord:
         Position in the plan, from 1 and from 0.
     parameters : tuple of float
         Parameters decided.
-    remaining_s, remaining_std_s : float
+    status : str
+        `solved` by OSQP, `kept` because proven to be optimal still, `fallback` after failed runs, `closed form` where
+        that was better, `infeasible`, or `nothing to choose`.
+    calls, iterations : int
+        Runs of OSQP, and iterations of the one that was used.
+    gap : float or None
+        Relative distance of the solution to a bound that no solution exceeds; for `joint`, in units of U.
+    reason : str
+        The decision and its reason, in words.
+    remaining_s, remaining_std_s : float or None
         Time to the end of the mission with them, and its standard deviation [s].
-    energy_wh, energy_std_wh : float
+    energy_wh, energy_std_wh : float or None
         Energy to the end, and its standard deviation [Wh].
-    available_wh : float
+    available_wh : float or None
         Energy in the battery above the reserve [Wh].
-    soc_end, soc_end_std : float
+    soc_end, soc_end_std : float or None
         Forecast state of charge at the end, and its standard deviation.
-    completes_probability, reserve_probability : float
+    completes_probability, reserve_probability : float or None
         Probabilities that the battery is not empty before the end, and that the reserve is kept.
     quality_forecast : float or None
         Forecast U of the whole flight, the flown part included.
     wind_mps : (float, float) or None
         Estimated wind [m/s].
-    qp_solves : int
-        QPs solved.
-    status : str
-        `solved`, `closed form`, `scanned` or `infeasible`.
-    reason : str
-        The decision and its reason, in words.
     home_reachable : bool or None
         Whether home can be reached from here with the reserve kept; None without a home.
     point_of_no_return_s : float or None
@@ -158,20 +161,22 @@ class DecisionRecord:
     stage: int
     lap: int
     parameters: Vector
-    remaining_s: float
-    remaining_std_s: float
-    energy_wh: float
-    energy_std_wh: float
-    available_wh: float
-    soc_end: float
-    soc_end_std: float
-    completes_probability: float
-    reserve_probability: float
-    quality_forecast: float | None
-    wind_mps: Point | None
-    qp_solves: int
     status: str
+    calls: int
+    iterations: int
+    gap: float | None
     reason: str
+    remaining_s: float | None = None
+    remaining_std_s: float | None = None
+    energy_wh: float | None = None
+    energy_std_wh: float | None = None
+    available_wh: float | None = None
+    soc_end: float | None = None
+    soc_end_std: float | None = None
+    completes_probability: float | None = None
+    reserve_probability: float | None = None
+    quality_forecast: float | None = None
+    wind_mps: Point | None = None
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
 
@@ -207,20 +212,54 @@ class PlannerSettings:
     """State of charge to keep at the end of the flight, as a share of the full charge."""
 
 
+TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
+"""Causes of a re-planning."""
+
+SOLVED, KEPT, FALLBACK, CLOSED_FORM = "solved", "kept", "fallback", "closed form"
+INFEASIBLE, NOTHING_TO_CHOOSE = "infeasible", "nothing to choose"
+"""Statuses of a re-planning, see `DecisionRecord`."""
+
+
 @dataclass
 class SolverReport:
-    """Counts of a planner's solves, failures and infeasible problems, and the gaps of integer solutions.
+    """Counts of a planner's re-plannings and of the runs of OSQP in them.
 
-    `solves` counts optimal control problems, `qps` the runs of OSQP for them.
+    Attributes
+    ----------
+    replans : int
+        Re-plannings in which OSQP ran.
+    skipped : int
+        Re-plannings that kept the last solution, proven to be optimal still.
+    infeasible : int
+        Re-plannings without a feasible solution.
+    calls, solved, failed : int
+        Runs of OSQP, those whose solution was verified, and those without one.
+    retried : int
+        Runs that were repeated after a failure.
+    fallbacks : int
+        Re-plannings whose runs failed: the decision is the planner's fallback.
+    outdone : int
+        Re-plannings where a closed form was better than the solution of OSQP, and was taken.
+    by_status : dict
+        Runs by the status that they ended with.
+    gaps : list of float
+        Of each solution: relative distance to a bound that no solution exceeds.
+    solve_ms : list of float
+        Time of each re-planning [ms].
     """
 
     replans: int = 0
-    solves: int = 0
-    failures: int = 0
+    skipped: int = 0
     infeasible: int = 0
-    solve_ms: list[float] = field(default_factory=list)
+    calls: int = 0
+    solved: int = 0
+    retried: int = 0
+    failed: int = 0
+    fallbacks: int = 0
+    outdone: int = 0
+    by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
-    qps: int = 0
+    solve_ms: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -295,6 +334,11 @@ class TrackingPlanner:
         self._computing_for: tuple[Vector, int] | None = None
         self._computing_w = 0.0
 
+    @classmethod
+    def faults(cls, own: Any, estimator: EstimatorSettings, mission: Mission) -> list[tuple[str, str, str]]:
+        """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
+        return trade_off_faults(getattr(own, "trade_offs", ()), mission.plan)
+
     @property
     def period_s(self) -> float | None:
         """The estimator's period [s]."""
@@ -360,6 +404,22 @@ def allowed_levels(settings: PlannerSettings, mission: Mission, index: int, box:
     if own is None:
         return mission.computing.levels(index - mission.plan.path_count, box)
     return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
+
+
+def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, str, str]]:
+    """Trade-offs that no parameters within the plan's sets meet, see `TrackingPlanner.faults`."""
+    boxes = {name: plan.hull(i) for i, name in enumerate(plan.names)} if plan.has_sets else {}
+    found = []
+    for i, row in enumerate(rows):
+        greatest = sum(
+            max(weight * boxes[name].lo, weight * boxes[name].hi)
+            for name, weight in row.coefficients.items()
+            if name in boxes
+        )
+        if greatest < row.at_least:
+            message = f"no parameters meet the trade-off: R c is at most {greatest:g}, and r is {row.at_least:g}"
+            found.append((f"trade_offs.{i}.at_least", message, f"at most {greatest:g}"))
+    return found
 
 
 def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float, ...]]:

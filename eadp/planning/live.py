@@ -241,7 +241,7 @@ class LiveFlight:
         if sample.soc <= 0:
             return self._run_empty(sample), ()
         self._empty = False
-        before, replans = self._decision, self._planner.report.replans
+        before = self._decision
         self._track(sample)
         self._put_in_force(sample)
         self._last = (time_s, position, sample.soc)
@@ -256,7 +256,7 @@ class LiveFlight:
         )
         self._update_planner(observation)
         changed = self._decision.parameters != before.parameters
-        replanned = self._planner.report.replans != replans
+        replanned = self._decision.record is not before.record or self._decision.reason != before.reason
         if not (changed or replanned or time_s >= self._next_s - 1e-9):
             return None, self._all()
         advice = self._advise(sample, observation)
@@ -413,6 +413,8 @@ class LiveFlight:
         if decision.reason not in self._reasons and not (self._reasons and decision.reason.startswith(KEPT)):
             self._reasons.append(decision.reason)
         reason = "; ".join(reason for reason in self._reasons if reason) or KEPT
+        if record is not None and record.soc_end is None:  # of a planner without a forecast
+            record = None
         wind_mps, end = sample.wind_mps, None
         if record is not None:
             wind_mps = record.wind_mps

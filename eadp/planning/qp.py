@@ -1,6 +1,10 @@
-"""Quadratic programs by OSQP, imported here only: set up once, updated, warm-started, the status always checked.
+"""Quadratic programs by OSQP, imported here only: set up once, updated, warm-started, every solution verified.
 
 minimise ½ zᵀ P z + qᵀ z  subject to  l ≤ A z ≤ u, with P = ε I.
+
+Callers scale their data to magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfies the
+optimality conditions of the data, computed here. A run that fails is repeated once from scratch, with OSQP's own
+scaling and more iterations. The report of the planner counts every run.
 
 This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
 the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
@@ -10,7 +14,7 @@ data; messages go to standard output, those of polishing even where `verbose` is
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import osqp
@@ -18,14 +22,40 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from eadp.core.arrays import FloatArray
-from eadp.errors import Infeasible, SolverFailed
+from eadp.errors import SolverFailed
+from eadp.planning.base import SolverReport
 
 UNBOUNDED = 1e30
-TOLERANCE = 1e-7
-ITERATIONS = 4000
-# Rows are scaled by the caller; ρ starts high and adapts early. On QPs of horizons of 10 and 46 steps with little
-# charge this takes a median of 50 to 125 iterations; the defaults reach the limit.
-SETTINGS = {"scaling": 0, "rho": 3.0, "adaptive_rho_tolerance": 2.0, "polishing": False, "warm_starting": True}
+SETTINGS = {"scaling": 0, "max_iter": 4000}
+RETRY = {"scaling": 10, "max_iter": 20_000}
+"""Settings of the first run, and of its repetition."""
+
+TOLERANCE = 1e-6
+VERIFIED = 1e-4
+"""Maximum violation of an optimality condition: OSQP's tolerance holds for its own scaled iterates."""
+
+ROOM = 1e3
+"""Maximum distance from a bound that counts in the complementarity of its multiplier."""
+
+SOLVED, UNVERIFIED = "solved", "solved, not verified"
+
+
+class QpSolution(NamedTuple):
+    """A verified solution.
+
+    Attributes
+    ----------
+    x : array, shape (columns,)
+        The minimiser.
+    multipliers : array, shape (rows,)
+        Lagrange multipliers of the rows, positive at upper bounds.
+    iterations : int
+        Iterations of the run.
+    """
+
+    x: FloatArray
+    multipliers: FloatArray
+    iterations: int
 
 
 class QuadraticProgram:
@@ -37,29 +67,32 @@ class QuadraticProgram:
         Sparsity pattern of A.
     proximal : float
         ε, above 0.
+    report : SolverReport
+        Counts the runs.
     """
 
-    def __init__(self, filled: NDArray[np.bool_], proximal: float) -> None:
+    def __init__(self, filled: NDArray[np.bool_], proximal: float, report: SolverReport) -> None:
         self._rows, self._columns = filled.shape
         # OSQP wants A by columns
         self._filled = np.ascontiguousarray(filled.T)
         self._indices = np.nonzero(self._filled)[1]
         self._indptr = np.concatenate([[0], np.cumsum(self._filled.sum(axis=1))])
         self._proximal = proximal
+        self._report = report
         self._solver: Any = None
-        self._failed = False
+        self._entries: FloatArray | None = None
 
     def solve(
         self, linear: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, warm: FloatArray
-    ) -> FloatArray:
-        """The minimiser, shape (columns,).
+    ) -> QpSolution:
+        """The minimiser and its multipliers.
 
         Parameters
         ----------
         linear : array, shape (columns,)
             q.
         matrix : array, shape (rows, columns)
-            A; entries outside the sparsity pattern are ignored.
+            A; 0 outside the sparsity pattern.
         lower, upper : array, shape (rows,)
             l and u; `UNBOUNDED` for none.
         warm : array, shape (columns,)
@@ -67,19 +100,21 @@ class QuadraticProgram:
 
         Raises
         ------
-        Infeasible
-            If a lower bound is above its upper bound, or the solver proves that no z satisfies the rows.
         SolverFailed
-            On data that are not finite or do not fit, and on any status but "solved".
+            On data that are not finite or do not fit, and if both runs end with any status but "solved", or with a
+            solution that does not satisfy the optimality conditions.
         """
-        self._check(linear, matrix, lower, upper, warm)
-        entries = matrix.T[self._filled]
-        if self._solver is None or self._failed:
-            self._build(linear, entries, lower, upper)
-        else:
-            self._solver.update(q=linear, Ax=entries, l=lower, u=upper)
-        self._solver.warm_start(x=warm)
-        return self._checked(self._solver.solve(raise_error=False))
+        data = linear, matrix, lower, upper
+        self._check(*data, warm)
+        try:
+            return self._run(data, warm, SETTINGS)
+        except SolverFailed:
+            self._solver = None  # a failed run leaves a poor starting point
+            self._report.retried += 1
+        try:
+            return self._run(data, None, RETRY)
+        finally:
+            self._solver = None  # the next problem starts with the settings of a first run
 
     def _check(self, *data: FloatArray) -> None:
         """Refuse data that OSQP would accept silently."""
@@ -90,37 +125,68 @@ class QuadraticProgram:
         if not all(math.isfinite(np.vdot(array, array)) for array in data):
             raise SolverFailed("data that are not finite")
         if (data[2] > data[3]).any():
-            raise Infeasible("a row whose lower bound is above its upper bound")
+            raise SolverFailed("a row whose lower bound is above its upper bound")
 
-    def _build(self, linear: FloatArray, entries: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        locations = range(self._columns)
-        identity = csc_matrix((np.full(self._columns, self._proximal), (locations, locations)))
-        rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
-        self._failed = True  # until it has a solution
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            identity,
-            linear,
-            rows,
-            lower,
-            upper,
-            verbose=False,
-            eps_abs=TOLERANCE,
-            eps_rel=TOLERANCE,
-            max_iter=ITERATIONS,
-            **SETTINGS,
+    def _run(self, data: tuple[FloatArray, ...], warm: FloatArray | None, settings: dict[str, int]) -> QpSolution:
+        """One run of OSQP, counted."""
+        report = self._report
+        report.calls += 1
+        status, result = SOLVED, None
+        try:
+            result = self._result(data, warm, settings)
+            if result.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
+                # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
+                status = str(result.info.status)
+            elif not self._is_optimal(data, np.asarray(result.x), np.asarray(result.y)):
+                status = UNVERIFIED
+        except Exception as error:  # whatever the extension raises is a failed run
+            status = type(error).__name__
+        report.by_status[status] = report.by_status.get(status, 0) + 1
+        if status != SOLVED or result is None:
+            report.failed += 1
+            raise SolverFailed(f"OSQP: {status}")
+        report.solved += 1
+        return QpSolution(np.array(result.x), np.array(result.y), int(result.info.iter))
+
+    def _result(self, data: tuple[FloatArray, ...], warm: FloatArray | None, settings: dict[str, int]) -> Any:
+        linear, matrix, lower, upper = data
+        entries = matrix.T[self._filled]
+        if self._solver is None:
+            locations = range(self._columns)
+            identity = csc_matrix((np.full(self._columns, self._proximal), (locations, locations)))
+            rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
+            self._solver = osqp.OSQP()
+            self._solver.setup(
+                identity,
+                linear,
+                rows,
+                lower,
+                upper,
+                verbose=False,
+                polishing=False,
+                warm_starting=True,
+                eps_abs=TOLERANCE,
+                eps_rel=TOLERANCE,
+                **settings,
+            )
+        elif self._entries is not None and np.array_equal(entries, self._entries):
+            self._solver.update(q=linear, l=lower, u=upper)
+        else:
+            self._solver.update(q=linear, Ax=entries, l=lower, u=upper)
+        self._entries = entries
+        if warm is not None:
+            self._solver.warm_start(x=warm)
+        return self._solver.solve(raise_error=False)
+
+    def _is_optimal(self, data: tuple[FloatArray, ...], x: FloatArray, y: FloatArray) -> bool:
+        """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
+        linear, matrix, lower, upper = data
+        values = matrix @ x
+        forces = matrix.T @ y
+        room = np.where(y > 0, upper - values, values - lower)
+        size = max(1.0, float(np.abs(y).max(initial=0.0)))
+        return bool(
+            max((lower - values).max(), (values - upper).max()) <= VERIFIED
+            and np.abs(self._proximal * x + linear + forces).max() <= VERIFIED * size
+            and np.abs(y) @ np.minimum(room, ROOM) <= VERIFIED * size
         )
-
-    def _checked(self, result: Any) -> FloatArray:
-        status, known = result.info.status_val, osqp.SolverStatus
-        self._failed = status != known.OSQP_SOLVED  # a failed run leaves a poor starting point: set up again
-        if status in (known.OSQP_PRIMAL_INFEASIBLE, known.OSQP_PRIMAL_INFEASIBLE_INACCURATE):
-            raise Infeasible(f"OSQP: {result.info.status}")
-        if self._failed:
-            # solved inaccurate, dual infeasible, iteration or time limit, non-convex, interrupted, unsolved
-            raise SolverFailed(f"OSQP: {result.info.status}")
-        x: FloatArray = np.array(result.x, dtype=np.float64)
-        if not np.isfinite(x).all():
-            self._failed = True
-            raise SolverFailed("solved, but not finite")
-        return x

@@ -64,6 +64,35 @@ def rotation_matrix(order: int, period_s: float, step_s: float) -> FloatArray:
     return matrix
 
 
+def rotated(state_w: ArrayLike, period_s: float | None, ahead_s: FloatArray) -> FloatArray:
+    """The states that a state leads to, e^{A t} q, at many times ahead.
+
+    Parameters
+    ----------
+    state_w : array, shape (2r + 1,)
+        q now [W].
+    period_s : float or None
+        T [s], above 0; None without harmonics.
+    ahead_s : array, shape (n,)
+        Times from now [s].
+
+    Returns
+    -------
+    array, shape (n, 2r + 1)
+        States [W].
+
+    Source: letter, Eqs. 4 and 6.
+    """
+    state = np.asarray(state_w, dtype=float)
+    states = np.repeat(state[None], len(ahead_s), axis=0)
+    if period_s is not None and len(state) > 1:
+        angle = 2 * np.pi / period_s * np.arange(1, (len(state) + 1) // 2) * ahead_s[:, None]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        states[:, 1::2] = cosine * state[1::2] + sine * state[2::2]
+        states[:, 2::2] = cosine * state[2::2] - sine * state[1::2]
+    return states
+
+
 def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> FloatArray:
     """Columns of harmonic least squares: 1, cos, sin, cos 2, sin 2, …, so that lower orders lead.
 

@@ -22,8 +22,7 @@ from eadp.io.figures.canvas import (
     write_headline,
 )
 from eadp.models.plan.stage import COMPUTATION, point_at
-from eadp.planning.base import DecisionRecord
-from eadp.planning.joint.program import INFEASIBLE
+from eadp.planning.base import INFEASIBLE, DecisionRecord
 from eadp.simulation.loop import Step, World
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}

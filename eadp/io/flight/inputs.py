@@ -190,6 +190,7 @@ def load_flight(
         keys.home.position_m,
         scenario.rules,
     )
+    _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 
@@ -256,6 +257,15 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
     ]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
+
+
+def _check_planner(scenario: Scenario, mission: Mission) -> None:
+    """The planner's own settings fit the mission."""
+    name = scenario.planner.name
+    if (own := getattr(scenario.planner, name, None)) is not None:
+        found = planner_class(name).faults(own, scenario.estimator, mission)
+        if found:
+            raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 
 
 def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:

@@ -246,6 +246,10 @@ class ExactEstimator:
 
     # --- forecasts
 
+    def shift_level(self, by_w: float) -> None:
+        """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
+        self._filter.state[0] += by_w
+
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
         return self._rows(ahead_s) @ self._filter.state
@@ -402,6 +406,10 @@ class PublishedEstimator:
     def start_lap(self, time_s: float) -> None:
         """Restart the clock without a lap's time."""
         self._lap_started_s = time_s
+
+    def shift_level(self, by_w: float) -> None:
+        """Step α0 by a known change of power [W]."""
+        self._state[0] += by_w
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.envelope import upper_envelope
 
 FULL = 1e-9
 """A shortfall of charge below this counts as none."""
@@ -60,19 +61,7 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
     configurations : array, shape (n, computations)
     """
     order = np.lexsort((-values, powers_w))
-    kept: list[int] = []
-    for i in order:
-        if kept and values[i] <= values[kept[-1]] + 1e-15:
-            continue
-        # a vertex below the chord from the one before it to this one is not on the envelope
-        while len(kept) > 1:
-            a, b = kept[-2], kept[-1]
-            if (values[b] - values[a]) * (powers_w[i] - powers_w[a]) > (values[i] - values[a]) * (
-                powers_w[b] - powers_w[a]
-            ) * (1 + 1e-12):
-                break
-            kept.pop()
-        kept.append(int(i))
+    kept = order[upper_envelope(powers_w[order], values[order])]
     best_w, best = powers_w[kept], values[kept]
     threshold = np.interp(powers_w, best_w, best) - NEAR_ENVELOPE * (best[-1] - best[0])
     near = (values >= threshold) & (powers_w <= best_w[-1] + SAME_POWER_W)

@@ -22,6 +22,9 @@ from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
 from eadp.planning.base import (
+    JUMPED,
+    NEW_STAGE,
+    TIME,
     Decision,
     DecisionRecord,
     Mission,
@@ -36,8 +39,6 @@ from eadp.planning.joint.forecaster import Forecaster, ripple_w
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
-
-TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 
 UPDATE_EVERY_S = 1.0
 """Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans."""
@@ -76,7 +77,7 @@ class JointPlanner(TrackingPlanner):
         self._rho = mission.plan.path_count
         self._own = own = own or JointSettings()
         self._forecaster = Forecaster(settings, mission, own)
-        self._program = MissionProgram(len(self._forecaster.open))
+        self._program = MissionProgram(len(self._forecaster.open), self.report)
         self._next_s = self._starts_s = WARM_UP_S + own.start_after_s
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
@@ -117,43 +118,42 @@ class JointPlanner(TrackingPlanner):
     # --- decisions
 
     def _replan(self, o: Observation, cause: str) -> None:
-        forecaster = self._forecaster
-        self.report.replans += 1
+        forecaster, report = self._forecaster, self.report
         forecaster.start_at(o.time_s, (o.x_m, o.y_m), ripple_w(self._estimator.state_w) if self.period_s else 0.0)
-        started = time.perf_counter()
+        calls, started = report.calls, time.perf_counter()
         try:
-            solution, searched = self._solve(cause)
+            start, searched, moved = self._solve(cause)
+            solution = self._program.decided(forecaster.candidate, start, movable=moved)
         except Infeasible as error:
-            self.report.infeasible += 1
+            report.infeasible += 1
             self._decision = self._decision._replace(reason=f"infeasible: {error}")
             return
         finally:
-            self.report.solve_ms.append(1e3 * (time.perf_counter() - started))
-        self.report.solves += 1
-        self.report.qps += solution.qp_solves
-        self.report.failures += solution.failures
+            report.solve_ms.append(1e3 * (time.perf_counter() - started))
+            report.replans += report.calls > calls
         if not solution.allocation.feasible:
-            self.report.infeasible += 1
+            report.infeasible += 1
         shares = solution.candidate.shares
         terms, load = forecaster.terms(shares)
         path = forecaster.parameters_of(shares)[: self._rho]
         remaining_s = float(load.times_s.sum())
         chosen = (*path, *self._computations(o, forecaster.route(shares), terms, solution, remaining_s))
         reason = self._reason(o, solution, terms, chosen, searched=searched)
-        record = self._record(o, cause, chosen, solution, reason)
+        record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.decide(chosen, shares)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record)
 
-    def _solve(self, cause: str) -> tuple[Solution, bool]:
-        """The solution from here, and whether path parameters were optimised or only kept."""
+    def _solve(self, cause: str) -> tuple[Solution, bool, bool]:
+        """The point from which OSQP decides, whether path parameters were scanned for it, and whether they may move."""
         kept = self._kept()
         if not self._forecaster.open:
             if kept is None:
                 raise Infeasible("the rest of the plan cannot be flown in this wind")
-            return kept, False
+            return kept, False, False
         if kept is not None and cause != JUMPED and not self._must_reevaluate(kept, cause):
-            return kept, False
-        return self._optimised(kept), True
+            return kept, False, False
+        best = self._optimised(kept)
+        return best, True, best is not kept
 
     def _kept(self) -> Solution | None:
         """The solution at the path parameters in force; None if the plan cannot be flown at them."""
@@ -173,7 +173,7 @@ class JointPlanner(TrackingPlanner):
         if flown is not None and threshold >= 1.0 and self._own.objective == QUALITY:  # U is at most 1
             best = flown
         else:
-            best = self._program.solve(forecaster.candidate, forecaster.shares, threshold)
+            best = self._program.scanned(forecaster.candidate, forecaster.shares, threshold)
             if flown is not None and (not best.allocation.feasible or best.value <= threshold):
                 best = flown
         self._evaluated_at = _value_and_rest(best)
@@ -255,7 +255,9 @@ class JointPlanner(TrackingPlanner):
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
 
-    def _record(self, o: Observation, cause: str, chosen: Vector, solution: Solution, reason: str) -> DecisionRecord:
+    def _record(
+        self, o: Observation, cause: str, chosen: Vector, solution: Solution, reason: str, calls: int
+    ) -> DecisionRecord:
         forecaster, b = self._forecaster, self._mission.battery
         forecast, (reachable, lost_s) = forecaster.forecast(solution), forecaster.home(solution)
         terms, _ = forecaster.terms(solution.candidate.shares)
@@ -266,6 +268,11 @@ class JointPlanner(TrackingPlanner):
             stage=o.stage,
             lap=forecaster.lap,
             parameters=chosen,
+            status=solution.status,
+            calls=calls,
+            iterations=solution.iterations,
+            gap=solution.gap,
+            reason=reason,
             remaining_s=forecast.remaining_s,
             remaining_std_s=forecast.remaining_std_s,
             energy_wh=forecast.energy_wh,
@@ -277,9 +284,6 @@ class JointPlanner(TrackingPlanner):
             reserve_probability=forecast.reserve_probability,
             quality_forecast=solution.value if self._own.objective == QUALITY else None,
             wind_mps=forecaster.wind_mps,
-            qp_solves=solution.qp_solves,
-            status=solution.status,
-            reason=reason,
             home_reachable=reachable,
             point_of_no_return_s=lost_s,
         )

@@ -7,27 +7,31 @@
 Inhibited stages, power limits and trade-offs shape the envelopes whose increments x fills, see `knapsack`.
 
 The remaining time is a step function of p, one step per whole lap, and smooth on each step. A scan along each path
-parameter finds the steps; at each point the optimal x has a closed form. From the best point the program climbs by
-sequential QPs: f and use are linearised in p and x together, and a QP's solution is accepted only if its value is
-greater and it lies on the same step; otherwise the trust region shrinks. A QP that fails ends the climb and is counted;
-the best point of the scan stays the solution.
+parameter finds the steps, with the optimal x at each point in closed form. On the best step OSQP decides: f and use are
+linearised in p and x together, and QPs are solved in sequence while they gain. A QP's solution is accepted if its value
+is greater and it lies on the same step; otherwise the trust region shrinks. Where p stays, one QP decides x.
+
+The closed form at the final p certifies the solution: the gap is how much better it is. It is taken instead where the
+gap exceeds 1e-6 of U, and where OSQP fails; both are counted. The last solution is kept without a QP where its
+multiplier proves that nothing else gains more than 1e-7 of U under the new data.
 
 Source: letter, Sec. VI, which names this optimisation as future work.
 """
 
 from __future__ import annotations
 
-import contextlib
 import heapq
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible, SolverFailed
+from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, KEPT, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.joint.knapsack import FULL, Allocation, Increments, allocation_of, fill_greedy
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
@@ -42,10 +46,17 @@ GRIDS, SEARCHED, MIN_STEP = {2: 11, 3: 5}, 3, 1e-3
 the search's smallest step. More parameters are scanned one after the other."""
 
 MAX_QPS, FIRST_REACH, MIN_REACH = 6, 0.1, 1e-5
-DIFFERENCE = 1e-3
-PROXIMALS, FALLBACK_PROXIMAL, MIN_COLUMN = (1e-3, 3e-2), 0.3, 1e-2
+DIFFERENCE, MIN_COLUMN = 1e-3, 1e-6
 MIN_GAIN = 1e-7
-SCANNED, SOLVED, CLOSED_FORM, INFEASIBLE = "scanned", "solved", "closed form", "infeasible"
+PROXIMAL = 1e-3
+"""Weight of the proximal term, for a gradient scaled to 1."""
+
+OUTDONE, KEPT_GAP = 1e-6, 1e-7
+"""Gain of the closed form from which it is taken instead of the QP's solution, and largest gain that the last
+solution's multiplier may leave open for it to be kept."""
+
+RECENTRED = 2
+"""Maximum number of QPs with a proximal term around the last one's solution, where the gap is larger."""
 
 
 @dataclass(frozen=True)
@@ -65,16 +76,26 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solution of the program: candidate, allocation of the charge, QPs solved, and status.
+    """A solution of the program.
 
-    `failures` counts QPs without a solution.
+    Attributes
+    ----------
+    candidate : Candidate
+    allocation : Allocation
+        Allocation of the charge.
+    status : str
+        As in `DecisionRecord`.
+    iterations : int
+        Iterations of OSQP.
+    gap : float or None
+        How much better the closed form is at the same path parameters.
     """
 
     candidate: Candidate
     allocation: Allocation
-    qp_solves: int
     status: str
-    failures: int = 0
+    iterations: int = 0
+    gap: float | None = None
 
     @property
     def value(self) -> float:
@@ -98,10 +119,17 @@ class _NoSlope(Exception):
 def best_at(candidate: Candidate) -> Solution:
     """The optimal computations at given path parameters, in closed form."""
     allocation = fill_greedy(candidate.increments, candidate.available)
-    return Solution(candidate, allocation, 0, CLOSED_FORM if allocation.feasible else INFEASIBLE)
+    return Solution(candidate, allocation, CLOSED_FORM if allocation.feasible else INFEASIBLE)
 
 
-@dataclass
+class _Allocated(NamedTuple):
+    """Shares of the increments and the multiplier of the charge, by a QP or kept, and its iterations."""
+
+    x: FloatArray
+    multiplier: float
+    iterations: int
+
+
 class MissionProgram:
     """The program of one mission; OSQP is set up once for each number of variables.
 
@@ -109,16 +137,22 @@ class MissionProgram:
     ----------
     dimensions : int
         Number of free path parameters.
-    climb : bool
-        Whether to climb by QPs from the best point of the scan.
+    report : SolverReport, optional
+        Counts the runs of OSQP.
     """
 
-    dimensions: int
-    climb: bool = True
-    _programs: dict[tuple[int, float], QuadraticProgram] = field(default_factory=dict)
+    def __init__(self, dimensions: int, report: SolverReport | None = None) -> None:
+        self.dimensions = dimensions
+        self.report = report or SolverReport()
+        self._programs: dict[int, QuadraticProgram] = {}
+        self._last: _Allocated | None = None
 
     def solve(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
-        """The optimal path parameters and computations.
+        """The optimal path parameters and computations: `scanned`, then `decided`."""
+        return self.decided(candidate_at, self.scanned(candidate_at, warm, threshold), movable=True)
+
+    def scanned(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
+        """The best point of the scan, with computations in closed form.
 
         Parameters
         ----------
@@ -154,91 +188,137 @@ class MissionProgram:
             enough = best.shortfall + best.candidate.tolerance
             as_good = [solution for solution in known.values() if solution is not None and solution.shortfall <= enough]
             return max(as_good, key=lambda solution: solution.value) if math.isfinite(enough) else best
-        if self.dimensions:
-            best = Solution(best.candidate, best.allocation, 0, SCANNED)
-        return self.climbed(candidate_at, best) if self.climb and self.dimensions else best
-
-    def climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
-        """Climb from a solution by QPs; return the solution itself where they find no better one."""
-        best, qp_solves, failures = start, 0, 0
-        reach = FIRST_REACH
-        while qp_solves < MAX_QPS and reach >= MIN_REACH:
-            try:
-                shares, x = self._qp_step(candidate_at, best, reach)
-            except _NoSlope:
-                break
-            except (SolverFailed, Infeasible):
-                failures += 1
-                break
-            qp_solves += 1
-            trial = self._evaluate_step(candidate_at, shares, x, best)
-            if trial is None or trial.value <= best.value:
-                reach /= 4
-                continue
-            gained = trial.value - best.value
-            best = trial
-            if gained < MIN_GAIN:
-                break
-        status = SOLVED if qp_solves and not failures else start.status
-        return Solution(best.candidate, best.allocation, qp_solves, status, failures)
+        return best
 
     # --- QPs
 
-    def _qp_step(self, candidate_at: CandidateAt, at: Solution, reach: float) -> tuple[Shares, FloatArray]:
-        """One QP in path parameters and shares; return its solution."""
-        candidate, increments, x = at.candidate, at.candidate.increments, at.allocation.shares
-        d = self.dimensions
-        gain, use = np.zeros(d + len(x)), np.zeros(d + len(x))
-        gain[d:], use[d:] = increments.gain, increments.use
-        lower, upper = np.zeros(d + len(x)), np.ones(d + len(x))
-        for j in range(d):
-            gain[j], use[j] = self._slope(candidate_at, at, j)
-            lower[j] = -min(reach, candidate.shares[j])
-            upper[j] = min(reach, 1.0 - candidate.shares[j])
-        now = np.concatenate((np.zeros(d), x))
-        moved = self._solve_qp(gain, use, candidate.available - increments.base_use, lower, upper, now)
-        shares = tuple(
-            min(1.0, max(0.0, share + step)) for share, step in zip(candidate.shares, moved[:d].tolist(), strict=True)
-        )
-        return shares, np.clip(moved[d:], 0.0, 1.0)
+    def decided(self, candidate_at: CandidateAt, start: Solution, *, movable: bool) -> Solution:
+        """The solution of OSQP from a point of the scan.
 
-    def _solve_qp(
+        Parameters
+        ----------
+        candidate_at : function
+        start : Solution
+            The point, with computations in closed form.
+        movable : bool
+            Whether the path parameters may move on their step.
+        """
+        if not start.allocation.feasible:
+            return start
+        if not len(start.candidate.increments.use):
+            return replace(start, status=NOTHING_TO_CHOOSE)
+        try:
+            kept = None if movable and self.dimensions else self._kept(start.candidate)
+            best = self._allocation(start, kept)
+            if movable and self.dimensions:
+                best = self._climbed(candidate_at, best)
+        except SolverFailed:
+            self.report.fallbacks += 1
+            self._last = None
+            return replace(start, status=FALLBACK)
+        closed = fill_greedy(best.candidate.increments, best.candidate.available)
+        gap = closed.value - best.value
+        self.report.gaps.append(gap)
+        if gap > OUTDONE:
+            self.report.outdone += 1
+            return Solution(best.candidate, closed, CLOSED_FORM, best.iterations, gap)
+        if kept is not None:
+            self.report.skipped += 1
+        return replace(best, gap=gap)
+
+    def _kept(self, candidate: Candidate) -> _Allocated | None:
+        """The last solution, if it is feasible and its multiplier proves that it is optimal under the new data."""
+        increments, spare = candidate.increments, candidate.available - candidate.increments.base_use
+        last = self._tail(len(increments.use))
+        if last is None or float(increments.use @ last.x) > spare + FULL:
+            return None
+        # Lagrangian bound of the gain: λ spare + Σ max(0, gain − λ use)
+        bound = last.multiplier * spare + float(
+            np.maximum(increments.gain - last.multiplier * increments.use, 0.0).sum()
+        )
+        return last._replace(iterations=0) if bound - float(increments.gain @ last.x) <= KEPT_GAP else None
+
+    def _tail(self, count: int) -> _Allocated | None:
+        """The last solution without the increments of legs flown since; None if there are more now."""
+        if self._last is None or len(self._last.x) < count:
+            return None
+        return self._last._replace(x=self._last.x[len(self._last.x) - count :])
+
+    def _allocation(self, at: Solution, kept: _Allocated | None) -> Solution:
+        """The optimal computations at fixed path parameters, by a QP unless a kept solution is given."""
+        increments, available = at.candidate.increments, at.candidate.available
+        spare = max(available - increments.base_use, 0.0)
+        found, centre = kept, self._tail(len(increments.use))
+        if found is None:
+            x = np.full(len(increments.use), 0.5) if centre is None else centre.x
+            for _ in range(1 + RECENTRED):
+                x, multiplier, iterations = self._solved(
+                    increments.gain, increments.use, spare, np.zeros(len(x)), np.ones(len(x)), x
+                )
+                found = _Allocated(_within(increments, np.clip(x, 0.0, 1.0), available), multiplier, iterations)
+                bound = multiplier * spare + float(np.maximum(increments.gain - multiplier * increments.use, 0.0).sum())
+                if bound - float(increments.gain @ found.x) <= OUTDONE:
+                    break
+        assert found is not None
+        self._last = found
+        allocation = allocation_of(increments, found.x)
+        return Solution(at.candidate, allocation, KEPT if kept is not None else SOLVED, found.iterations)
+
+    def _climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
+        """Climb from a solution by QPs in path parameters and shares; the solution itself where they gain nothing."""
+        best, d, reach = start, self.dimensions, FIRST_REACH
+        for _ in range(MAX_QPS):
+            candidate, x = best.candidate, best.allocation.shares
+            try:
+                slopes = np.array([self._slope(candidate_at, best, axis) for axis in range(d)])
+            except _NoSlope:
+                break
+            shares = np.array(candidate.shares)
+            moved, _, iterations = self._solved(
+                np.concatenate((slopes[:, 0], candidate.increments.gain)),
+                np.concatenate((slopes[:, 1], candidate.increments.use)),
+                candidate.available - candidate.increments.base_use,
+                np.concatenate((-np.minimum(reach, shares), np.zeros(len(x)))),
+                np.concatenate((np.minimum(reach, 1.0 - shares), np.ones(len(x)))),
+                np.concatenate((np.zeros(d), x)),
+            )
+            there = tuple(np.clip(shares + moved[:d], 0.0, 1.0).tolist())
+            trial = self._evaluated(candidate_at, there, np.clip(moved[d:], 0.0, 1.0), best, iterations)
+            if trial is None or trial.value <= best.value:
+                reach /= 4
+                if reach < MIN_REACH:
+                    break
+                continue
+            gained, best = trial.value - best.value, trial
+            if gained < MIN_GAIN:
+                break
+        return best
+
+    def _solved(
         self, gain: FloatArray, use: FloatArray, spare: float, lower: FloatArray, upper: FloatArray, now: FloatArray
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, float, int]:
         """max gain·z − ½ε|y − y_now|² subject to use·z ≤ spare within bounds, where y is z scaled by columns.
 
-        Gain and use are scaled to 1, and each column by the larger of its two entries: a path parameter's are a hundred
-        times those of a leg's computations, and unscaled, OSQP fails on one problem in two hundred. Where it fails with
-        a small ε, it is run unscaled and with larger ones.
+        Returns z, the multiplier of the charge, and the iterations. Each column is scaled by its use, so that the row
+        has entries of 1 and the QP of a leg's time is the same whatever the leg; the gain is scaled to 1.
         """
-        gain = gain / max(float(np.abs(gain).max()), 1e-300)
-        largest_use = max(float(np.abs(use).max()), 1e-300)
-        use = use / largest_use
-        weights = np.maximum(np.maximum(np.abs(gain), np.abs(use)), MIN_COLUMN)
-
-        def solved(proximal: float, *, scaled: bool) -> FloatArray:
-            column = weights if scaled else np.ones(len(gain))
-            return (
-                self._program(len(gain), proximal).solve(
-                    -gain / column - proximal * now * column,
-                    np.vstack([use / column, np.eye(len(gain))]),
-                    np.concatenate(([-UNBOUNDED], lower * column)),
-                    np.concatenate(([max(spare, 0.0) / largest_use], upper * column)),
-                    np.clip(now, lower, upper) * column,
-                )
-                / column
-            )
-
-        for proximal, scaled in itertools.product(PROXIMALS, (True, False)):
-            with contextlib.suppress(SolverFailed):
-                return solved(proximal, scaled=scaled)
-        return solved(FALLBACK_PROXIMAL, scaled=False)
-
-    def _program(self, variables: int, proximal: float) -> QuadraticProgram:
-        if (variables, proximal) not in self._programs:
-            filled_rows = np.vstack([np.ones((1, variables), dtype=bool), np.eye(variables, dtype=bool)])
-            self._programs[variables, proximal] = QuadraticProgram(filled_rows, proximal)
-        return self._programs[variables, proximal]
+        size = float(np.abs(use).mean()) or 1.0
+        column = np.maximum(np.abs(use) / size, MIN_COLUMN)
+        scaled = gain / column
+        largest = float(np.abs(scaled).max()) or 1.0
+        count = len(gain)
+        if count not in self._programs:
+            filled = np.vstack([np.ones((1, count), dtype=bool), np.eye(count, dtype=bool)])
+            self._programs[count] = QuadraticProgram(filled, PROXIMAL, self.report)
+        matrix = np.vstack([use / (size * column), np.eye(count)])
+        solution = self._programs[count].solve(
+            -scaled / largest - PROXIMAL * now * column,
+            matrix,
+            np.concatenate(([-UNBOUNDED], lower * column)),
+            np.concatenate(([max(spare, 0.0) / size], upper * column)),
+            np.clip(now, lower, upper) * column,
+        )
+        return solution.x / column, max(float(solution.multipliers[0]), 0.0) * largest / size, solution.iterations
 
     def _slope(self, candidate_at: CandidateAt, at: Solution, axis: int) -> tuple[float, float]:
         """One-sided derivatives of value, and of use minus available charge, by a path parameter at fixed shares."""
@@ -255,18 +335,17 @@ class MissionProgram:
             return (b.value - a.value) / step, use / step
         raise _NoSlope
 
-    def _evaluate_step(self, candidate_at: CandidateAt, shares: Shares, x: FloatArray, at: Solution) -> Solution | None:
-        """The solution at a QP's path parameters: the better of the QP's shares, made feasible, and the closed form."""
+    def _evaluated(
+        self, candidate_at: CandidateAt, shares: Shares, x: FloatArray, at: Solution, iterations: int
+    ) -> Solution | None:
+        """A QP's solution, made feasible at its path parameters; None if they lie on another step."""
         candidate = candidate_at(shares)
         if candidate is None or candidate.shape != at.candidate.shape:
             return None
-        if candidate.increments.base_use > candidate.available + FULL:
-            return None
-        if len(x) != len(candidate.increments.use):
+        if candidate.increments.base_use > candidate.available + FULL or len(x) != len(candidate.increments.use):
             return None
         own = allocation_of(candidate.increments, _within(candidate.increments, x, candidate.available))
-        closed = fill_greedy(candidate.increments, candidate.available)
-        return Solution(candidate, own if own.value >= closed.value else closed, 0, SOLVED)
+        return Solution(candidate, own, SOLVED, iterations)
 
 
 def _within(increments: Increments, x: FloatArray, available: float) -> FloatArray:

@@ -1,91 +1,67 @@
-"""Optimal control of the computations over a receding horizon: continuous relaxation and integer solution.
+"""Optimal control of the computations over a receding horizon, as a quadratic program.
 
-The periodic motion power is exogenous (B touches α0 only), so the states drop out of the problem. The variables are
-the computations' parameters at each step of the horizon, z ∈ [0, 1] of their sets, coupled by the state of charge.
+The periodic motion power is exogenous (B touches α0 only), so the states drop out of the problem. What remains are the
+levels of the computations at each step of the horizon, coupled by the state of charge:
 
-    maximise   Σ_m l(c_m)                                     convex in c: linearised round a plan, repeated
-    subject to y_m = h_m + g(c_m) ≤ b_m · Q_c V crate         the output constraint, at each step
-               b_m = b_0 − Σ_{j≤m} k_b I(h̄_j + g(c_j)) Δ/Q_c  the battery
-               R c_m − r ≥ 0                                  trade-offs
+    maximise   Σ_m l(q_m, c_m) + l_f(q_M)
+    subject to (h_m + g(c_m)) / (Q_c V crate) ≤ b_m              the output constraint, at each step
+               b_m = b_0 − Σ_{j≤m} k_b I(h̄_j + g(c_j)) Δ/Q_c     the battery
+               R c_m − r ≥ 0                                     trade-offs
 
 y ≥ 0 needs no row: computations only add power.
 
-The relaxation is solved by sequential QPs. For one computation a closed form is often optimal, certified by its
-multipliers: then it is the bound at which the QPs from the last plan stop, and the solution if they fail. Steps are
-coupled by the charge only, so branch and bound finds the integer solution: each choice has a power, a use of charge and
-a value.
+l is convex and maximised, so its tangents are no bounds. The problem is linearised along the concave envelope of l over
+the power of the levels instead: at each step the QP mixes neighbouring vertices of the envelope, and value, power and
+use of charge are linear in the mixture. OSQP solves it, close to the last solution (a proximal term). The solution is
+rounded to levels within its power and verified against the constraints above. The QP's multipliers give a bound that no
+choice of levels exceeds: the reported gap is the distance to it.
 
-Source: letter, Eq. 16 and Def. III.3; drafts 003 and 004 for the trade-offs and for the subroutine that
-lowers by δ.
+Source: letter, Eq. 16 and Def. III.3; draft 002, Eq. 15; drafts 003 and 004, Eq. 9, for the costs, the trade-offs and
+the subroutine that lowers by δ.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.flight.battery import current_slope_a_per_w, currents_a
+from eadp.core.envelope import upper_envelope
+from eadp.core.flight.battery import drains_per_s
+from eadp.core.signals.harmonics import rotated
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
-from eadp.planning.base import thinned
+from eadp.planning.base import SolverReport, thinned
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
-Table = list[list[float]]
-Numbers = Any
-
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
-COSTS = (CONTROL, POWER, QUADRATIC, OUTPUT)
-PROXIMAL = (0.03, 0.3)
-"""Proximal weights for a gradient scaled to 1: the first needs few QPs, the second is used if OSQP fails."""
 
-MAX_QPS = 25
-"""Maximum number of QPs of one ascent."""
-
-MAX_CHORD_QPS = 4
-"""Maximum number of QPs of the ascent along chords that finds a starting point."""
-
-STATIONARY = 1e-7
-"""Movement, as a share of its set, below which a plan is stationary."""
-
-REACHED = 1e-7
-"""Relative tolerance within which QPs have reached the certified optimum."""
-
-SAME = 1e-10
-"""Relative tolerance of equal objectives."""
+PROXIMAL = 0.01
+"""Weight of the proximal term, for a gradient scaled to 1."""
 
 FEASIBLE_W = 1e-6
 """Excess of power that counts as rounding [W]."""
 
 FLOOR_SLACK = 1e-4
-"""Tolerance, as a share of the span of power, within which a relaxed value counts as its next level above."""
+"""Tolerance, as a share of the span of power, within which a relaxed power counts as its next level above."""
+
+OPTIMAL = 1e-6
+"""Relative distance to the bound below which the last solution is proven to be optimal still."""
 
 CHOICES = 4096
 """Maximum number of combinations of levels; above it, every second level of the longest list is dropped."""
 
-WORK = 20_000
-"""Maximum number of steps that branch and bound visits; its first descent is feasible and nearly always optimal."""
+MIN_REACH = 1e-5
+"""Smallest scaling of a variable."""
 
-TIGHTEST = 1e-5
-"""Smallest scaling of a parameter, as a share of its set."""
-
-DELIVERED = 0.99
-"""Limit of a starting point, as a share of the current of maximum power, where slopes are infinite."""
-
-BEND = 1e-9
-"""Relative tolerance of collinear knots."""
-
-DIFFERENCE = 1e-4
-"""Step of finite differences, as a share of the set."""
+UNDELIVERABLE = 1e6
+"""Charge that a power takes which the battery cannot deliver: more than there is."""
 
 
 @dataclass(frozen=True)
@@ -99,75 +75,37 @@ class ComputationLevels:
     levels : sequence of σ tuples
         Levels of each, in ascending order.
     power : function (c of shape (σ,)) → g(c) [W]
-
-    Attributes
-    ----------
-    knots, values : list of float
-        One computation: knots and values [W] of g, piecewise linear between its levels and the ends of its set.
-        Several: empty.
     """
 
     low: FloatArray
     high: FloatArray
     levels: Sequence[tuple[float, ...]]
     power: Callable[[Sequence[float]], float]
-    knots: list[float] = field(init=False)
-    values: list[float] = field(init=False)
 
-    def __post_init__(self) -> None:
-        points: list[float] = []
-        if len(self.low) == 1:
-            points = sorted({float(self.low[0]), *map(float, self.levels[0]), float(self.high[0])})
-        knots, values = _bends(points, [self.power([point]) for point in points])
-        object.__setattr__(self, "knots", knots)
-        object.__setattr__(self, "values", values)
 
-    @cached_property
-    def _table(self) -> tuple[FloatArray, FloatArray]:
-        return np.array(self.knots), np.array(self.values)
+@dataclass(frozen=True)
+class HorizonCost:
+    """What the horizon maximises, and its weights.
 
-    @cached_property
-    def _slopes(self) -> FloatArray:
-        """Of each linear piece [W per unit]."""
-        return np.diff(self.values) / np.diff(self.knots)
+    Parameters
+    ----------
+    kind : str
+        `control`, `power`, `quadratic` or `output`.
+    state_weights : array, shape (m, m), or float
+        Q of `quadratic`; a number multiplies the identity.
+    control_weights : array, shape (σ, σ), or float
+        R of `quadratic`; a number multiplies the identity.
+    control_offsets : array, shape (σ,), optional
+        What fixed parameters add to R û: the rows of R that name them, times their û.
+    terminal_weight : float
+        Weight of l_f = ½ qᵀ diag(C) q at the end of the horizon.
+    """
 
-    @property
-    def count(self) -> int:
-        """σ."""
-        return len(self.low)
-
-    def power_w(self, c: FloatArray) -> FloatArray:
-        """g [W], shape (M,), at parameters of shape (M, σ)."""
-        if self.count == 1:
-            return np.interp(c[:, 0], *self._table)
-        return np.array([self.power(row) for row in c.tolist()])
-
-    def slopes_w(self, c: FloatArray, side: int = 1) -> FloatArray:
-        """∂g/∂c [W per unit], shape (M, σ), at parameters of that shape.
-
-        Where g bends: of the piece above for side 1, of the piece below for side −1.
-        """
-        if self.count > 1:
-            return self._differences(c, side)
-        if len(self._slopes) < 2:
-            return np.full_like(c, self._slopes[0] if len(self._slopes) else 0.0)
-        return self._slopes[self.pieces(c, side), None]
-
-    def pieces(self, c: FloatArray, side: int = 1) -> IntArray:
-        """One computation: index of each step's linear piece, shape (M,); at a knot, of the one on a side."""
-        nudge = side * BEND * (self.knots[-1] - self.knots[0])
-        return np.clip(np.searchsorted(self.knots, c[:, 0] + nudge, "right") - 1, 0, len(self.knots) - 2)
-
-    def _differences(self, c: FloatArray, side: int) -> FloatArray:
-        step = DIFFERENCE * (self.high - self.low)
-        power, slopes = self.power_w(c), np.zeros_like(c)
-        for k in np.flatnonzero(step):
-            there = c[:, k] + side * step[k]
-            by = np.where((there < self.low[k]) | (there > self.high[k]), -side, side) * step[k]
-            moved = c.copy()
-            moved[:, k] += by
-            slopes[:, k] = (self.power_w(moved) - power) / by
-        return slopes
+    kind: str = CONTROL
+    state_weights: FloatArray | float = 1.0
+    control_weights: FloatArray | float = 1.0
+    control_offsets: FloatArray | float = 0.0
+    terminal_weight: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -182,36 +120,111 @@ class HorizonForecast:
     soc : float
     step_s : float
         Length of a step [s].
-    level_w, ripple_w2 : float
-        α0 of the motion [W] and the sum of its squared harmonics [W²], which costs `power` and `quadratic`
-        count; the second only shifts them.
+    state_w : array, shape (m,)
+        Energy state q of the motion at the start [W], which the costs of the state count.
+    period_s : float or None
+        T [s].
     """
 
     limit_motion_w: FloatArray
     mean_motion_w: FloatArray
     soc: float
     step_s: float
-    level_w: float = 0.0
-    ripple_w2: float = 0.0
+    state_w: FloatArray
+    period_s: float | None
 
 
-@dataclass(frozen=True)
-class HorizonSolution:
-    """A solution: the parameters at each step, shape (M, σ), relaxed and on their levels.
+class HorizonSolution(NamedTuple):
+    """A solution.
 
-    `qp_solves` is the number of QPs, 0 where the certified closed form is the solution.
+    Attributes
+    ----------
+    chosen : array, shape (M, σ)
+        Levels at each step.
+    power_w : array, shape (M,)
+        Power of the QP's solution at each step [W].
+    objective, bound : float
+        Value of the levels, and a bound that no feasible levels exceed.
+    iterations : int
+        Iterations of OSQP; 0 where the last solution was kept.
+    kept : bool
+        Whether the last solution was proven to be optimal still, and OSQP did not run.
     """
 
-    relaxed: FloatArray
     chosen: FloatArray
+    power_w: FloatArray
     objective: float
-    relaxed_objective: float
-    qp_solves: int
+    bound: float
+    iterations: int
+    kept: bool
 
     @property
     def gap(self) -> float:
-        """Relative gap between the relaxed and the integer objective."""
-        return (self.relaxed_objective - self.objective) / max(abs(self.relaxed_objective), 1e-12)
+        """Relative distance between the objective and its bound."""
+        return (self.bound - self.objective) / max(abs(self.bound), 1e-12)
+
+
+class _Table(NamedTuple):
+    """Every choice at every step: value, charge that it takes, and power limit; arrays of shape (M, J).
+
+    `limit` is the state of charge that the power of a choice requires.
+    """
+
+    value: FloatArray
+    drop: FloatArray
+    limit: FloatArray
+
+
+class _Problem(NamedTuple):
+    """The QP's data before scaling: an entry for each variable, and the power rows, shape (M, variables)."""
+
+    gain: FloatArray
+    rows: FloatArray
+    slack: FloatArray
+    base_value: float
+
+
+class _Mixture:
+    """The variables of the QP: at each step, shares of the way from a vertex of the envelope to the next.
+
+    Parameters
+    ----------
+    vertices : sequence of M lists
+        Choices on the envelope at each step, in ascending order of power.
+    powers_w : array, shape (J,)
+    report : SolverReport
+    """
+
+    def __init__(self, vertices: Sequence[Sequence[int]], powers_w: FloatArray, report: SolverReport) -> None:
+        steps = len(vertices)
+        pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
+        self.step, self.low, self.high = np.array(pairs, dtype=np.intp).reshape(-1, 3).T
+        self.size, self.each = len(pairs), np.arange(len(pairs))
+        self.rises_w = powers_w[self.high] - powers_w[self.low]
+        self.until = (self.step <= np.arange(steps)[:, None]).astype(float)
+        filled = np.vstack([np.eye(self.size), self.until]) > 0
+        self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
+        self.matrix = np.vstack([np.eye(self.size), np.zeros((steps, self.size))])
+        self.lower = np.concatenate([np.zeros(self.size), np.full(steps, -UNBOUNDED)])
+        # the same variables a step later
+        same = all(list(own) == list(vertices[0]) for own in vertices)
+        per_step = self.size // steps
+        self.later = np.minimum(self.each + per_step, self.each % max(per_step, 1) + self.size - per_step)
+        self.shifts = same
+
+    def problem(self, table: _Table, soc: float) -> _Problem:
+        """The data of the QP."""
+        step, low, high = self.step, self.low, self.high
+        gain, drop, limit = (array[step, high] - array[step, low] for array in table)
+        rows = self.until * drop
+        rows[step, self.each] += limit
+        slack = np.maximum(soc - table.drop[:, 0].cumsum() - table.limit[:, 0], 0.0)
+        return _Problem(gain, rows, slack, float(table.value[:, 0].sum()))
+
+    def power_w(self, z: FloatArray) -> FloatArray:
+        """What mixtures add to the minimum power at each step [W]."""
+        added: FloatArray = np.bincount(self.step, z * self.rises_w, len(self.until)).astype(np.float64)
+        return added
 
 
 class Horizon:
@@ -219,16 +232,15 @@ class Horizon:
 
     Parameters
     ----------
-    computations : Computations
+    computations : ComputationLevels
     battery : Battery
     steps : int
         M.
-    cost : str
-        `control`, `power`, `quadratic` or `output`.
+    cost : HorizonCost
     trade_offs : sequence of (R row of shape (σ,), r)
         Rows R c − r ≥ 0; contributions of other parameters are in r.
-    weights : (float, float)
-        Q and R of cost `quadratic`, as multiples of the identity.
+    report : SolverReport, optional
+        Counts the runs of OSQP.
     """
 
     def __init__(
@@ -236,393 +248,232 @@ class Horizon:
         computations: ComputationLevels,
         battery: Battery,
         steps: int,
-        cost: str = CONTROL,
+        cost: HorizonCost | None = None,
         trade_offs: Sequence[tuple[Sequence[float], float]] = (),
-        weights: tuple[float, float] = (1.0, 1.0),
+        report: SolverReport | None = None,
     ) -> None:
         self._c = computations
         self._battery = battery
         self._steps = steps
-        self._cost = cost
-        self._weights = weights
-        self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, computations.count)
+        self._at = np.arange(steps)
+        self._cost = cost or HorizonCost()
+        self._report = report or SolverReport()
+        self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, len(computations.low))
         self._min_rows = np.array([r for _, r in trade_offs], dtype=float)
-        self._width = computations.high - computations.low
-        # the minimum parameters, and each alone at its maximum
-        ends = computations.low + np.vstack([np.zeros(computations.count), np.diag(self._width)])
-        self._end_powers = np.array([computations.power(end.tolist()) for end in ends])
-        self._nu, self._tau = _separate(computations.low, self._width, self._end_powers)
-        self._end_controls = ((self._nu * ends + self._tau) ** 2).sum(axis=1)
-        self._last: FloatArray | None = None
-        self._list_choices()
-        values = computations.values
-        self._increasing = len(values) > 1 and all(a < b for a, b in itertools.pairwise(values))
-        powers = [*values, *self._powers.tolist(), 0.0]
-        self._span_w = max(powers) - min(powers) or 1.0
-        self._build_program()
+        self.choices, self.powers_w = self._listed()
+        self._span_w = float(self.powers_w[-1] - self.powers_w[0]) if len(self.powers_w) > 1 else 0.0
+        u = self._controls()
+        r = np.asarray(self._cost.control_weights) * (
+            np.eye(u.shape[1]) if np.ndim(self._cost.control_weights) == 0 else 1
+        )
+        # l of the controls alone: Σû², or ½ ûᵀ R û
+        if self._cost.kind == QUADRATIC:
+            self._control_values = 0.5 * np.einsum("ji,ik,jk->j", u, r, u) + u @ np.broadcast_to(
+                np.asarray(self._cost.control_offsets, dtype=float), u.shape[1]
+            )
+        else:
+            self._control_values = (u * u).sum(axis=1)
+        self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
+        self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
 
-    def _list_choices(self) -> None:
-        """Every combination of levels that satisfies the trade-offs, in order of power."""
+    def _listed(self) -> tuple[FloatArray, FloatArray]:
+        """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
         choices = np.array(list(itertools.product(*thinned(self._c.levels, CHOICES))), dtype=float)
-        choices = choices[(choices @ self._rows.T >= self._min_rows - _slack(self._min_rows)).all(axis=1)]
+        choices = choices[(choices @ self._rows.T >= self._min_rows - 1e-9 * (1 + np.abs(self._min_rows))).all(axis=1)]
         powers = np.array([self._c.power(choice.tolist()) for choice in choices], dtype=float)
         order = np.argsort(powers, kind="stable")
-        self._choices: FloatArray = choices[order]
-        self._powers: FloatArray = powers[order]
-        self._controls = ((self._nu * self._choices + self._tau) ** 2).sum(axis=1)
+        return choices[order], powers[order]
 
-    def _build_program(self) -> None:
-        """Constant rows of the QP: boxes, then powers (each with every step until then), then trade-offs."""
-        steps, count, extra = self._steps, self._c.count, len(self._rows)
-        size = steps * count
-        self._until = np.repeat(np.tril(np.ones((steps, steps))), count, axis=1)
-        self._at = np.repeat(np.eye(steps), count, axis=1)
-        balances = np.kron(np.eye(steps), self._rows * self._width)
-        self._matrix = np.vstack([np.eye(size), np.zeros((steps, size)), balances])
-        trades = np.kron(np.eye(steps), np.ones_like(self._rows))
-        filled = np.vstack([np.eye(size), self._until, trades]) > 0
-        self._programs = [(proximal, QuadraticProgram(filled, proximal)) for proximal in PROXIMAL]
-        minimum = np.tile(self._min_rows - self._rows @ self._c.low, steps)
-        self._lower = np.concatenate([np.zeros(size), np.full(steps, -UNBOUNDED), minimum])
-        self._upper = np.concatenate([np.ones(size), np.zeros(steps), np.full(steps * extra, UNBOUNDED)])
+    def _controls(self) -> FloatArray:
+        """û = ν c + τ of each computation at each choice [W], shape (J, σ): their minimum power is shared evenly.
+
+        Source: letter, Eq. 11.
+        """
+        c, count = self._c, len(self._c.low)
+        base_w = c.power(c.low.tolist())
+        controls = np.empty_like(self.choices)
+        for k in range(count):
+            raised = c.low.copy()
+            raised[k] = c.high[k]
+            share_w = base_w / count
+            nu, tau = computation_scaling(c.low[k], c.high[k], share_w, share_w + c.power(raised.tolist()) - base_w)
+            controls[:, k] = nu * self.choices[:, k] + tau
+        return controls
 
     # --- the model
 
-    def objective(self, c: FloatArray, forecast: HorizonForecast) -> float:
-        """Σ_m l(c_m) at parameters of shape (M, σ)."""
-        controls = ((self._nu * c + self._tau) ** 2).sum(axis=1)
-        return float(self._stage_value(controls, self._c.power_w(c), forecast.limit_motion_w, forecast).sum())
+    def table(self, forecast: HorizonForecast) -> _Table:
+        """Value, use of charge and limit of every choice at every step."""
+        b, p, motion = self._battery, self.powers_w, forecast.mean_motion_w[:, None]
+        drop = drains_per_s(motion + p, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
+        if b.resistance_ohm > 0:
+            drop = np.where(motion + p > b.voltage_v**2 / (4 * b.resistance_ohm), UNDELIVERABLE, drop)
+        limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
+        return _Table(self._values(forecast), drop, limit)
 
-    def excess_w(self, c: FloatArray, forecast: HorizonForecast) -> FloatArray:
-        """How far each step's power is above what the battery allows [W], shape (M,); no trade-offs.
+    def _values(self, forecast: HorizonForecast) -> FloatArray:
+        """l of each choice at each step, with l_f at the last."""
+        cost, p = self._cost, self.powers_w
+        values: FloatArray
+        if cost.kind == OUTPUT:
+            values = 0.5 * (forecast.limit_motion_w[:, None] + p) ** 2
+        elif cost.kind == CONTROL:
+            values = np.repeat(self._control_values[None], self._steps, axis=0)
+        else:
+            q = self._states(forecast, 0, self._steps)
+            if cost.kind == POWER:
+                values = _output_value(q, p)
+            else:
+                # ½ (q + e₁ g)ᵀ Q (q + e₁ g) + ½ ûᵀ R û
+                weights = np.asarray(cost.state_weights) * (
+                    np.eye(q.shape[1]) if np.ndim(cost.state_weights) == 0 else 1
+                )
+                forces = q @ weights
+                values = 0.5 * ((q * forces).sum(axis=1)[:, None] + p * (2 * forces[:, :1] + weights[0, 0] * p))
+                values += self._control_values
+        if cost.terminal_weight:
+            values[-1] += cost.terminal_weight * _output_value(self._states(forecast, self._steps, 1), p)[0]
+        return values
 
-        Raises
-        ------
-        Infeasible
-            If the battery cannot deliver the power at all.
-        """
-        g = self._c.power_w(c)
-        b = self._battery
-        current = currents_a(forecast.mean_motion_w + g, b.voltage_v, b.resistance_ohm)
-        allowed = b.power_per_soc_w * (forecast.soc - self._soc_per_a(forecast) * np.cumsum(current))
-        result: FloatArray = forecast.limit_motion_w + g - allowed
-        return result
+    def _states(self, forecast: HorizonForecast, first: int, count: int) -> FloatArray:
+        """Energy state of the motion [W] at the start of steps, shape (count, m)."""
+        times_s: FloatArray = (first + np.arange(count, dtype=np.float64)) * forecast.step_s
+        return rotated(forecast.state_w, forecast.period_s, times_s)
 
-    def feasible(self, c: FloatArray, forecast: HorizonForecast) -> bool:
-        """Whether every constraint holds at parameters of shape (M, σ), to 1e-6 W."""
-        try:
-            powers = bool((self.excess_w(c, forecast) <= FEASIBLE_W).all())
-        except Infeasible:
-            return False
-        return powers and bool((c @ self._rows.T >= self._min_rows - _slack(self._min_rows)).all())
+    def feasible(self, made: IntArray, table: _Table, soc: float) -> bool:
+        """Whether a choice for each step, shape (M,), keeps to the constraints."""
+        return self._violated(made, table, soc) is None
 
-    def _soc_per_a(self, forecast: HorizonForecast) -> float:
-        """What a step takes off the state of charge for each ampere: k_b Δ/Q_c [1/A]."""
-        return self._battery.k_b_per_s * forecast.step_s / self._battery.capacity_ah
-
-    def _stage_value(self, controls: Numbers, g: Numbers, limit: Numbers, forecast: HorizonForecast) -> Numbers:
-        """l from Σû² of the computations [W²], their power and the motion's [W]; numbers, or arrays that fit."""
-        if self._cost == OUTPUT:
-            # l = ½y²
-            return 0.5 * (limit + g) ** 2
-        if self._cost == CONTROL:
-            return controls
-        # l = ½(q + Bu)ᵀ diag(C) (q + Bu), or with Q for diag(C) and ½uᵀRu beside it
-        power = 0.5 * ((forecast.level_w + g) ** 2 + forecast.ripple_w2)
-        q, r = self._weights
-        return power if self._cost == POWER else q * power + 0.5 * r * controls
-
-    def _gain(
-        self, nu: Numbers, control: Numbers, g: Numbers, slope: Numbers, limit: Numbers, forecast: HorizonForecast
-    ) -> Numbers:
-        """∂l/∂c from ν, û, g and ∂g/∂c; numbers, or arrays that fit."""
-        if self._cost == OUTPUT:
-            return (limit + g) * slope
-        if self._cost == CONTROL:
-            return 2 * nu * control
-        power = (forecast.level_w + g) * slope
-        q, r = self._weights
-        return power if self._cost == POWER else q * power + r * nu * control
+    def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
+        """The first step whose power requires more charge than is left."""
+        at = self._at, made
+        short = ~(table.limit[at] <= soc - table.drop[at].cumsum())
+        return int(short.argmax()) if short.any() else None
 
     # --- solution
 
     def solve(self, forecast: HorizonForecast) -> HorizonSolution:
-        """The integer solution and the relaxation.
+        """The levels of each step.
 
         Raises
         ------
         Infeasible
             If the levels of minimum power are infeasible.
         SolverFailed
-            If the solver failed; the caller's fallback is `lowered`.
+            If OSQP failed; the caller's fallback is `lowered`.
         """
-        made, objective, whole = self._search(forecast)
-        chosen = self._choices[made]
-        relaxed, best, qp_solves = self._reals(chosen, objective, forecast)
-        if not whole:
-            chosen, objective = self._floored(relaxed, chosen, objective, forecast)
-        if objective > best:
-            relaxed, best = chosen, objective
-        return HorizonSolution(relaxed, chosen, objective, best, qp_solves)
-
-    def _reals(self, chosen: FloatArray, objective: float, forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
-        """The relaxed solution, its objective and the number of QPs."""
-        starts = [chosen]
-        if self._increasing and not len(self._rows):
-            steps = self._fill_greedy(forecast)
-            filled, value = np.array([[step.c] for step in steps]), sum(step.value for step in steps)
-            if value >= objective - SAME * abs(objective) and _is_optimal(steps):
-                return self._ascent_to(value, filled, chosen, forecast)
-            starts.append(filled)
-        return self._best_ascent(starts, forecast)
-
-    def _ascent_to(
-        self, value: float, filled: FloatArray, chosen: FloatArray, forecast: HorizonForecast
-    ) -> tuple[FloatArray, float, int]:
-        """The relaxed solution by QPs from the last plan, given a certified optimum.
-
-        The ascent stops at the optimum. If it ends below, or OSQP fails, the certified plan is the solution.
-        """
-        target = value - REACHED * abs(value)
-        start = chosen if self._last is None or not self.feasible(self._last, forecast) else self._last
-        relaxed, best, qp_solves = filled, value, 0
-        with contextlib.suppress(SolverFailed, Infeasible):
-            top, reached, qp_solves = self._ascent(start, forecast, target=target)
-            if reached >= target:
-                relaxed, best = top, reached
-        self._last = relaxed
-        return relaxed, best, qp_solves
-
-    def _best_ascent(self, starts: list[FloatArray], forecast: HorizonForecast) -> tuple[FloatArray, float, int]:
-        """The best of the local maxima reached from several plans: with little charge there are many.
-
-        Raises
-        ------
-        SolverFailed
-            If OSQP fails from each.
-        """
-        qp_solves, maxima, failures = 0, [], []
-        minimum = np.tile(self._choices[0], (self._steps, 1))
-        for start, chords in (*((start, None) for start in starts), (minimum, self._chords(forecast))):
-            try:
-                first, _, chord_qps = (start, 0.0, 0) if chords is None else self._ascent(start, forecast, chords)
-                top, value, more = self._ascent(first, forecast)
-            except (SolverFailed, Infeasible) as error:  # a QP around a feasible plan is feasible
-                failures.append(str(error))
-                continue
-            maxima.append((value, top))
-            qp_solves += chord_qps + more
-        if not maxima:
-            raise SolverFailed(failures[0])
-        best, relaxed = max(maxima, key=lambda top: top[0])
-        return relaxed, best, qp_solves
-
-    # --- integer solution
-
-    def _search(self, forecast: HorizonForecast) -> tuple[list[int], float, bool]:
-        """The best choice for each step, their value, and whether the search completed.
-
-        Charge is relative to choices of minimum power at every step so far, so that the charge needed by a choice does
-        not depend on the choices before it.
-        """
-        if not len(self._choices):
+        if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
-        b, limit = self._battery, forecast.limit_motion_w[:, None]
-        total = forecast.mean_motion_w[:, None] + self._powers
-        under_root = b.voltage_v**2 - 4 * b.resistance_ohm * total
-        # Δb = k_b I(y) Δ/Q_c
-        drop = total / (b.voltage_v + np.sqrt(np.maximum(under_root, 0.0))) * (2 * self._soc_per_a(forecast))
-        beyond = drop - drop[:, :1]
-        needed = (limit + (self._powers - FEASIBLE_W)) / b.power_per_soc_w + beyond
-        needed += np.cumsum(drop[:, 0])[:, None]
-        needed[under_root < 0] = math.inf
-        # minimum power must stay feasible: a choice needs the charge of the later steps, and its own use
-        later = np.maximum.accumulate(needed[::-1, 0])[::-1]
-        if not later[0] <= forecast.soc:
-            if math.isnan(later[0] + forecast.soc):
-                raise SolverFailed("a forecast that is not finite")
+        table = self.table(forecast)
+        if not (math.isfinite(forecast.soc) and np.isfinite(table.limit).all() and np.isfinite(table.drop).all()):
+            raise SolverFailed("a forecast that is not finite")
+        if not self.feasible(np.zeros(self._steps, dtype=np.intp), table, forecast.soc):
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
-        needed[:-1] = np.maximum(needed[:-1], later[1:, None] + beyond[:-1])
-        stage_values = np.asarray(self._stage_value(self._controls, self._powers, limit, forecast))
-        top = np.maximum.accumulate(stage_values, axis=-1).tolist()
-        maxima = top if stage_values.ndim == 2 else [top] * self._steps
-        return _Search(needed.tolist(), beyond.tolist(), maxima).best(forecast.soc)
+        mixture = self._mixture(table)
+        problem = mixture.problem(table, forecast.soc)
+        iterations, kept = 0, self._kept(mixture, problem, table, forecast.soc)
+        if kept is not None:
+            z, multipliers = kept
+        else:
+            z, multipliers, iterations = self._solved(mixture, problem)
+        self._last = mixture, z, multipliers
+        power_w = self.powers_w[0] + mixture.power_w(z)
+        made = self._rounded(power_w, table, forecast.soc)
+        objective = float(table.value[self._at, made].sum())
+        bound = _bound(multipliers, table, forecast.soc)
+        return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None)
 
-    def _floored(
-        self, relaxed: FloatArray, chosen: FloatArray, objective: float, forecast: HorizonForecast
-    ) -> tuple[FloatArray, float]:
-        """After an incomplete search: the best choices within the relaxed power, if better than those found."""
-        limit = forecast.limit_motion_w[:, None]
-        stage_values = np.asarray(self._stage_value(self._controls, self._powers, limit, forecast))
-        power = self._c.power_w(relaxed)[:, None]
+    def _mixture(self, table: _Table) -> _Mixture:
+        """The mixtures of the choices on the concave envelope of value over power at each step."""
+        p, value, deliverable = self.powers_w, table.value, bool(table.drop[:, -1].max() < UNDELIVERABLE)
+        rises = value[:, -1:] - value[:, :1]
+        chord = value[:, :1] + rises * ((p - p[0]) / max(self._span_w, 1e-12))
+        key, last = None, len(p) - 1
+        vertices: Sequence[Sequence[int]] = [[0, last]] * self._steps
+        if not (last and deliverable and rises.min() > 0 and (value - chord).max() <= 1e-12 * chord.max()):
+            vertices = [
+                upper_envelope(p[:count], row[:count], 1e-12 * abs(float(row[0])))
+                for row, count in zip(value, (table.drop < UNDELIVERABLE).sum(axis=1).tolist(), strict=True)
+            ]
+            key = tuple(map(tuple, vertices))
+        if key not in self._mixtures:
+            self._mixtures[key] = _Mixture(vertices, p, self._report)
+        return self._mixtures[key]
+
+    def _solved(self, mixture: _Mixture, problem: _Problem) -> tuple[FloatArray, FloatArray, int]:
+        """The mixtures z of the QP, the multipliers of the power rows, and the iterations."""
+        size = mixture.size
+        if mixture.program is None:
+            return np.zeros(0), np.zeros(self._steps), 0
+        # each variable is scaled by its reach, each row then by its largest entry
+        reach = _reach(problem)
+        rows = problem.rows * reach
+        units = rows.max(axis=1) + 1e-300
+        gain = problem.gain * reach
+        largest = float(gain.max())
+        last = self._shifted(mixture)
+        centre = np.zeros(size) if last is None else last[0] / reach
+        matrix = mixture.matrix
+        matrix[size:] = rows / units[:, None]
+        upper = np.concatenate([1.0 / reach, problem.slack / units])
+        linear = gain / -largest - PROXIMAL * centre
+        solution = mixture.program.solve(linear, matrix, mixture.lower, upper, centre)
+        multipliers = np.maximum(solution.multipliers[size:], 0.0) * (largest / units)
+        return np.clip(solution.x * reach, 0.0, 1.0), multipliers, solution.iterations
+
+    def _shifted(self, mixture: _Mixture) -> tuple[FloatArray, FloatArray] | None:
+        """The last solution and its multipliers, a step later; None if it mixed other levels."""
+        if self._last is None or self._last[0] is not mixture or not mixture.shifts:
+            return None
+        _, z, multipliers = self._last
+        return z[mixture.later], np.append(multipliers[1:], 0.0)
+
+    def _kept(
+        self, mixture: _Mixture, problem: _Problem, table: _Table, soc: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
+        last = self._shifted(mixture)
+        if last is None or (problem.rows @ last[0] > problem.slack).any():
+            return None
+        bound = _bound(last[1], table, soc)
+        value = problem.base_value + float(problem.gain @ last[0])
+        return last if bound - value <= OPTIMAL * abs(bound) else None
+
+    def _rounded(self, power_w: FloatArray, table: _Table, soc: float) -> IntArray:
+        """The best choice of each step within the QP's power, verified.
+
+        Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps that the QP
+        mixed.
+        """
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
-            made = np.where(self._powers <= power + slack, stage_values, -math.inf).argmax(axis=1)
-            plan = self._choices[made]
-            value = self.objective(plan, forecast)
-            if value > objective and self.feasible(plan, forecast):
-                return plan, value
-        return chosen, objective
-
-    # --- continuous relaxation
-
-    def _fill_greedy(self, forecast: HorizonForecast) -> list[_Step]:
-        """Greedy filling for one computation: each step uses the power left by its limit and the later minimum.
-
-        Exact for the nonlinear battery: with I the current, y = V I − R I², so the limit is a quadratic in I.
-        """
-        b, knots, values = self._battery, self._c.knots, self._c.values
-        volt, ohm, rate, per_soc = b.voltage_v, b.resistance_ohm, self._soc_per_a(forecast), b.power_per_soc_w
-        nu, tau, sag = float(self._nu[0]), float(self._tau[0]), per_soc * rate
-        soc, steps = forecast.soc, []
-        limits, means = forecast.limit_motion_w.tolist(), forecast.mean_motion_w.tolist()
-        for limit, mean, rest in zip(limits, means, self._rests(limits, means, rate), strict=True):
-            # g + sag·I = b Q_c V crate − h =: left  →  R I² − (V + sag) I + left + h̄ = 0
-            left = per_soc * soc - limit
-            under_root = max((volt + sag) ** 2 - 4 * ohm * (left + mean), 0.0)
-            amps = own = 2 * (left + mean) / (volt + sag + math.sqrt(under_root))
-            if rate * amps > soc - rest:
-                amps = (soc - rest) / rate
-            if 2 * ohm * amps > DELIVERED * volt:
-                amps = DELIVERED * volt / (2 * ohm)
-            power = max(amps * (volt - ohm * amps) - mean, values[0])
-            full = power >= values[-1]
-            power = min(power, values[-1])
-            i = bisect_right(values, power, hi=len(values) - 1) - 1
-            slope = (values[i + 1] - values[i]) / (knots[i + 1] - knots[i])
-            c = knots[i] + (power - values[i]) / slope
-            control = nu * c + tau
-            value = self._stage_value(control * control, power, limit, forecast)
-            gain = self._gain(nu, control, power, slope, limit, forecast) / slope
-            root = math.sqrt(volt * volt - 4 * ohm * (mean + power))
-            # κ = Q_c V crate · k_b Δ/Q_c · dI/dy
-            steps.append(_Step(c, value, gain, sag / root, full, full or amps == own))
-            soc -= rate * 2 * (mean + power) / (volt + root)
-        return steps
-
-    def _rests(self, limits: list[float], means: list[float], rate: float) -> list[float]:
-        """The charge that must remain after each step for minimum power in the later ones."""
-        b, minimum, per_soc = self._battery, self._c.values[0], self._battery.power_per_soc_w
-        rest, rests = -math.inf, []
-        for limit, mean in zip(reversed(limits), reversed(means), strict=True):
-            rests.append(rest)
-            rest = max(rest, (limit + minimum) / per_soc) + rate * b.current_a(mean + minimum)
-        return rests[::-1]
-
-    def _chords(self, forecast: HorizonForecast) -> FloatArray:
-        """Chord slope of l over each parameter's set, the others at their minimum, shape (M, σ).
-
-        A convex l is nowhere above its chord: an ascent along chords does not stop at the nearest local maximum.
-        """
-        limit = forecast.limit_motion_w[:, None]
-        ends = np.asarray(self._stage_value(self._end_controls, self._end_powers, limit, forecast))
-        ends = np.broadcast_to(ends, (self._steps, self._c.count + 1))
-        chords: FloatArray = (ends[:, 1:] - ends[:, :1]) / np.where(self._width > 0, self._width, math.inf)
-        return chords
-
-    def _ascent(
-        self, c: FloatArray, forecast: HorizonForecast, chords: FloatArray | None = None, target: float = math.inf
-    ) -> tuple[FloatArray, float, int]:
-        """Ascent by QPs from a feasible plan to a stationary one, or to the objective `target`: plan, value, QPs.
-
-        Slopes above and below alternate, so that a plan leaves a knot of g on the better side. With chords, a few QPs
-        along them.
-        """
-
-        def value_of(plan: FloatArray) -> float:
-            return self.objective(plan, forecast) if chords is None else float((chords * plan).sum())
-
-        max_qps = MAX_QPS if chords is None else MAX_CHORD_QPS
-        sides = 1 if len(self._c.knots) == 2 else 2
-        value = value_of(c)
-        still = qp_solves = 0
-        while still < sides and qp_solves < max_qps:
-            qp_solves += 1
-            new = self._qp_step(c, 1 if qp_solves % 2 else -1, forecast, chords)
-            before = value
-            c, value = self._line_search(c, new, value, value_of, forecast)
-            if value >= target:
+            within = self.powers_w <= power_w[:, None] + slack
+            made: IntArray = np.where(within, table.value, -math.inf).argmax(axis=1)
+            violated = self._violated(made, table, soc)
+            if violated is None:
                 break
-            still = still + 1 if value - before <= SAME * abs(value) else 0
-        return c, value, qp_solves
+        while violated is not None:
+            step = int(np.flatnonzero(made[: violated + 1])[-1])  # minimum power everywhere is feasible
+            made[step] = table.value[step, : made[step]].argmax()
+            violated = self._violated(made, table, soc)
+        mixed = power_w > self.powers_w[made] + FLOOR_SLACK * self._span_w
+        while mixed.any() and (raised := self._raised(made, mixed, table, soc)) is not None:
+            made = raised
+        return made
 
-    def _qp_step(self, c: FloatArray, side: int, forecast: HorizonForecast, chords: FloatArray | None) -> FloatArray:
-        """One QP around a plan: linearised rows and gradient, and a proximal term."""
-        z = np.divide(c - self._c.low, self._width, out=np.zeros_like(c), where=self._width > 0).ravel()
-        gradient, rows, left = self._linearised(c, z, side, forecast)
-        lower, upper = self._bounds(c, side)
-        if chords is not None:
-            gradient = (chords * self._width).ravel()
-            lower, upper = self._lower.copy(), self._upper.copy()
-        upper[z.size : z.size + len(left)] = left
-        matrix = self._matrix.copy()
-        matrix[z.size : z.size + len(left)] = rows
-        # each parameter is scaled by its reach, each row then by its largest entry
-        reach = _reach(rows, left)
-        matrix *= reach
-        units = np.abs(matrix).max(axis=1)
-        units[units == 0] = 1.0
-        gradient *= reach
-        gradient /= max(float(np.abs(gradient).max()), 1e-12)
-        solution = self._nearest(gradient, matrix / units[:, None], lower / units, upper / units, z / reach)
-        return self._c.low + np.clip(solution * reach, 0.0, 1.0).reshape(c.shape) * self._width
-
-    def _linearised(
-        self, c: FloatArray, z: FloatArray, side: int, forecast: HorizonForecast
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradient by z, shape (Mσ,), and power rows, shape (M, Mσ), with their slack, in shares of g's span."""
-        b = self._battery
-        g, slopes = self._c.power_w(c), self._c.slopes_w(c, side)
-        control, limit = self._nu * c + self._tau, forecast.limit_motion_w[:, None]
-        gain = np.asarray(self._gain(self._nu, control, g[:, None], slopes, limit, forecast))
-        total = forecast.mean_motion_w + g
-        # ∂y_m/∂z_m, and κ_m ∂y_m/∂z_m: its reduction of its own limit and every later one
-        sag = b.power_per_soc_w * self._soc_per_a(forecast)
-        own = slopes * self._width / self._span_w
-        drain = sag * current_slope_a_per_w(total, b.voltage_v, b.resistance_ohm)[:, None] * own
-        rows = self._at * own.ravel() + self._until * drain.ravel()
-        used = sag * np.cumsum(currents_a(total, b.voltage_v, b.resistance_ohm))
-        left = (b.power_per_soc_w * forecast.soc - forecast.limit_motion_w - g - used) / self._span_w
-        return (gain * self._width).ravel(), rows, left + rows @ z
-
-    def _nearest(
-        self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, point: FloatArray
-    ) -> FloatArray:
-        """The QP's minimiser with the smallest proximal weight that OSQP solves."""
-        for proximal, program in self._programs:
-            try:
-                return program.solve(-gradient - proximal * point, matrix, lower, upper, point)
-            except SolverFailed as error:
-                failure = error
-        raise failure
-
-    def _bounds(self, c: FloatArray, side: int) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the rows; each step stays on its linear piece of g."""
-        lower, upper = self._lower.copy(), self._upper.copy()
-        if len(self._c.knots) > 2:
-            share = (np.array(self._c.knots) - self._c.low) / self._width
-            piece = self._c.pieces(c, side)
-            lower[: self._steps], upper[: self._steps] = share[piece], share[piece + 1]
-        return lower, upper
-
-    def _line_search(
-        self,
-        c: FloatArray,
-        new: FloatArray,
-        value: float,
-        value_of: Callable[[FloatArray], float],
-        forecast: HorizonForecast,
-    ) -> tuple[FloatArray, float]:
-        """Line search from the plan c to the QP's solution: a feasible plan of greater value, else c."""
-        if np.abs(new - c).max() <= STATIONARY * self._width.max():
-            return c, value
-        # slightly less power compensates for the solver's tolerance and the battery's curvature
-        less = (new + share * (self._choices[0] - new) for share in (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4))
-        nearer = (c + share * (new - c) for share in (0.5, 0.2, 0.05, 0.01))
-        for trial in itertools.chain(less, nearer):
-            found = value_of(trial)
-            if found > value and self.feasible(trial, forecast):
-                return np.asarray(trial), found
-        return c, value
+    def _raised(self, made: IntArray, mixed: np.ndarray, table: _Table, soc: float) -> IntArray | None:
+        """Choices with that mixed step raised to its next choice which gains most, within the constraints."""
+        at = self._at
+        better = (table.value > table.value[at, made][:, None]) & (np.arange(len(self.powers_w)) > made[:, None])
+        above = better.argmax(axis=1)
+        now, gain = table.drop[at, made], table.value[at, above] - table.value[at, made]
+        left = soc - now.cumsum() + now - table.drop[at, above]
+        steps = np.flatnonzero(mixed & better.any(axis=1) & (table.limit[at, above] <= left))
+        for step in steps[np.argsort(-gain[steps], kind="stable")].tolist():
+            trial = made.copy()
+            trial[step] = above[step]
+            if self.feasible(trial, table, soc):
+                return trial
+        return None
 
     # --- the fallback
 
@@ -645,176 +496,47 @@ class Horizon:
 
         Source: drafts 003 and 004, the subroutine of their algorithms.
         """
+        table = self.table(forecast)
         c = np.clip(now, self._c.low, self._c.high)
         while True:
-            value = np.array([_round_down(levels, x) for levels, x in zip(self._c.levels, c, strict=True)])
-            plan = np.tile(value, (self._steps, 1))
-            if self.feasible(plan, forecast):
-                return plan
+            values = [_round_down(levels, x) for levels, x in zip(self._c.levels, c, strict=True)]
+            found = np.flatnonzero((self.choices == values).all(axis=1))
+            if len(found) and self.feasible(np.full(self._steps, found[0]), table, forecast.soc):
+                return np.tile(values, (self._steps, 1))
             if (c <= self._c.low).all():
                 raise Infeasible("even the minimum parameters are infeasible")
             c = np.maximum(c - deltas, self._c.low)
 
 
-class _Step(NamedTuple):
-    """A filled step: computation, l, ∂l/∂y, κ; whether it is at its maximum, and whether at its own limit."""
-
-    c: float
-    value: float
-    gain: float
-    takes: float
-    full: bool
-    free: bool
-
-
-def _is_optimal(steps: Sequence[_Step]) -> bool:
-    """Whether steps at their maximum or at their own limits have multipliers of 0 or more: a local optimum.
-
-    Backwards: one more watt at step m gains ∂l/∂y, and lowers its own limit and every later one by κ_m.
-    """
-    later = 0.0
-    for step in reversed(steps):
-        net = step.gain - step.takes * later
-        if net < 0 or not step.free:
-            return False
-        if not step.full:
-            later += net / (1 + step.takes)
-    return True
-
-
-class _Search:
-    """Branch and bound over the choices at each step.
-
-    Parameters
-    ----------
-    needed, beyond, top : tables of M rows, one entry for each choice, in order of power
-        Charge that each needs, and its use of that; running maximum of the value. The first two ascend along a row.
-
-    A choice of no greater value than one of less power is dominated: `top` shows which are not.
-    """
-
-    def __init__(self, needed: Table, beyond: Table, top: Table) -> None:
-        self._needed, self._beyond, self._top = needed, beyond, top
-
-    def best(self, charge: float) -> tuple[list[int], float, bool]:
-        """One index for each step, their value, and whether it is certified as optimal.
-
-        The usual case ends with the first descent, which meets the bound.
-        """
-        made, value = self._descent(charge)
-        enough = value + SAME * abs(value)
-        if self._bound(0, charge, enough) <= enough:
-            return made, value, True
-        return self._branched(charge, made, value)
-
-    def _descent(self, charge: float) -> tuple[list[int], float]:
-        """Greedy: at each step the choice of greatest value that the charge admits."""
-        made, value = [], 0.0
-        for needed, beyond, top in zip(self._needed, self._beyond, self._top, strict=True):
-            i = bisect_left(top, top[bisect_right(needed, charge) - 1])
-            made.append(i)
-            value += top[i]
-            charge -= beyond[i]
-        return made, value
-
-    def _bound(self, first: int, charge: float, enough: float) -> float:
-        """Upper bound of the value of the steps from `first` on, or a number up to `enough` if that is less.
-
-        At first each step is bounded as if those before it had used nothing. A plan better than `enough` forgoes at
-        most the difference and so uses almost as much charge, which tightens the bound.
-        """
-        steps = range(first, len(self._needed))
-        bound = spared = math.inf
-        while True:
-            total, left = 0.0, charge
-            for k in steps:
-                needed, top = self._needed[k], self._top[k]
-                i = bisect_right(needed, min(charge, left + spared)) - 1
-                if i < 0:
-                    return -math.inf
-                total += top[i]
-                left -= self._beyond[k][bisect_left(top, top[i])]
-            if total <= enough or bound - total < 1e-3 * (bound - enough):
-                return total
-            bound, spared = total, self._charge_per_value * (total - enough)
-
-    @cached_property
-    def _charge_per_value(self) -> float:
-        """Largest charge saved per value forgone, at any step."""
-        rate = 0.0
-        for beyond, top in zip(self._beyond, self._top, strict=True):
-            last = 0
-            for i in range(1, len(top)):
-                if top[i] > top[last]:
-                    rate = max(rate, (beyond[i] - beyond[last]) / (top[i] - top[last]))
-                    last = i
-        return rate
-
-    def _branched(self, charge: float, made: list[int], best: float) -> tuple[list[int], float, bool]:
-        """A plan of greater value, if there is one: depth first, from the choices of greatest value down."""
-        steps, work = len(self._needed), 0
-        stack: list[tuple[tuple[int, ...], float, float]] = [((), charge, 0.0)]
-        while stack and work < WORK:
-            work += steps
-            chain, charge, value = stack.pop()
-            m = len(chain)
-            enough = best + SAME * abs(best) - value
-            if self._bound(m, charge, enough) <= enough:
-                continue
-            if m == steps:
-                made, best = [*chain], value
-                continue
-            top, branches = self._top[m], []
-            i = bisect_right(self._needed[m], charge) - 1
-            while i >= 0:
-                i = bisect_left(top, top[i])
-                branches.append(((*chain, i), charge - self._beyond[m][i], value + top[i]))
-                i -= 1
-            stack.extend(reversed(branches))
-        return made, best, not stack
-
-
-def _bends(points: list[float], values: list[float]) -> tuple[list[float], list[float]]:
-    """Knots and values of a piecewise linear function without collinear ones."""
-    knots, kept = points[:1], values[:1]
-    for i in range(1, len(points)):
-        if i < len(points) - 1:
-            share = (points[i] - knots[-1]) / (points[i + 1] - knots[-1])
-            straight = kept[-1] + share * (values[i + 1] - kept[-1])
-            if abs(values[i] - straight) <= BEND * max(abs(value) for value in values):
-                continue
-        knots.append(points[i])
-        kept.append(values[i])
-    return knots, kept
-
-
-def _reach(rows: FloatArray, left: FloatArray) -> FloatArray:
-    """Reach of each column: the share of its set by which it could move if it alone used the slack of the rows.
+def _reach(problem: _Problem) -> FloatArray:
+    """Reach of each variable: how far it could rise if it alone used the slack of the rows.
 
     With little charge the reach is small; without this scaling OSQP stalls.
     """
-    shares = np.divide(left[:, None], rows, out=np.ones_like(rows), where=rows > 0)
-    reach: FloatArray = np.clip(shares.min(axis=0), TIGHTEST, 1.0)
+    shares = np.divide(problem.slack[:, None], problem.rows, out=np.ones_like(problem.rows), where=problem.rows > 0)
+    reach: FloatArray = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
     return reach
 
 
-def _slack(rows: FloatArray) -> FloatArray:
-    return 1e-9 * (1 + np.abs(rows))
+def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
+    """Lagrangian bound of the value of any feasible levels, for multipliers of 0 or more, shape (M,).
+
+    A choice at step m requires its limit at m, and takes its drop off the charge at m and at every later step.
+    """
+    if not multipliers.any():
+        return float(table.value.max(axis=1).sum())
+    later = np.cumsum(multipliers[::-1])[::-1]
+    net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
+    return float(net.max(axis=1).sum() + multipliers.sum() * soc)
+
+
+def _output_value(states_w: FloatArray, powers_w: FloatArray) -> FloatArray:
+    """½ (q + Bu)ᵀ diag(C) (q + Bu) [W²], of states of shape (n, m) and powers of shape (J,): shape (n, J)."""
+    alphas = states_w[:, 1::2]
+    values: FloatArray = 0.5 * ((states_w[:, :1] + powers_w) ** 2 + (alphas * alphas).sum(axis=1)[:, None])
+    return values
 
 
 def _round_down(levels: Sequence[float], value: float) -> float:
     below = [level for level in levels if level <= value + 1e-9]
     return below[-1] if below else levels[0]
-
-
-def _separate(low: FloatArray, width: FloatArray, end_powers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ν and τ of each computation (letter, Eq. 11), the others at their lowest.
-
-    Their common power there is shared evenly.
-    """
-    share = end_powers[0] / len(low)
-    scaled = [
-        computation_scaling(bottom, bottom + span, share, share + (end - end_powers[0]))
-        for bottom, span, end in zip(low, width, end_powers[1:], strict=True)
-    ]
-    return np.array([nu for nu, _ in scaled]), np.array([tau for _, tau in scaled])

@@ -6,21 +6,30 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 
 from eadp.core.arrays import FloatArray
-from eadp.core.bounds import NotNegative, Positive
+from eadp.core.bounds import Finite, NotNegative, Positive
 from eadp.core.flight.battery import currents_a
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.plan.cursor import Vector
+from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.base import (
+    FALLBACK,
+    INFEASIBLE,
+    JUMPED,
+    KEPT,
+    NOTHING_TO_CHOOSE,
     SOC_JUMP,
+    SOLVED,
+    TIME,
     Decision,
+    DecisionRecord,
     Mission,
     Observation,
     PlannerSettings,
@@ -31,26 +40,44 @@ from eadp.planning.base import (
     next_multiple,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForecast
+from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+
+Matrix = tuple[tuple[float, ...], ...]
+Weight = NotNegative | Matrix
 
 LOOK_AHEAD_STEP_S = 1.0
 UNKNOWN_PERIOD_S = 6.0
 """Horizon in place of one period if there is none [s]."""
 SAMPLES_PER_STEP = 10
+MAX_STEPS = 400
+"""Maximum number of steps of a horizon; a longer one ends there."""
+
+MAX_LOWERED = 1000
+"""Maximum number of δ by which path parameters are lowered at once."""
+
+ROUNDING = 1e-9
+"""Relative asymmetry and negative eigenvalue of a matrix that count as rounding."""
 
 
 @dataclass(frozen=True)
 class PaperSettings:
     """Settings of planner `paper`."""
 
-    horizon_s: Positive | Literal["period"] = 6.0
+    horizon_s: Annotated[float, Gt(0), Le(1e5)] | Literal["period"] = 6.0
     """Length of the horizon [s], or `period`: one period of the power."""
 
     cost: Literal["control", "power", "quadratic", "output"] = "control"
     """What the horizon maximises: the computations, their power, a quadratic form, or ½y² of the whole power."""
 
-    cost_weights: tuple[NotNegative, NotNegative] = (1.0, 1.0)
-    """Q and R of cost `quadratic`."""
+    cost_weights: tuple[Weight, Weight] = (1.0, 1.0)
+    """Q and R of cost `quadratic`, symmetric and positive semidefinite: a matrix over the coefficients q, and one over
+    the parameters in the plan's order; a number multiplies the identity."""
+
+    terminal_weight: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """Weight of the terminal cost ½ qᵀ diag(C) q at the end of the horizon."""
+
+    gains: Mapping[str, Finite] = field(default_factory=dict)
+    """Change of the motion's power by a unit of a path parameter, by name [W per unit]."""
 
     constraint_at: Literal["end", "worst"] = "worst"
     """Where in each step the power is bounded: at its end, or where the motion's power is greatest."""
@@ -61,8 +88,9 @@ class PaperSettings:
     delta: Mapping[str, Positive] = field(default_factory=dict)
     """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
 
-    path_rule: Literal["delta", "largest"] = "delta"
-    """How a path parameter changes: by its delta, or to the largest value for which the time suffices."""
+    path_rule: Literal["delta", "largest", "subroutine"] = "delta"
+    """How a path parameter changes: by its delta; to the largest value for which the time suffices; or from its maximum
+    down by its delta until the time suffices."""
 
     raise_path: bool = True
     """Whether a path parameter may also rise while time is left."""
@@ -83,14 +111,24 @@ class PaperSettings:
     """Time of the whole coverage at the lowest path parameters [s]; by default from the plan's geometry."""
 
     trade_offs: tuple[TradeOff, ...] = ()
-    """Rows R c − r ≥ 0 that the computations keep to."""
+    """Rows R c − r ≥ 0 that the parameters keep to."""
+
+
+class _Outcome(NamedTuple):
+    """How the computations of a re-planning were found, see `DecisionRecord`."""
+
+    status: str
+    reason: str
+    iterations: int = 0
+    gap: float | None = None
 
 
 class PaperPlanner(TrackingPlanner):
     """The letter's Algorithm 2: computations by a receding horizon, then the path by the remaining time.
 
-    Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; drafts 003 and 004 for the
-    subroutine that is the fallback of a failed solve.
+    Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; draft 002 for the gains
+    Ω; drafts 003 and 004 for the trade-offs, and for the subroutine that is a path rule and the fallback of a failed
+    solve.
     """
 
     own_settings = PaperSettings
@@ -111,8 +149,22 @@ class PaperPlanner(TrackingPlanner):
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._times = _coverage_times_s(own, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
+        self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
+        self._flown_path = mission.parameters[: self._rho]
         self._computing_plan_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
+
+    @classmethod
+    def faults(cls, own: Any, estimator: EstimatorSettings, mission: Mission) -> list[tuple[str, str, str]]:
+        """Settings that the mission contradicts; see `TrackingPlanner.faults`."""
+        found = super().faults(own, estimator, mission)
+        sizes = (2 * estimator.order + 1, len(mission.plan.names))
+        for i, (name, weight, size) in enumerate(zip("QR", own.cost_weights, sizes, strict=True)):
+            problem = "" if isinstance(weight, float | int) else _matrix_fault(weight, size)
+            if problem:
+                expected = f"a number, or a symmetric positive semidefinite {size} × {size} matrix"
+                found.append((f"cost_weights.{i}", f"{name} {problem}", expected))
+        return found
 
     @property
     def next_update_s(self) -> float:
@@ -128,20 +180,52 @@ class PaperPlanner(TrackingPlanner):
         """Update with an observation; re-plan when due, and at once when the state of charge jumps."""
         o = observation
         self._track(o)
+        self._apply_gains(o.parameters[: self._rho])
         jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
         self._soc = o.soc
         if not self._started(o):
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
             self._next_s = next_multiple(o.time_s, self._settings.every_s)
-            parameters, reason = self._computations(o)
-            if jumped or o.time_s >= self._next_path_s - 1e-9:
-                every_s = self._own.path_every_s or self._settings.every_s
-                self._next_path_s = next_multiple(o.time_s, every_s)
-                parameters = self._path(o, parameters)
-            self.report.replans += 1
-            self._decision = Decision(parameters, self._decision.power_forecast_w, reason)
+            self._replan(o, jumped=jumped)
         return self._decision
+
+    def _replan(self, o: Observation, *, jumped: bool) -> None:
+        report, decided = self.report, self._decision.parameters
+        calls, started = report.calls, time.perf_counter()
+        parameters, outcome = self._computations(o, decided)
+        if jumped or o.time_s >= self._next_path_s - 1e-9:
+            every_s = self._own.path_every_s or self._settings.every_s
+            self._next_path_s = next_multiple(o.time_s, every_s)
+            chosen = self._path(o, parameters)
+            if self._own.trade_offs and chosen[: self._rho] != decided[: self._rho]:
+                # the computations keep to the rows with the new path, too
+                chosen, outcome = self._computations(o, chosen)
+            parameters = chosen
+        report.replans += report.calls > calls
+        report.solve_ms.append(1e3 * (time.perf_counter() - started))
+        record = DecisionRecord(
+            time_s=o.time_s,
+            cause=JUMPED if jumped else TIME,
+            stage=o.stage,
+            lap=o.cursor.lap,
+            parameters=parameters,
+            status=outcome.status,
+            calls=report.calls - calls,
+            iterations=outcome.iterations,
+            gap=outcome.gap,
+            reason=outcome.reason,
+        )
+        self._decision = Decision(parameters, self._decision.power_forecast_w, outcome.reason, record)
+
+    def _apply_gains(self, path: Vector) -> None:
+        """Step the estimator's level by Ω (c − c⁻) where the path parameters have changed. Source: 002, Eq. 7."""
+        if path != self._flown_path:
+            self._estimator.shift_level(self._gained_w(path, self._flown_path))
+            self._flown_path = path
+
+    def _gained_w(self, path: Vector, before: Vector) -> float:
+        return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, before, strict=False))
 
     def _started(self, o: Observation) -> bool:
         return self._laps_known() and o.time_s >= self._own.start_after_s - 1e-9
@@ -151,65 +235,64 @@ class PaperPlanner(TrackingPlanner):
 
     # --- computations
 
-    def _computations(self, o: Observation) -> tuple[Vector, str]:
-        """The parameters with new computations, and the reason; sets the computations' power over the horizon."""
-        decided = self._decision.parameters
+    def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, _Outcome]:
+        """Parameters with new computations, and the outcome; sets their power over the horizon."""
         sets = self._mission.plan.stages[o.stage - 1].sets
-        free = [i for i in range(self._rho, len(decided)) if not sets[i].fixed]
+        free = self._free(sets)
         steps = self._steps()
         if not free:
             self._computing_plan_w = np.full(steps, self._computing_w)
-            return decided, "nothing to choose"
-        horizon = self._horizon(o, free, steps)
-        forecast = self._horizon_forecast(o, steps)
-        now = np.array([decided[i] for i in free])
-        reason = "planned"
-        try:
-            values = self._solve(horizon, forecast)
-        except Infeasible as error:
-            self.report.infeasible += 1
-            values, reason = np.array([[sets[i].lo for i in free]] * steps), f"infeasible: {error}"
-        except SolverFailed as error:
-            self.report.failures += 1
-            deltas = np.array([self._delta(i) for i in free])
-            try:
-                values, reason = horizon.lowered(now, deltas, forecast), f"fallback, lowered by δ: {error}"
-            except Infeasible:
-                values, reason = np.array([[sets[i].lo for i in free]] * steps), f"fallback, minimum: {error}"
+            return decided, _Outcome(NOTHING_TO_CHOOSE, "nothing to choose")
+        horizon = self._horizon(o, free, steps, decided[: self._rho])
+        values, outcome = self._solved(horizon, self._horizon_forecast(o, steps), [decided[i] for i in free], free)
+        if values is None:
+            values = np.array([[sets[i].lo for i in free]] * steps)
         chosen = list(decided)
         powers = []
-        for row in values:
-            for i, value in zip(free, row.tolist(), strict=True):
+        for row in values.tolist():
+            for i, value in zip(free, row, strict=True):
                 chosen[i] = value
             powers.append(self._mission.computing.power_w(chosen, sets))
         self._computing_plan_w = np.array(powers)
         for i, value in zip(free, values[0].tolist(), strict=True):
             chosen[i] = value
-        return tuple(chosen), reason
+        return tuple(chosen), outcome
 
-    def _solve(self, horizon: Horizon, forecast: HorizonForecast) -> FloatArray:
-        started = time.perf_counter()
-        self.report.solves += 1
+    def _solved(
+        self, horizon: Horizon, forecast: HorizonForecast, now: list[float], free: list[int]
+    ) -> tuple[FloatArray | None, _Outcome]:
+        """The computations at each step, None for their minimum, and the outcome."""
+        report = self.report
         try:
-            plan = horizon.solve(forecast)
-        finally:
-            self.report.solve_ms.append(1e3 * (time.perf_counter() - started))
-        self.report.gaps.append(plan.gap)
-        self.report.qps += plan.qp_solves
-        return plan.chosen
+            solution = horizon.solve(forecast)
+        except Infeasible as error:
+            report.infeasible += 1
+            return None, _Outcome(INFEASIBLE, f"infeasible: {error}")
+        except SolverFailed as error:
+            report.fallbacks += 1
+            deltas = np.array([self._delta(i) for i in free])
+            try:
+                values = horizon.lowered(np.array(now), deltas, forecast)
+            except Infeasible:
+                return None, _Outcome(FALLBACK, f"fallback, minimum: {error}")
+            return values, _Outcome(FALLBACK, f"fallback, lowered by δ: {error}")
+        report.gaps.append(solution.gap)
+        report.skipped += solution.kept
+        status = KEPT if solution.kept else SOLVED
+        return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap)
 
     def _steps(self) -> int:
         own_s = self._own.horizon_s
         horizon_s = (self.period_s or UNKNOWN_PERIOD_S) if own_s == "period" else own_s
-        return max(1, round(horizon_s / self._settings.every_s))
+        return min(max(1, round(horizon_s / self._settings.every_s)), MAX_STEPS)
 
-    def _horizon(self, o: Observation, free: list[int], steps: int) -> Horizon:
-        """The problem for the sets of this stage, built once for each."""
+    def _horizon(self, o: Observation, free: list[int], steps: int, path: Vector) -> Horizon:
+        """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
         plan, own = self._mission.plan, self._own
         sets = plan.stages[o.stage - 1].sets
-        fixed = tuple(o.parameters[: self._rho]) if own.trade_offs else ()
+        paths = {o.parameters[: self._rho], path} if own.trade_offs else set()
         battery = self._mission.battery.near(o.soc)
-        key = (steps, fixed, battery.voltage_v, *(sets[i] for i in free))
+        key = (steps, frozenset(paths), battery.voltage_v, *(sets[i] for i in free))
         if key not in self._horizons:
             base = list(o.parameters)
 
@@ -222,14 +305,34 @@ class PaperPlanner(TrackingPlanner):
             computations = ComputationLevels(
                 np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
             )
-            names = plan.names
             rows = []
             for row in own.trade_offs:
-                weights = [row.coefficients.get(name, 0.0) for name in names]
-                rest = sum(weights[i] * o.parameters[i] for i in range(len(names)) if i not in free)
-                rows.append(([weights[i] for i in free], row.at_least - rest))
-            self._horizons[key] = Horizon(computations, battery, steps, own.cost, rows, own.cost_weights)
+                weights = [row.coefficients.get(name, 0.0) for name in plan.names]
+                for parameters in ((*some, *base[self._rho :]) for some in paths):
+                    rest = sum(weights[i] * parameters[i] for i in range(len(weights)) if i not in free)
+                    rows.append(([weights[i] for i in free], row.at_least - rest))
+            cost = self._cost(free, o.parameters)
+            self._horizons[key] = Horizon(computations, battery, steps, cost, rows, self.report)
         return self._horizons[key]
+
+    def _cost(self, free: list[int], parameters: Vector) -> HorizonCost:
+        """The cost over the free computations; û of the path is constant over the horizon."""
+        own = self._own
+        q, r = (np.array(weight) if isinstance(weight, tuple) else weight for weight in own.cost_weights)
+        offsets: FloatArray | float = 0.0
+        if isinstance(r, np.ndarray):
+            fixed = range(self._rho)
+            u = [self._path_control_s(i, parameters[i]) for i in fixed]
+            offsets, r = r[np.ix_(free, fixed)] @ np.array(u), r[np.ix_(free, free)]
+        return HorizonCost(own.cost, q, r, offsets, own.terminal_weight)
+
+    def _path_control_s(self, index: int, value: float) -> float:
+        """û = ν c + τ of a path parameter [s]; 0 if no path parameter is free."""
+        if self._times is None:
+            return 0.0
+        box = self._boxes[index]
+        nu, tau = path_scaling(box.lo, box.hi, *self._times, self._rho)
+        return nu * value + tau
 
     def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s
@@ -238,9 +341,7 @@ class PaperPlanner(TrackingPlanner):
         motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if self._own.constraint_at == "worst" else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
-        state = self._estimator.state_w
-        ripple = float(state[1:] @ state[1:])
-        return HorizonForecast(limit, mean, o.soc, every_s, float(state[0]), ripple)
+        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
 
     # --- path
 
@@ -248,20 +349,56 @@ class PaperPlanner(TrackingPlanner):
         """Path parameters from the remaining time and the time to an empty battery. Source: letter, Alg. 2 l. 17-27."""
         if not self._rho or self._times is None:
             return parameters
-        last_s = self._time_to_reserve_s(o)
+        chosen = self._ruled(o, parameters)
+        rows = self._own.trade_offs
+        if not rows or chosen[: self._rho] == parameters[: self._rho]:
+            return chosen
+        # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
+        sets = self._mission.plan.stages[o.stage - 1].sets
+        for tenths in range(10, 0, -1):
+            share = tenths / 10
+            moved = tuple(
+                old + share * (new - old) for old, new in zip(parameters[: self._rho], chosen[: self._rho], strict=True)
+            )
+            if len(self._horizon(o, self._free(sets), self._steps(), moved).choices):
+                return (*moved, *parameters[self._rho :])
+        return parameters
+
+    def _free(self, sets: Sequence[Box]) -> list[int]:
+        return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
+
+    def _ruled(self, o: Observation, parameters: Vector) -> Vector:
+        """Path parameters by the rule of the settings."""
+        last_s = self._time_to_reserve_s(o, parameters)
+        assert self._times is not None
         shortest, longest = self._times
+        down = -1 if longest >= shortest else 1
         if self._own.path_rule == "largest":
             share = self._largest_share(o.time_s, last_s)
             chosen = (*(box.lo + share * (box.hi - box.lo) for box in self._boxes), *parameters[self._rho :])
             longer = self._coverage_s(chosen) >= self._coverage_s(parameters)
             return parameters if longer and not self._own.raise_path else chosen
-        down = -1 if longest >= shortest else 1
+        if self._own.path_rule == "subroutine":
+            first = parameters
+            if self._own.raise_path:
+                first = (*(box.hi if down < 0 else box.lo for box in self._boxes), *parameters[self._rho :])
+            return self._lowered_path(o, first, down)
         if self._remaining_s(parameters, o.time_s) > last_s:
             return self._moved(parameters, down)
         if self._own.raise_path:
             raised = self._moved(parameters, -down)
-            if self._remaining_s(raised, o.time_s) <= last_s:
+            if self._remaining_s(raised, o.time_s) <= self._time_to_reserve_s(o, raised):
                 return raised
+        return parameters
+
+    def _lowered_path(self, o: Observation, parameters: Vector, down: int) -> Vector:
+        """Path parameters lowered by δ until the time suffices. Source: drafts 003 and 004, their subroutine."""
+        for _ in range(MAX_LOWERED):
+            lowered = self._moved(parameters, down)
+            enough = self._remaining_s(parameters, o.time_s) <= self._time_to_reserve_s(o, parameters)
+            if enough or lowered == parameters:
+                break
+            parameters = lowered
         return parameters
 
     def _moved(self, parameters: Vector, direction: int) -> Vector:
@@ -281,12 +418,7 @@ class PaperPlanner(TrackingPlanner):
 
     def _coverage_s(self, parameters: Vector) -> float:
         """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
-        assert self._times is not None
-        total = 0.0
-        for box, value in zip(self._boxes, parameters[: self._rho], strict=True):
-            nu, tau = path_scaling(box.lo, box.hi, *self._times, self._rho)
-            total += nu * value + tau
-        return total
+        return sum(self._path_control_s(i, parameters[i]) for i in range(self._rho))
 
     def _remaining_s(self, parameters: Vector, time_s: float) -> float:
         """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
@@ -309,8 +441,8 @@ class PaperPlanner(TrackingPlanner):
             return 1.0 if longest >= shortest else 0.0
         return min(1.0, max(0.0, (limit_s - shortest) / (longest - shortest)))
 
-    def _time_to_reserve_s(self, o: Observation) -> float:
-        """t_b: time until the predicted battery reaches the reserve [s].
+    def _time_to_reserve_s(self, o: Observation, parameters: Vector) -> float:
+        """t_b: time until the predicted battery reaches the reserve with path parameters [s].
 
         The horizon's computations, then its last one held. The motion is periodic: whole periods are divided out, and
         one period is predicted. A voltage that falls with the charge is taken half way.
@@ -322,7 +454,8 @@ class PaperPlanner(TrackingPlanner):
         step_s = LOOK_AHEAD_STEP_S
         head = max(1, round(len(self._computing_plan_w) * self._settings.every_s / step_s))
         period = max(1, round((self.period_s or step_s) / step_s))
-        motion = np.maximum(self._estimator.forecast(np.arange(0.5, head + period) * step_s), 0.0)
+        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
+        motion = np.maximum(self._estimator.forecast(np.arange(0.5, head + period) * step_s) + gained_w, 0.0)
         repeat = max(1, round(self._settings.every_s / step_s))
         computing = np.full(head + period, self._computing_plan_w[-1])
         early = np.repeat(self._computing_plan_w, repeat)[:head]
@@ -341,6 +474,20 @@ class PaperPlanner(TrackingPlanner):
         whole = math.floor((spare - first) / one_period)
         rest = spare - first - whole * one_period
         return head * step_s + whole * period * step_s + _crossing_s(drops[head:] - first, rest, step_s)
+
+
+def _matrix_fault(rows: Matrix, size: int) -> str:
+    """What is wrong with a weight matrix; empty if nothing is."""
+    if len(rows) != size or any(len(row) != size for row in rows):
+        return f"is no {size} × {size} matrix"
+    matrix = np.array(rows)
+    if not np.isfinite(matrix).all():
+        return "is not finite"
+    scale = float(np.abs(matrix).max(initial=0.0))
+    if np.abs(matrix - matrix.T).max(initial=0.0) > ROUNDING * scale:
+        return "is not symmetric"
+    lowest = float(np.linalg.eigvalsh(matrix).min())
+    return f"has the eigenvalue {lowest:.4g}, below 0" if lowest < -ROUNDING * scale else ""
 
 
 def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
