@@ -1,10 +1,11 @@
 """Quadratic programs by OSQP, imported here only: set up once, updated, warm-started, every solution verified.
 
-minimise ½ zᵀ P z + qᵀ z  subject to  l ≤ A z ≤ u, with P = ε I.
+minimise gᵀ z + ½ ε |z − z₀|²  subject to  l ≤ A z ≤ u
 
-Callers scale their data to magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfies the
-optimality conditions of the data, computed here. A run that fails is repeated once from scratch, with OSQP's own
-scaling and more iterations. The report of the planner counts every run.
+The problems are linear, and a small ε keeps the solution near z₀ where others are as good. Callers scale their data to
+magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfies the optimality conditions of the data,
+computed here. A run that fails is repeated once from scratch, with OSQP's own scaling, more iterations and a larger ε.
+The report of the planner counts every run.
 
 This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
 the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
@@ -30,7 +31,9 @@ SETTINGS = {"scaling": 0, "max_iter": 4000}
 RETRY = {"scaling": 10, "max_iter": 20_000}
 """Settings of the first run, and of its repetition."""
 
-TOLERANCE = 1e-6
+RETRY_PROXIMAL = 100.0
+"""Factor of ε in the repetition."""
+
 VERIFIED = 1e-4
 """Maximum violation of an optimality condition: OSQP's tolerance holds for its own scaled iterates."""
 
@@ -69,34 +72,38 @@ class QuadraticProgram:
         ε, above 0.
     report : SolverReport
         Counts the runs.
+    tolerance : float
+        OSQP's absolute and relative tolerance.
     """
 
-    def __init__(self, filled: NDArray[np.bool_], proximal: float, report: SolverReport) -> None:
+    def __init__(
+        self, filled: NDArray[np.bool_], proximal: float, report: SolverReport, tolerance: float = 1e-6
+    ) -> None:
         self._rows, self._columns = filled.shape
         # OSQP wants A by columns
         self._filled = np.ascontiguousarray(filled.T)
         self._indices = np.nonzero(self._filled)[1]
         self._indptr = np.concatenate([[0], np.cumsum(self._filled.sum(axis=1))])
         self._proximal = proximal
-        self._report = report
+        self._report, self._tolerance = report, tolerance
         self._solver: Any = None
         self._entries: FloatArray | None = None
 
     def solve(
-        self, linear: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, warm: FloatArray
+        self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
     ) -> QpSolution:
         """The minimiser and its multipliers.
 
         Parameters
         ----------
-        linear : array, shape (columns,)
-            q.
+        gradient : array, shape (columns,)
+            g.
         matrix : array, shape (rows, columns)
             A; 0 outside the sparsity pattern.
         lower, upper : array, shape (rows,)
             l and u; `UNBOUNDED` for none.
-        warm : array, shape (columns,)
-            Starting point.
+        centre : array, shape (columns,)
+            z₀, and where OSQP starts from.
 
         Raises
         ------
@@ -104,15 +111,15 @@ class QuadraticProgram:
             On data that are not finite or do not fit, and if both runs end with any status but "solved", or with a
             solution that does not satisfy the optimality conditions.
         """
-        data = linear, matrix, lower, upper
-        self._check(*data, warm)
+        data = gradient, matrix, lower, upper, centre
+        self._check(*data)
         try:
-            return self._run(data, warm, SETTINGS)
+            return self._run(data, self._proximal, SETTINGS)
         except SolverFailed:
             self._solver = None  # a failed run leaves a poor starting point
             self._report.retried += 1
         try:
-            return self._run(data, None, RETRY)
+            return self._run(data, RETRY_PROXIMAL * self._proximal, RETRY)
         finally:
             self._solver = None  # the next problem starts with the settings of a first run
 
@@ -127,17 +134,17 @@ class QuadraticProgram:
         if (data[2] > data[3]).any():
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
-    def _run(self, data: tuple[FloatArray, ...], warm: FloatArray | None, settings: dict[str, int]) -> QpSolution:
+    def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, int]) -> QpSolution:
         """One run of OSQP, counted."""
         report = self._report
         report.calls += 1
         status, result = SOLVED, None
         try:
-            result = self._result(data, warm, settings)
+            result = self._result(data, proximal, settings)
             if result.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
                 status = str(result.info.status)
-            elif not self._is_optimal(data, np.asarray(result.x), np.asarray(result.y)):
+            elif not _is_optimal(data, proximal, np.asarray(result.x), np.asarray(result.y)):
                 status = UNVERIFIED
         except Exception as error:  # whatever the extension raises is a failed run
             status = type(error).__name__
@@ -148,12 +155,13 @@ class QuadraticProgram:
         report.solved += 1
         return QpSolution(np.array(result.x), np.array(result.y), int(result.info.iter))
 
-    def _result(self, data: tuple[FloatArray, ...], warm: FloatArray | None, settings: dict[str, int]) -> Any:
-        linear, matrix, lower, upper = data
+    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, int]) -> Any:
+        gradient, matrix, lower, upper, centre = data
+        linear = gradient - proximal * centre
         entries = matrix.T[self._filled]
         if self._solver is None:
             locations = range(self._columns)
-            identity = csc_matrix((np.full(self._columns, self._proximal), (locations, locations)))
+            identity = csc_matrix((np.full(self._columns, proximal), (locations, locations)))
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
             self._solver = osqp.OSQP()
             self._solver.setup(
@@ -165,8 +173,8 @@ class QuadraticProgram:
                 verbose=False,
                 polishing=False,
                 warm_starting=True,
-                eps_abs=TOLERANCE,
-                eps_rel=TOLERANCE,
+                eps_abs=self._tolerance,
+                eps_rel=self._tolerance,
                 **settings,
             )
         elif self._entries is not None and np.array_equal(entries, self._entries):
@@ -174,19 +182,18 @@ class QuadraticProgram:
         else:
             self._solver.update(q=linear, Ax=entries, l=lower, u=upper)
         self._entries = entries
-        if warm is not None:
-            self._solver.warm_start(x=warm)
+        self._solver.warm_start(x=centre)
         return self._solver.solve(raise_error=False)
 
-    def _is_optimal(self, data: tuple[FloatArray, ...], x: FloatArray, y: FloatArray) -> bool:
-        """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
-        linear, matrix, lower, upper = data
-        values = matrix @ x
-        forces = matrix.T @ y
-        room = np.where(y > 0, upper - values, values - lower)
-        size = max(1.0, float(np.abs(y).max(initial=0.0)))
-        return bool(
-            max((lower - values).max(), (values - upper).max()) <= VERIFIED
-            and np.abs(self._proximal * x + linear + forces).max() <= VERIFIED * size
-            and np.abs(y) @ np.minimum(room, ROOM) <= VERIFIED * size
-        )
+
+def _is_optimal(data: tuple[FloatArray, ...], proximal: float, x: FloatArray, y: FloatArray) -> bool:
+    """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
+    gradient, matrix, lower, upper, centre = data
+    values = matrix @ x
+    room = np.where(y > 0, upper - values, values - lower)
+    size = max(1.0, float(np.abs(y).max(initial=0.0)))
+    return bool(
+        max((lower - values).max(), (values - upper).max()) <= VERIFIED
+        and np.abs(gradient + proximal * (x - centre) + matrix.T @ y).max() <= VERIFIED * size
+        and np.abs(y) @ np.minimum(room, ROOM) <= VERIFIED * size
+    )

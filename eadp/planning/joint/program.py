@@ -48,8 +48,8 @@ the search's smallest step. More parameters are scanned one after the other."""
 MAX_QPS, FIRST_REACH, MIN_REACH = 6, 0.1, 1e-5
 DIFFERENCE, MIN_COLUMN = 1e-3, 1e-6
 MIN_GAIN = 1e-7
-PROXIMAL = 1e-3
-"""Weight of the proximal term, for a gradient scaled to 1."""
+PROXIMAL, TOLERANCE = 1e-3, 1e-7
+"""Weight of the proximal term, for a gradient scaled to 1, and tolerance of OSQP."""
 
 OUTDONE, KEPT_GAP = 1e-6, 1e-7
 """Gain of the closed form from which it is taken instead of the QP's solution, and largest gain that the last
@@ -205,19 +205,22 @@ class MissionProgram:
         """
         if not start.allocation.feasible:
             return start
-        if not len(start.candidate.increments.use):
-            return replace(start, status=NOTHING_TO_CHOOSE)
+        movable = movable and self.dimensions > 0
+        best, kept = replace(start, status=NOTHING_TO_CHOOSE), None
         try:
-            kept = None if movable and self.dimensions else self._kept(start.candidate)
-            best = self._allocation(start, kept)
-            if movable and self.dimensions:
+            if len(start.candidate.increments.use):
+                kept = None if movable else self._kept(start.candidate)
+                best = self._allocation(start, kept)
+            elif not movable:
+                return best
+            if movable:
                 best = self._climbed(candidate_at, best)
         except SolverFailed:
             self.report.fallbacks += 1
             self._last = None
             return replace(start, status=FALLBACK)
         closed = fill_greedy(best.candidate.increments, best.candidate.available)
-        gap = closed.value - best.value
+        gap = float(closed.value - best.value)
         self.report.gaps.append(gap)
         if gap > OUTDONE:
             self.report.outdone += 1
@@ -309,10 +312,10 @@ class MissionProgram:
         count = len(gain)
         if count not in self._programs:
             filled = np.vstack([np.ones((1, count), dtype=bool), np.eye(count, dtype=bool)])
-            self._programs[count] = QuadraticProgram(filled, PROXIMAL, self.report)
+            self._programs[count] = QuadraticProgram(filled, PROXIMAL, self.report, TOLERANCE)
         matrix = np.vstack([use / (size * column), np.eye(count)])
         solution = self._programs[count].solve(
-            -scaled / largest - PROXIMAL * now * column,
+            -scaled / largest,
             matrix,
             np.concatenate(([-UNBOUNDED], lower * column)),
             np.concatenate(([max(spare, 0.0) / size], upper * column)),

@@ -42,7 +42,7 @@ from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
 
-PROXIMAL = 0.01
+PROXIMAL = 1e-5
 """Weight of the proximal term, for a gradient scaled to 1."""
 
 FEASIBLE_W = 1e-6
@@ -416,8 +416,7 @@ class Horizon:
         matrix = mixture.matrix
         matrix[size:] = rows / units[:, None]
         upper = np.concatenate([1.0 / reach, problem.slack / units])
-        linear = gain / -largest - PROXIMAL * centre
-        solution = mixture.program.solve(linear, matrix, mixture.lower, upper, centre)
+        solution = mixture.program.solve(gain / -largest, matrix, mixture.lower, upper, centre)
         multipliers = np.maximum(solution.multipliers[size:], 0.0) * (largest / units)
         return np.clip(solution.x * reach, 0.0, 1.0), multipliers, solution.iterations
 
@@ -461,18 +460,26 @@ class Horizon:
         return made
 
     def _raised(self, made: IntArray, mixed: np.ndarray, table: _Table, soc: float) -> IntArray | None:
-        """Choices with that mixed step raised to its next choice which gains most, within the constraints."""
-        at = self._at
-        better = (table.value > table.value[at, made][:, None]) & (np.arange(len(self.powers_w)) > made[:, None])
+        """Better choices with one mixed step raised to its next choice, if need be with an earlier step lowered.
+
+        None if the constraints admit none.
+        """
+        at, now, value = self._at, table.drop[self._at, made], table.value[self._at, made]
+        better = (table.value > value[:, None]) & (np.arange(len(self.powers_w)) > made[:, None])
         above = better.argmax(axis=1)
-        now, gain = table.drop[at, made], table.value[at, above] - table.value[at, made]
-        left = soc - now.cumsum() + now - table.drop[at, above]
-        steps = np.flatnonzero(mixed & better.any(axis=1) & (table.limit[at, above] <= left))
-        for step in steps[np.argsort(-gain[steps], kind="stable")].tolist():
-            trial = made.copy()
-            trial[step] = above[step]
-            if self.feasible(trial, table, soc):
-                return trial
+        gain = table.value[at, above] - value
+        short = table.limit[at, above] - (soc - now.cumsum() + now - table.drop[at, above])
+        possible = mixed & better.any(axis=1) & (short <= np.maximum.accumulate(now - table.drop[:, 0]))
+        for step in np.flatnonzero(possible)[np.argsort(-gain[possible], kind="stable")].tolist():
+            saving, loss = now[:step, None] - table.drop[:step], value[:step, None] - table.value[:step]
+            lowered = np.argwhere((saving >= max(short[step], 1e-15)) & (loss < gain[step]))
+            order = lowered[np.argsort(loss[tuple(lowered.T)], kind="stable")].tolist()
+            for other, choice in [(step, above[step]), *order] if short[step] <= 0 else order:
+                trial = made.copy()
+                trial[other] = choice
+                trial[step] = above[step]
+                if self.feasible(trial, table, soc):
+                    return trial
         return None
 
     # --- the fallback

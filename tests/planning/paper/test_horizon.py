@@ -1,33 +1,33 @@
-"""The computations over a horizon: integers against brute force, reals against other solvers, in a model of its own.
+"""The computations over a horizon: levels against brute force, the bound against a linear program, in an own model.
 
-Gap to brute force, measured here: none in 300 instances of one computation, none in 128 of two computations with and
-without trade-offs (the search is exact up to its limit of work). The reals lie below the best of SLSQP's answers from
-several starts by less than 1e-6 in every instance whose closed form was proven, and in all but a few where charge is
-short and g bends upwards: there tops are many.
+Measured here: the levels are the best of all in every instance with a battery that lasts for minutes. With batteries
+that a horizon of seconds empties by a tenth and more they are the best in 94 %, and at worst 15 % below.
 """
 
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import osqp
 import pytest
-from scipy.optimize import linprog, minimize
+from branch_and_bound import best_levels
+from broken_osqp import BROKEN
+from scipy.optimize import linprog
 
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
-from eadp.planning.paper import horizon as module
-from eadp.planning.paper.horizon import COSTS, ComputationLevels, Horizon, HorizonForecast
-from eadp.planning.qp import QuadraticProgram
+from eadp.planning.base import SolverReport
+from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
 
 EXACT = 1e-9
-SAME_OBJECTIVE = 1e-6
 WITHIN_W = 2e-6
+COSTS = ("control", "power", "quadratic", "output")
 WEIGHTS = (0.7, 1.9)
 SHAPES = ("linear", "convex", "concave")
+PERIOD_S = 11.0
 
 
 @pytest.fixture(autouse=True)
@@ -40,13 +40,6 @@ def quiet(capfd):
 # --- a model independent of the package
 
 
-class ClosedFormHorizon(Horizon):
-    """Takes a certified closed form as the solution, without QPs."""
-
-    def _ascent_to(self, value, filled, chosen, forecast):
-        return filled, value, 0
-
-
 @dataclass
 class Case:
     """A problem, and the functions that say what is right of it."""
@@ -57,14 +50,20 @@ class Case:
     cost: str
     trade_offs: list
     power: Callable
+    terminal: float = 0.0
 
     @property
     def steps(self):
         return len(self.forecast.limit_motion_w)
 
-    def horizon(self, closed_form=True):
-        problem = (self.computations, self.battery, self.steps, self.cost, self.trade_offs, WEIGHTS)
-        return (ClosedFormHorizon if closed_form else Horizon)(*problem)
+    def horizon(self, report=None):
+        cost = HorizonCost(self.cost, *WEIGHTS, terminal_weight=self.terminal)
+        return Horizon(self.computations, self.battery, self.steps, cost, self.trade_offs, report)
+
+    def with_charge(self, soc):
+        f = self.forecast
+        self.forecast = HorizonForecast(f.limit_motion_w, f.mean_motion_w, soc, f.step_s, f.state_w, f.period_s)
+        return self
 
     def current_a(self, power_w):
         """The smaller root of R I² − V I + y = 0, inf where the battery cannot deliver y."""
@@ -106,15 +105,36 @@ class Case:
             total += (base / len(low) + (self.power(raised) - base) * share) ** 2
         return total
 
+    def state(self, m):
+        """q of the motion at the start of step m, by the letter's Eq. 3 term by term."""
+        o = self.forecast
+        q = [o.state_w[0]]
+        for j in range(1, (len(o.state_w) + 1) // 2):
+            a, b = o.state_w[2 * j - 1], o.state_w[2 * j]
+            angle = 2 * np.pi * j * m * o.step_s / o.period_s
+            q += [a * np.cos(angle) + b * np.sin(angle), b * np.cos(angle) - a * np.sin(angle)]
+        return np.array(q)
+
+    def state_cost(self, m, power_w, weights):
+        q = self.state(m)
+        q[0] += power_w
+        return 0.5 * q @ weights @ q
+
     def stage_cost(self, m, c):
         o, power_w = self.forecast, self.power(c)
-        quadratic = 0.5 * ((o.level_w + power_w) ** 2 + o.ripple_w2)
-        return {
-            "output": 0.5 * (o.limit_motion_w[m] + power_w) ** 2,
-            "control": self.control2(c),
-            "power": quadratic,
-            "quadratic": WEIGHTS[0] * quadratic + 0.5 * WEIGHTS[1] * self.control2(c),
-        }[self.cost]
+        size = len(o.state_w)
+        output = np.diag([1.0 if i == 0 or i % 2 else 0.0 for i in range(size)])
+        cost = {
+            "output": lambda: 0.5 * (o.limit_motion_w[m] + power_w) ** 2,
+            "control": lambda: self.control2(c),
+            "power": lambda: self.state_cost(m, power_w, output),
+            "quadratic": lambda: (
+                self.state_cost(m, power_w, WEIGHTS[0] * np.eye(size)) + 0.5 * WEIGHTS[1] * self.control2(c)
+            ),
+        }[self.cost]()
+        if m == self.steps - 1:
+            cost += self.terminal * self.state_cost(self.steps, power_w, output)
+        return cost
 
     def objective(self, plan):
         return sum(self.stage_cost(m, c) for m, c in enumerate(plan))
@@ -179,41 +199,39 @@ def case(rng, computations, steps, cost, trade_offs=(), tight=True):
     swing = rng.choice([0.5, 3.0, 6.0])
     mean = np.maximum(20.0 + swing * rng.normal(size=steps), 0.0)
     limit = mean + swing * rng.uniform(0.0, 0.5, steps)
-    forecast = HorizonForecast(limit, mean, 1.0, float(rng.choice([1.0, 2.0])), float(mean.mean()), 3.0)
+    forecast = HorizonForecast(
+        limit, mean, 1.0, float(rng.choice([1.0, 2.0])), np.r_[mean.mean(), rng.normal(size=4)], PERIOD_S
+    )
     found = Case(battery, computations, forecast, cost, list(trade_offs), computations.power)
     least, most = computations.power(computations.low), computations.power(computations.high)
     spare = rng.uniform(0.0, 1.0) ** 2 * (most - least + swing)
     soc = (limit.max() + least + spare) / battery.power_per_soc_w
     soc += sum(found.drop(m, least) for m in range(steps)) * rng.choice([0.9, 1.0, 1.2])
-    found.forecast = HorizonForecast(limit, mean, soc, forecast.step_s, forecast.level_w, forecast.ripple_w2)
-    return found
+    return found.with_charge(soc)
 
 
 def check_solution(found, plan):
-    """What holds of every answer: both plans admissible, their objectives as said, the gap not negative."""
+    """What holds of every solution: levels that are feasible, their objective, and a bound that is not below it."""
     assert found.excess_w(plan.chosen) <= WITHIN_W
-    assert found.excess_w(plan.relaxed) <= WITHIN_W
     assert found.objective(plan.chosen) == pytest.approx(plan.objective, rel=EXACT)
-    assert found.objective(plan.relaxed) == pytest.approx(plan.relaxed_objective, rel=EXACT)
     assert plan.gap >= -EXACT
-    low, high = found.computations.low, found.computations.high
-    assert np.all(plan.relaxed >= low - EXACT)
-    assert np.all(plan.relaxed <= high + EXACT)
     for k, levels in enumerate(found.computations.levels):
         assert set(plan.chosen[:, k].tolist()) <= set(levels)
 
 
-# --- integers
+# --- levels
 
 
+@pytest.mark.parametrize("terminal", [0.0, 3.0], ids=["", "terminal cost"])
 @pytest.mark.parametrize("cost", COSTS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_integers_of_one_computation_equal_brute_force(shape, cost):
+def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, record_property):
     rng = np.random.default_rng([SHAPES.index(shape), COSTS.index(cost)])
-    answered = 0
-    for _ in range(25):
+    gaps, gentle_gaps = [], []
+    for i in range(30):
         computations = one_computation(rng, shape, int(rng.integers(2, 6)))
-        found = case(rng, computations, int(rng.integers(4, 6)), cost)
+        found = case(rng, computations, int(rng.integers(4, 6)), cost, tight=bool(i % 2))
+        found.terminal = terminal
         best = found.brute_force()
         if best == -np.inf:
             with pytest.raises(Infeasible):
@@ -221,14 +239,18 @@ def test_integers_of_one_computation_equal_brute_force(shape, cost):
             continue
         plan = found.horizon().solve(found.forecast)
         check_solution(found, plan)
-        assert plan.objective == pytest.approx(best, rel=EXACT)
-        answered += 1
-    assert answered > 15
+        assert plan.bound >= best * (1 - EXACT)
+        (gaps if i % 2 else gentle_gaps).append((best - plan.objective) / best)
+    record_property("worst gap to brute force", float(np.max(gaps)))
+    assert len(gaps) + len(gentle_gaps) > 20
+    assert max(gentle_gaps) <= EXACT
+    assert np.mean(np.array(gaps) <= EXACT) >= 0.8
+    assert max(gaps) <= 0.16
 
 
 @pytest.mark.parametrize("traded", [False, True], ids=["free", "trade-offs"])
 @pytest.mark.parametrize("cost", COSTS)
-def test_integers_of_two_computations_against_brute_force(cost, traded, record_property):
+def test_levels_of_two_computations_against_brute_force(cost, traded, record_property):
     rng = np.random.default_rng([7, COSTS.index(cost), traded])
     gaps = []
     for _ in range(16):
@@ -243,11 +265,41 @@ def test_integers_of_two_computations_against_brute_force(cost, traded, record_p
             continue
         plan = found.horizon().solve(found.forecast)
         check_solution(found, plan)
+        assert plan.bound >= best * (1 - EXACT)
         gaps.append((best - plan.objective) / best)
-    record_property("median gap to brute force", float(np.median(gaps)))
     record_property("worst gap to brute force", float(np.max(gaps)))
     assert len(gaps) > 5
+    assert np.median(gaps) <= EXACT
+    assert max(gaps) <= 0.03
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_levels_of_ten_steps_against_branch_and_bound(cost, record_property):
+    rng = np.random.default_rng([9, COSTS.index(cost)])
+    gaps = []
+    for i in range(45):
+        found = case(rng, one_computation(rng, SHAPES[i % 3], int(rng.integers(2, 7))), 10, cost, tight=False)
+        horizon = found.horizon()
+        try:
+            plan = horizon.solve(found.forecast)
+        except Infeasible:
+            continue
+        check_solution(found, plan)
+        best, whole = best_levels(horizon.table(found.forecast), found.forecast.soc)
+        assert whole
+        gaps.append((best - plan.objective) / best)
+    record_property("worst gap to branch and bound", float(np.max(gaps)))
+    assert len(gaps) > 30
     assert max(gaps) <= EXACT
+
+
+def test_branch_and_bound_is_brute_force():
+    """The oracle of longer horizons, against the oracle of short ones."""
+    rng = np.random.default_rng(12)
+    for i in range(24):
+        found = case(rng, one_computation(rng, SHAPES[i % 3], 4), 4, COSTS[i % 4])
+        best = best_levels(found.horizon().table(found.forecast), found.forecast.soc)[0]
+        assert best == pytest.approx(found.brute_force(), rel=1e-7)
 
 
 def test_a_power_that_falls_is_no_reason_to_give_up():
@@ -261,10 +313,7 @@ def test_a_power_that_falls_is_no_reason_to_give_up():
     )
     for cost in COSTS:
         found = case(rng, computations, 4, cost, tight=False)
-        spare = (found.forecast.limit_motion_w.max() + 3.5) / found.battery.power_per_soc_w
-        found.forecast = HorizonForecast(
-            *(getattr(found.forecast, name) for name in ("limit_motion_w", "mean_motion_w")), spare, 1.0
-        )
+        found.with_charge((found.forecast.limit_motion_w.max() + 3.5) / found.battery.power_per_soc_w)
         plan = found.horizon().solve(found.forecast)
         check_solution(found, plan)
         assert plan.objective == pytest.approx(found.brute_force(), rel=EXACT)
@@ -276,184 +325,71 @@ def test_many_combinations_are_thinned_and_still_admissible():
     weights = np.array([0.1, 0.07, 0.15])
     computations = ComputationLevels(np.zeros(3), np.full(3, 30.0), [levels] * 3, lambda c: 1.0 + float(weights @ c))
     found = case(rng, computations, 4, "control", [([1.0, 1.0, 1.0], 20.0)], tight=False)
-    soc = (found.forecast.limit_motion_w.max() + 6.0) / found.battery.power_per_soc_w
-    found.forecast = HorizonForecast(found.forecast.limit_motion_w, found.forecast.mean_motion_w, soc, 1.0)
+    found.with_charge((found.forecast.limit_motion_w.max() + 6.0) / found.battery.power_per_soc_w)
     plan = found.horizon().solve(found.forecast)
     check_solution(found, plan)
     assert plan.gap < 0.1
 
 
-# --- reals
+# --- the bound
 
 
-def slsqp(found, horizon, starts):
-    """The best objective of SLSQP from several starts, −inf where it finds nothing admissible."""
-    low, high = found.computations.low[0], found.computations.high[0]
-    scale = max(horizon.objective(np.full((found.steps, 1), high), found.forecast), 1e-9)
-
-    def value(c):
-        return -horizon.objective(np.clip(c, low, high)[:, None], found.forecast) / scale
-
-    def spare(c):
-        try:
-            return -horizon.excess_w(np.clip(c, low, high)[:, None], found.forecast)
-        except Infeasible:
-            return np.full(found.steps, -100.0)
-
-    best = -np.inf
-    for start in starts:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it says that it clips to the bounds
-            answer = minimize(
-                value,
-                start,
-                bounds=[(low, high)] * found.steps,
-                constraints={"type": "ineq", "fun": spare},
-                method="SLSQP",
-                options={"ftol": 1e-12, "maxiter": 200},
-            )
-        c = np.clip(answer.x, low, high)[:, None]
-        if found.excess_w(c) <= WITHIN_W:
-            best = max(best, found.objective(c))
-    return best
+def relaxed(found):
+    """The greatest value of mixtures of all levels at each step, by a linear program in the independent model."""
+    choices = [np.array(c) for c in itertools.product(*found.computations.levels)]
+    powers = np.array([found.power(c) for c in choices])
+    steps, count = found.steps, len(choices)
+    value = np.array([[found.stage_cost(m, c) for c in choices] for m in range(steps)])
+    drop = np.array([[found.drop(m, power_w) for power_w in powers] for m in range(steps)])
+    rows, bounds = [], []
+    for m in range(steps):
+        row = np.zeros((steps, count))
+        row[: m + 1] = found.allowed_w(drop[: m + 1])
+        row[m] += powers
+        rows.append(row.ravel())
+        bounds.append(found.allowed_w(found.forecast.soc) - found.forecast.limit_motion_w[m] + 1e-6)
+    one = np.kron(np.eye(steps), np.ones(count))
+    result = linprog(-value.ravel(), A_ub=rows, b_ub=bounds, A_eq=one, b_eq=np.ones(steps))
+    return -result.fun
 
 
+@pytest.mark.parametrize("cost", COSTS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_reals_equal_those_of_another_solver(shape):
-    rng = np.random.default_rng([3, SHAPES.index(shape)])
-    below = []
-    for i in range(24):
-        computations = one_computation(rng, shape, int(rng.integers(2, 6)))
-        found = case(rng, computations, 3, COSTS[i % 4])
-        horizon = found.horizon()
-        try:
-            plan = horizon.solve(found.forecast)
-        except Infeasible:
-            continue
-        check_solution(found, plan)
-        low, high = computations.low[0], computations.high[0]
-        starts = [plan.relaxed[:, 0], *(rng.uniform(low, high, found.steps) for _ in range(4))]
-        best = slsqp(found, horizon, starts)
-        below.append((best - plan.relaxed_objective) / plan.relaxed_objective)
-        if module._is_optimal(horizon._fill_greedy(found.forecast)):
-            assert below[-1] <= SAME_OBJECTIVE
-    assert len(below) > 15
-    assert np.mean(np.array(below) <= SAME_OBJECTIVE) >= 0.9
-    assert max(below) <= 0.02
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_no_point_of_a_fine_grid_is_better(shape):
-    """Two steps, every pair of 401 values each."""
-    rng = np.random.default_rng([4, SHAPES.index(shape)])
-    for i in range(12):
-        found = case(rng, one_computation(rng, shape, 4), 2, COSTS[i % 4])
+def test_the_bound_is_that_of_a_linear_program(shape, cost):
+    """OSQP's multipliers give what another solver finds for the relaxation over all levels."""
+    rng = np.random.default_rng([3, SHAPES.index(shape), COSTS.index(cost)])
+    compared = 0
+    for _ in range(12):
+        found = case(rng, one_computation(rng, shape, int(rng.integers(2, 6))), 6, cost, tight=False)
         try:
             plan = found.horizon().solve(found.forecast)
         except Infeasible:
             continue
-        values = np.linspace(found.computations.low[0], found.computations.high[0], 401)
-        powers = np.array([found.power([c]) for c in values])
-        first, second = (np.array([found.drop(m, power_w) for power_w in powers]) for m in range(2))
-        worth = [np.array([found.stage_cost(m, np.array([c])) for c in values]) for m in range(2)]
-        limit = found.forecast.limit_motion_w
-        held = limit[0] + powers <= found.allowed_w(found.forecast.soc - first)
-        left = found.forecast.soc - first[:, None] - second
-        total = worth[0][:, None] + worth[1]
-        total[~held[:, None] | (limit[1] + powers > found.allowed_w(left))] = -np.inf
-        assert total.max() <= plan.relaxed_objective * (1 + SAME_OBJECTIVE)
-
-
-def linear_gain(found, plan):
-    """What a linear program round the reals could still gain: 0 where they meet the first-order conditions.
-
-    Slopes of the model by central differences, in the independent model.
-    """
-    steps, o = found.steps, found.forecast
-    c, width = plan.relaxed[:, 0], found.computations.high[0] - found.computations.low[0]
-    move = 1e-5 * width
-
-    def slope(function):
-        at = np.clip([c - move, c + move], found.computations.low[0], found.computations.high[0])
-        return np.array([(function(m, at[1, m]) - function(m, at[0, m])) / (at[1, m] - at[0, m]) for m in range(steps)])
-
-    gain = slope(lambda m, value: found.stage_cost(m, np.array([value])))
-    power_slope = slope(lambda m, value: found.power([value]))
-    drop_slope = slope(lambda m, value: found.drop(m, found.power([value])))
-    rows = np.diag(power_slope) + found.allowed_w(1.0) * np.tril(np.tile(drop_slope, (steps, 1)))
-    used = np.cumsum([found.drop(m, found.power([value])) for m, value in enumerate(c)])
-    left = found.allowed_w(o.soc - used) - o.limit_motion_w - [found.power([value]) for value in c]
-    bounds = list(zip(found.computations.low[0] - c, found.computations.high[0] - c, strict=True))
-    return -linprog(-gain, A_ub=rows, b_ub=np.maximum(left, 0.0), bounds=bounds).fun
+        best = relaxed(found)
+        assert best * (1 - 1e-6) <= plan.bound <= best * (1 + 5e-4)
+        compared += 1
+    assert compared > 6
 
 
 @pytest.mark.parametrize("cost", COSTS)
-def test_reals_meet_the_first_order_conditions(cost):
-    """For a linear g, where there are no bends to be on."""
-    rng = np.random.default_rng([5, COSTS.index(cost)])
-    for _ in range(25):
-        found = case(rng, one_computation(rng, "linear", 3), 6, cost)
-        try:
-            plan = found.horizon().solve(found.forecast)
-        except Infeasible:
-            continue
-        check_solution(found, plan)
-        assert linear_gain(found, plan) <= SAME_OBJECTIVE * plan.relaxed_objective
-
-
-@pytest.mark.parametrize("cost", COSTS)
-def test_the_closed_form_and_the_qps_agree(cost, monkeypatch):
-    """What the closed form proves is what the QPs reach alone, and what is answered where OSQP fails."""
-    rng = np.random.default_rng([6, COSTS.index(cost)])
-    proven = []
-    for _ in range(15):
-        found = case(rng, one_computation(rng, "linear", 3), 8, cost, tight=False)
-        try:
-            plan = found.horizon().solve(found.forecast)
-        except Infeasible:
-            continue
-        steps = found.horizon()._fill_greedy(found.forecast)
-        if module._is_optimal(steps):
-            proven.append(found)
-            best = found.objective(np.array([[step.c] for step in steps]))
-            assert plan.relaxed_objective == pytest.approx(best, rel=SAME_OBJECTIVE)
-    assert len(proven) > 8
-    for found in proven:
-        horizon = found.horizon(closed_form=False)
-        best = sum(step.value for step in horizon._fill_greedy(found.forecast))
-        towards = horizon.solve(found.forecast)  # the QPs know what there is to reach
-        with monkeypatch.context() as patch:
-            patch.setattr(module, "_is_optimal", lambda steps: False)
-            alone = horizon.solve(found.forecast)
-        assert alone.qp_solves > 0
-        with monkeypatch.context() as patch:
-            patch.setattr(QuadraticProgram, "solve", failing)
-            without = found.horizon(closed_form=False).solve(found.forecast)
-        for plan in (towards, alone, without):
-            check_solution(found, plan)
-            assert plan.relaxed_objective == pytest.approx(best, rel=SAME_OBJECTIVE)
-
-
-def failing(*_):
-    """In the place of a solve that OSQP gives up."""
-    raise SolverFailed("OSQP: maximum iterations reached")
-
-
-@pytest.mark.parametrize("closed_form", [True, False], ids=["closed form", "QPs"])
-@pytest.mark.parametrize("cost", COSTS)
-def test_solutions_of_a_flight_do_not_depend_on_the_last(cost, closed_form):
+def test_solutions_of_a_flight_do_not_depend_on_the_last(cost):
     """One horizon for instance after instance, each from the last plan, and a new one for each."""
     rng = np.random.default_rng([11, COSTS.index(cost)])
     found = easy(cost, steps=10)
-    horizon = found.horizon(closed_form)
-    for _ in range(30):
+    report = SolverReport()
+    horizon, kept = found.horizon(report), 0
+    for i in range(40):
         motion = 24.0 + 3.0 * rng.normal(size=10)
-        soc = float((motion.max() + 5.0 + 4.0 * rng.random()) / found.allowed_w(1.0) + 0.02)
-        found.forecast = HorizonForecast(motion, motion, soc, 1.0, 24.0)
-        plan, fresh = horizon.solve(found.forecast), found.horizon(closed_form).solve(found.forecast)
+        soc = float((motion.max() + 5.0 + 4.0 * rng.random()) / found.allowed_w(1.0) + 0.02) + (i > 30)
+        found.forecast = HorizonForecast(motion, motion, soc, 1.0, np.array([24.0]), None)
+        plan, fresh = horizon.solve(found.forecast), found.horizon().solve(found.forecast)
         check_solution(found, plan)
         assert np.array_equal(plan.chosen, fresh.chosen)
-        assert plan.relaxed_objective == pytest.approx(fresh.relaxed_objective, rel=SAME_OBJECTIVE)
+        assert plan.bound == pytest.approx(fresh.bound, rel=5e-4)
+        kept += plan.kept
+    # with charge for everything, the last solution is proven to be optimal still
+    assert 5 < kept < 15
+    assert report.calls == 40 - kept
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -464,30 +400,32 @@ def test_a_long_horizon_short_of_charge(shape):
     motion = 26.0 + 4.0 * np.sin(2 * np.pi * np.arange(46) / 46)
     least = found.power(found.computations.low)
     for spare_w in (0.01, 0.5, 2.0):
-        found.forecast = HorizonForecast(motion, motion, 1.0, 1.0, 26.0)
+        found.forecast = HorizonForecast(motion, motion, 1.0, 1.0, np.array([26.0]), None)
         drops = np.cumsum([found.drop(m, least) for m in range(46)])
-        soc = float(np.max((motion + least + spare_w) / found.allowed_w(1.0) + drops))
-        found.forecast = HorizonForecast(motion, motion, soc, 1.0, 26.0)
+        found.with_charge(float(np.max((motion + least + spare_w) / found.allowed_w(1.0) + drops)))
         check_solution(found, found.horizon().solve(found.forecast))
 
 
-def test_like_steps_do_not_share_what_is_better_not_shared():
-    """Three equal steps with charge for little more than the lowest, as the fourth needs the rest.
-
-    The worth is convex: one of them should take it all, and sharing it is a stationary point that is not a maximum.
-    """
-    found = easy(steps=4)
-    found.battery = Battery(14.8, 0.0012, 3.2, 0.02, 1.0, 1.0)
-    motion = np.array([20.0, 20.0, 20.0, 26.0])
-    found.forecast = HorizonForecast(motion, motion, 1.0, 1.0, 20.0)
-    least = found.power(found.computations.low)
-    used = sum(found.drop(m, least) for m in range(4))
-    found.forecast = HorizonForecast(
-        motion, motion, (motion[3] + least + 0.05) / found.allowed_w(1.0) + used, 1.0, 20.0
-    )
-    plan = found.horizon().solve(found.forecast)
-    check_solution(found, plan)
-    assert np.sum(plan.relaxed[:3, 0] > found.computations.low[0] + 1e-3) == 1
+def test_full_weight_matrices():
+    """Q and R with entries off the diagonal, against the forms written out."""
+    rng = np.random.default_rng(21)
+    half = rng.normal(size=(5, 5))
+    q, r = half @ half.T, np.array([[2.0, -0.5], [-0.5, 1.0]])
+    offsets = np.array([0.3, -0.2])
+    found = case(rng, two_computations(rng), 4, "quadratic", tight=False).with_charge(1e3)
+    horizon = Horizon(found.computations, found.battery, 4, HorizonCost("quadratic", q, r, offsets))
+    table = horizon.table(found.forecast)
+    base = found.power(found.computations.low)
+    for j, c in enumerate(horizon.choices):
+        u = []
+        for k in range(2):
+            raised = found.computations.low.copy()
+            raised[k] = found.computations.high[k]
+            share = (c[k] - found.computations.low[k]) / (found.computations.high[k] - found.computations.low[k])
+            u.append(base / 2 + (found.power(raised) - base) * share)
+        control = 0.5 * np.array(u) @ r @ u + np.array(u) @ offsets
+        for m in range(4):
+            assert table.value[m, j] == pytest.approx(found.state_cost(m, found.power(c), q) + control, rel=1e-9)
 
 
 # --- what fails
@@ -500,7 +438,7 @@ def easy(cost="control", steps=5, soc=0.7):
     )
     motion = 24.0 + 3.0 * np.sin(np.arange(steps))
     battery = Battery(14.8, 0.0012, 3.2, 0.00183, 1.0, 1.0)
-    forecast = HorizonForecast(motion, motion, soc, 1.0, 24.0)
+    forecast = HorizonForecast(motion, motion, soc, 1.0, np.array([24.0, 1.0, -2.0]), PERIOD_S)
     return Case(battery, computations, forecast, cost, [], computations.power)
 
 
@@ -534,22 +472,25 @@ def test_a_forecast_that_is_not_a_number_is_a_failure(part):
     found = easy()
     horizon = found.horizon()
     before = horizon.solve(found.forecast)
-    spoilt = {name: getattr(found.forecast, name) for name in ("limit_motion_w", "mean_motion_w", "soc", "step_s")}
+    spoilt = {
+        name: getattr(found.forecast, name)
+        for name in ("limit_motion_w", "mean_motion_w", "soc", "step_s", "state_w", "period_s")
+    }
     spoilt[part] = np.nan if part == "soc" else np.r_[spoilt[part][:-1], np.nan]
     with pytest.raises(SolverFailed):
         horizon.solve(HorizonForecast(**spoilt))
-    assert horizon.solve(found.forecast).relaxed == pytest.approx(before.relaxed)
+    assert np.array_equal(horizon.solve(found.forecast).chosen, before.chosen)
 
 
-def test_a_solver_that_always_fails_is_told(monkeypatch):
-    found = easy()
-    found.trade_offs = [([1.0], 3.0)]  # with trade-offs there is no closed form
-    horizon = found.horizon()
-
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_solver_that_is_broken_is_a_failure(broken, monkeypatch):
+    found, report = easy(), SolverReport()
+    horizon = found.horizon(report)
     with monkeypatch.context() as patch:
-        patch.setattr(QuadraticProgram, "solve", failing)
-        with pytest.raises(SolverFailed, match="iterations"):
+        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        with pytest.raises(SolverFailed):
             horizon.solve(found.forecast)
+    assert (report.calls, report.failed, report.retried) == (2, 2, 1)
     check_solution(found, horizon.solve(found.forecast))
 
 
@@ -560,7 +501,7 @@ def test_nothing_to_gain_is_no_trouble(cost):
     single = ComputationLevels(np.array([2.0]), np.array([2.0]), [(2.0,)], lambda c: 5.0)
     for computations in (flat, single):
         found = easy(cost, soc=0.9)
-        plan = Horizon(computations, found.battery, found.steps, cost).solve(found.forecast)
+        plan = Horizon(computations, found.battery, found.steps, HorizonCost(cost)).solve(found.forecast)
         assert plan.gap == pytest.approx(0.0, abs=EXACT)
 
 
@@ -574,7 +515,7 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         computations = one_computation(rng, SHAPES[i % 3], 5) if i % 2 else two_computations(rng, 4)
         found = case(rng, computations, 4, "control", tight=False)
         horizon = found.horizon()
-        deltas = rng.uniform(0.5, 3.0, computations.count)
+        deltas = rng.uniform(0.5, 3.0, len(computations.low))
         now = rng.uniform(computations.low, computations.high)
         # every set of values on the way down, taken down to levels
         way, c = [], now.copy()
@@ -591,7 +532,7 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
                 horizon.lowered(now, deltas, found.forecast)
             continue
         plan = horizon.lowered(now, deltas, found.forecast)
-        assert plan.shape == (4, computations.count)
+        assert plan.shape == (4, len(computations.low))
         assert plan == pytest.approx(np.tile(admissible[0], (4, 1)))
         lowered += admissible[0] != way[0]
     assert lowered > 10
