@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import osqp
 import pytest
+from broken_osqp import BROKEN
 from common import ROOT
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
@@ -84,8 +86,11 @@ def test_static_never_changes_and_forecasts():
 def test_it_replans_every_so_often_from_when_it_may_start():
     pilot = planner(replace(OWN, start_after_s=5.0), replace(SETTINGS, every_s=2.0))
     run(pilot, 20.05)
-    assert pilot.report.replans == 1 + len([6, 8, 10, 12, 14, 16, 18, 20])
-    assert pilot.report.solves == pilot.report.replans
+    report = pilot.report
+    assert len(report.solve_ms) == 1 + len([6, 8, 10, 12, 14, 16, 18, 20])
+    assert report.replans + report.skipped == len(report.solve_ms)
+    assert report.skipped > 0, "with charge for everything, the last solution stays optimal"
+    assert report.calls == report.solved == report.replans
 
 
 def test_it_waits_for_its_periods():
@@ -93,7 +98,7 @@ def test_it_waits_for_its_periods():
     for lap in range(3):
         for stage in range(1, 5):
             pilot.update(observation(10.0 * (4 * lap + stage), started=4 * lap + stage))
-        assert (pilot.report.replans > 0) == (lap == 2)
+        assert bool(pilot.report.solve_ms) == (lap == 2)
 
 
 def test_a_jump_of_the_charge_is_answered_at_once():
@@ -102,7 +107,7 @@ def test_a_jump_of_the_charge_is_answered_at_once():
     changes = run(pilot, 40, soc=soc)
     assert changes[-1][0] == pytest.approx(30.1)
     assert changes[-1][1][0] == -500.0
-    assert pilot.report.replans == 2
+    assert len(pilot.report.solve_ms) == 2
 
 
 def test_time_to_an_empty_battery_is_the_integral_of_the_model():
@@ -125,8 +130,8 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
 
     empty.terminal = True
     solved = solve_ivp(rate, (0, 5000), [0.8], events=empty, rtol=1e-10, atol=1e-12)
-    assert pilot._time_to_reserve_s(o) == pytest.approx(solved.t_events[0][0], rel=2e-3)
-    assert pilot._time_to_reserve_s(o._replace(soc=0.1)) == 0.0
+    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(solved.t_events[0][0], rel=2e-3)
+    assert pilot._time_to_reserve_s(o._replace(soc=0.1), o.parameters) == 0.0
 
 
 def test_time_to_an_empty_battery_follows_a_periodic_power():
@@ -142,7 +147,7 @@ def test_time_to_an_empty_battery_follows_a_periodic_power():
         y = power(t + 0.005) + pilot._computing_plan_w[-1]
         soc -= BATTERY.k_b_per_s * BATTERY.current_a(float(y)) / BATTERY.capacity_ah * 0.01
         t += 0.01
-    assert pilot._time_to_reserve_s(o) == pytest.approx(t - 199.9, rel=0.005)
+    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(t - 199.9, rel=0.005)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +183,7 @@ def test_the_largest_path_that_fits_just_fits():
         decision = pilot.update(observation(0.1 * k, soc=0.8))
     o = observation(10.0, soc=0.8)
     decision = pilot.update(o)
-    t_b = pilot._time_to_reserve_s(o)
+    t_b = pilot._time_to_reserve_s(o, decision.parameters)
     assert -1000 < decision.parameters[0] < 0
     assert pilot._remaining_s(decision.parameters, 10.0) == pytest.approx(t_b, abs=0.01)
 
@@ -213,19 +218,21 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
         decision = pilot.update(observation(0.1 * k, soc=0.3))
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("infeasible")
-    assert pilot.report.infeasible == pilot.report.solves > 0
-    assert pilot.report.failures == 0
+    report = pilot.report
+    assert report.infeasible == len(report.solve_ms) > 0
+    assert report.calls == report.failed == report.fallbacks == 0
+    assert decision.record.status == "infeasible"
 
 
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
-    def failing(self, forecast):
-        raise SolverFailed("OSQP: maximum iterations reached")
-
-    monkeypatch.setattr(Horizon, "solve", failing)
+    monkeypatch.setattr(osqp.OSQP, "solve", BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, soc=0.70))
-    assert pilot.report.failures == pilot.report.solves > 0
+    report = pilot.report
+    assert report.fallbacks == report.replans == len(report.solve_ms) > 0
+    assert (report.failed, report.solved, report.retried) == (report.calls, 0, report.calls / 2)
+    assert (decision.record.status, decision.record.gap) == ("fallback", None)
     assert decision.reason.startswith("fallback, lowered by δ: OSQP")
     assert decision.parameters[1] == 4.0, "10, then 7, then 4, which fits 6.9 W"
 
@@ -245,12 +252,13 @@ def test_inhibited_computations_are_not_solved_for():
     pilot = planner(replace(OWN, longest_s=None, shortest_s=None), plan=plan, parameters=(10.0,))
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0, plan=plan))
-    assert pilot.report.solves == 0
-    assert pilot.report.replans > 0
+    assert pilot.report.calls == 0
+    assert pilot.report.solve_ms
+    assert decision.record.status == "nothing to choose"
     assert decision.parameters == (10.0,), "what was decided waits for the stage that runs it"
     for k in range(30, 60):
         decision = pilot.update(observation(0.1 * k, parameters=(10.0,), started=2, plan=plan))
-    assert pilot.report.solves > 0
+    assert pilot.report.calls > 0
 
 
 def test_levels_of_the_settings_are_kept_to():
@@ -274,7 +282,54 @@ def test_trade_offs_between_computations_and_the_path_are_kept():
 def test_every_cost_and_horizon_takes_what_is_free(cost, horizon_s):
     pilot = planner(replace(OWN, cost=cost, horizon_s=horizon_s))
     assert run(pilot, 3)[-1][1][1] == 10.0
-    assert pilot.report.failures == 0
+    assert pilot.report.failed == 0
+
+
+def test_trade_offs_are_kept_with_the_path_in_force_and_the_one_decided():
+    """Lowering c1 takes c2 down at once: the row holds at the old path and at the new one."""
+    row = TradeOff({"c1": 1 / 200, "c2": -1.0}, -10.0)
+    pilot = planner(replace(OWN, trade_offs=(row,)))
+    decisions = []
+    for k in range(1, 40):
+        now = decisions[-1].parameters if decisions else (0.0, 10.0)
+        decisions.append(pilot.update(observation(0.1 * k, soc=0.5, parameters=(0.0, now[1]))))
+    assert decisions[-1].parameters[0] == -1000.0
+    for decision in decisions[2:]:
+        for c1 in (0.0, decision.parameters[0]):
+            assert c1 / 200 - decision.parameters[1] >= -10.0 - 1e-9
+
+
+def test_a_path_that_no_computations_allow_is_not_taken():
+    """c1 ≥ −300 whatever the computations: the rule's step of 500 is cut short."""
+    row = TradeOff({"c1": 1.0}, -300.0)
+    pilot = planner(replace(OWN, trade_offs=(row,)))
+    changes = run(pilot, 6, soc=lambda t: 0.4)
+    assert min(values[0] for _, values in changes) == pytest.approx(-300.0, abs=60.0)
+    assert all(values[0] >= -300.0 for _, values in changes)
+
+
+def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
+    own = replace(OWN, path_rule="subroutine", delta={"c1": 100})
+    pilot = planner(own, parameters=(-1000.0, 10.0))
+    for k in range(1, 100):
+        decision = pilot.update(observation(0.1 * k, soc=0.8, parameters=(-1000.0, 10.0)))
+    o, chosen = observation(10.0, soc=0.8), decision.parameters
+    ladder = [-100.0 * k for k in range(11)]
+    enough = [c1 for c1 in ladder if pilot._remaining_s((c1, 10.0), 10.0) <= pilot._time_to_reserve_s(o, (c1, 10.0))]
+    assert 0 > chosen[0] == max(enough) > -1000
+
+
+def test_gains_step_the_level_when_the_path_changes():
+    """002's Ω: 0.002 W per m² of c1, so −500 takes 1 W off the motion's level, once."""
+    pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
+    for k in range(1, 200):
+        pilot.update(observation(0.1 * k))
+    before = pilot._estimator.state_w[0]
+    for k in (200, 201):
+        pilot.update(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
+        assert pilot._estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
+    longer = pilot._time_to_reserve_s(observation(20.2), (-1000.0, 10.0))
+    assert longer > pilot._time_to_reserve_s(observation(20.2), (-500.0, 10.0))
 
 
 def test_a_sensor_without_readings_is_lived_with():

@@ -82,7 +82,7 @@ def test_dynamic_flights_are_the_published_ones(scenario, duration_s, changes, m
     assert [time for time, _ in ours] == pytest.approx([time for time, _ in changes], abs=SAME_CHANGE_S)
     assert shares == pytest.approx(means, abs=SAME_MEAN)
     assert summary["paper_metric"] == pytest.approx(metric, abs=SAME_MEAN)
-    assert summary["solver"]["failures"] == 0
+    assert summary["solver"]["failed"] == 0
 
 
 def test_the_metric_of_flight_i_is_the_raw_one_and_not_the_printed_one():

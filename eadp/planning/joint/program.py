@@ -23,7 +23,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -128,6 +128,11 @@ class _Allocated(NamedTuple):
     x: FloatArray
     multiplier: float
     iterations: int
+
+    def open_gain(self, increments: Increments, spare: float) -> float:
+        """What any other shares gain at most: the Lagrangian bound λ spare + Σ max(0, gain − λ use), less the gain."""
+        net = np.maximum(increments.gain - self.multiplier * increments.use, 0.0)
+        return self.multiplier * spare + float(net.sum()) - float(increments.gain @ self.x)
 
 
 class MissionProgram:
@@ -255,12 +260,9 @@ class MissionProgram:
         if found is None:
             x = np.full(len(increments.use), 0.5) if centre is None else centre.x
             for _ in range(1 + RECENTRED):
-                x, multiplier, iterations = self._solved(
-                    increments.gain, increments.use, spare, np.zeros(len(x)), np.ones(len(x)), x
-                )
+                x, multiplier, iterations = self._solved(increments.gain, increments.use, spare, x, (), ())
                 found = _Allocated(_within(increments, np.clip(x, 0.0, 1.0), available), multiplier, iterations)
-                bound = multiplier * spare + float(np.maximum(increments.gain - multiplier * increments.use, 0.0).sum())
-                if bound - float(increments.gain @ found.x) <= OUTDONE:
+                if found.open_gain(increments, spare) <= OUTDONE:
                     break
         assert found is not None
         self._last = found
@@ -281,9 +283,9 @@ class MissionProgram:
                 np.concatenate((slopes[:, 0], candidate.increments.gain)),
                 np.concatenate((slopes[:, 1], candidate.increments.use)),
                 candidate.available - candidate.increments.base_use,
-                np.concatenate((-np.minimum(reach, shares), np.zeros(len(x)))),
-                np.concatenate((np.minimum(reach, 1.0 - shares), np.ones(len(x)))),
                 np.concatenate((np.zeros(d), x)),
+                np.minimum(reach, shares).tolist(),
+                np.minimum(reach, 1.0 - shares).tolist(),
             )
             there = tuple(np.clip(shares + moved[:d], 0.0, 1.0).tolist())
             trial = self._evaluated(candidate_at, there, np.clip(moved[d:], 0.0, 1.0), best, iterations)
@@ -298,30 +300,42 @@ class MissionProgram:
         return best
 
     def _solved(
-        self, gain: FloatArray, use: FloatArray, spare: float, lower: FloatArray, upper: FloatArray, now: FloatArray
+        self,
+        gain: FloatArray,
+        use: FloatArray,
+        spare: float,
+        now: FloatArray,
+        below: Sequence[float],
+        above: Sequence[float],
     ) -> tuple[FloatArray, float, int]:
-        """max gain·z − ½ε|y − y_now|² subject to use·z ≤ spare within bounds, where y is z scaled by columns.
+        """max gain·z − ½ε|y − y_now|² subject to use·z ≤ spare, where y is z scaled by columns.
 
-        Returns z, the multiplier of the charge, and the iterations. Each column is scaled by its use, so that the row
-        has entries of 1 and the QP of a leg's time is the same whatever the leg; the gain is scaled to 1.
+        The first variables are moves of path parameters within −below and above, the others shares of increments.
+        Returns z, the multiplier of the charge, and the iterations. An increment's column is scaled by its use: the row
+        has entries of 1 then, whatever the leg. A path parameter's is scaled by the larger of its use and its gain.
         """
-        size = float(np.abs(use).mean()) or 1.0
-        column = np.maximum(np.abs(use) / size, MIN_COLUMN)
+        paths, rest = len(below), len(gain) - len(below)
+        lower = np.concatenate((np.negative(below), np.zeros(rest)))
+        upper = np.concatenate((above, np.ones(rest)))
+        use_size, gain_size = (float(np.abs(array[paths if rest else 0 :]).mean()) or 1.0 for array in (use, gain))
+        column = np.abs(use) / use_size
+        column[:paths] = np.maximum(column[:paths], np.abs(gain[:paths]) / gain_size)
+        column = np.maximum(column, MIN_COLUMN)
         scaled = gain / column
         largest = float(np.abs(scaled).max()) or 1.0
         count = len(gain)
         if count not in self._programs:
             filled = np.vstack([np.ones((1, count), dtype=bool), np.eye(count, dtype=bool)])
             self._programs[count] = QuadraticProgram(filled, PROXIMAL, self.report, TOLERANCE)
-        matrix = np.vstack([use / (size * column), np.eye(count)])
+        matrix = np.vstack([use / (use_size * column), np.eye(count)])
         solution = self._programs[count].solve(
             -scaled / largest,
             matrix,
             np.concatenate(([-UNBOUNDED], lower * column)),
-            np.concatenate(([max(spare, 0.0) / size], upper * column)),
+            np.concatenate(([max(spare, 0.0) / use_size], upper * column)),
             np.clip(now, lower, upper) * column,
         )
-        return solution.x / column, max(float(solution.multipliers[0]), 0.0) * largest / size, solution.iterations
+        return solution.x / column, max(float(solution.multipliers[0]), 0.0) * largest / use_size, solution.iterations
 
     def _slope(self, candidate_at: CandidateAt, at: Solution, axis: int) -> tuple[float, float]:
         """One-sided derivatives of value, and of use minus available charge, by a path parameter at fixed shares."""

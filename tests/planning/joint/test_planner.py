@@ -160,8 +160,13 @@ def test_records_say_what_came(dropped):
 
 def test_reports_count_what_was_solved(dropped):
     report = dropped.pilot.report
-    assert report.replans == len(dropped.records) == report.solves
-    assert len(report.solve_ms) == report.replans
+    assert len(report.solve_ms) == len(dropped.records)
+    assert report.replans == sum(record.calls > 0 for record in dropped.records) > 0
+    assert report.calls == report.solved + report.failed == sum(record.calls for record in dropped.records)
+    assert sum(report.by_status.values()) == report.calls
+    assert report.skipped == sum(record.status == "kept" for record in dropped.records) > 0
+    assert report.outdone == report.fallbacks == 0
+    assert max(report.gaps) <= 1e-6
 
 
 # --- settings ---------------------------------------------------------------------------------------------------------
@@ -322,7 +327,8 @@ def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
     pilot._forecaster = SimpleNamespace(candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True)
-    solution, searched = pilot._solve(NEW_STAGE)
+    solution, searched, moved = pilot._solve(NEW_STAGE)
     assert searched
+    assert not moved
     assert solution.candidate.shares == (0.0,)
     assert solution.allocation.feasible
