@@ -1,0 +1,61 @@
+"""Flights with an OSQP that fails, returns its start or nonsense: visible in the summary, as safe as the fallback."""
+
+from __future__ import annotations
+
+import osqp
+import pytest
+from broken_osqp import BROKEN
+from common import ROOT
+
+import eadp
+
+OVERRIDES = {
+    "paper": {"vehicle.airframe.model": "paper", "battery.letter_crate_per_h": 1.0, "battery.soc": 0.86},
+    "joint": {"battery.capacity_ah": 0.62},
+}
+
+
+def flown(planner):
+    return eadp.simulate(
+        ROOT / "plans/survey.plan",
+        scenario=ROOT / "scenarios/survey.yaml",
+        planner=planner,
+        overrides={**OVERRIDES[planner], "time_limit_s": 150, "planner.paper.min_periods": 0},
+    )
+
+
+@pytest.fixture(scope="module", params=["paper", "joint"])
+def sound(request):
+    return request.param, flown(request.param)
+
+
+def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
+    _, flight = sound
+    solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
+    assert (
+        solver["calls"] == solver["solved"] + solver["failed"] == sum(record.calls for record in flight.decisions) > 0
+    )
+    assert solver["failed"] == solver["retried"] == solver["fallbacks"] == solver["closed_form_better"] == 0
+    assert solver["by_status"] == {"solved": solver["calls"]}
+    assert solver["skipped"] == statuses.count("kept")
+    assert flight.summary["replans"] == sum(record.calls > 0 for record in flight.decisions)
+    solved = [record for record in flight.decisions if record.status == "solved"]
+    assert solved
+    assert all(record.iterations > 0 and record.gap is not None for record in solved)
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken, monkeypatch):
+    planner, good = sound
+    with monkeypatch.context() as patch:
+        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        flight = flown(planner)
+    solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
+    assert solver["calls"] == solver["failed"] == 2 * solver["retried"] > 0
+    assert solver["solved"] == solver["skipped"] == 0
+    assert solver["fallbacks"] == statuses.count("fallback") == flight.summary["replans"]
+    assert solver["gap_max"] is None
+    assert "solved" not in solver["by_status"]
+    assert flight.summary["soc_final"] > 0
+    if planner == "paper":  # δ lowers the whole horizon alike
+        assert [record.parameters for record in flight.decisions] != [record.parameters for record in good.decisions]
