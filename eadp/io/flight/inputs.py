@@ -18,10 +18,10 @@ from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.computing import Computing, join_profile
+from eadp.models.computing import ComputationRate, Computing, join_profile
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
 from eadp.planning.base import Mission, Planner
@@ -176,7 +176,9 @@ def load_flight(
         time_limit_s=keys.time_limit_s,
         seed=keys.seed,
         sensors=keys.sensors,
+        rates={name: rate for name, rate in keys.computations.items() if rate != ComputationRate()},
     )
+    _check_rates(world, scenario)
     _check_names(plan, scenario)
     mission = Mission(
         plan,
@@ -239,6 +241,25 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     if faults:
         raise InputError(*faults)
     return tuple(values)
+
+
+def _check_rates(world: World, scenario: Scenario) -> None:
+    """The actual rates are of computations of the plan, and within what was measured."""
+    computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
+    expected = f"one of {', '.join(computations) or 'none'}"
+    given = scenario.keys.computations
+    wrong = [name for name in given if name not in computations]
+    if wrong:
+        faults = (f"the plan has no computation {name}" for name in wrong)
+        keys = (f"computations.{name}" for name in wrong)
+        raise InputError(*(scenario.fault(*each, expected) for each in zip(keys, faults, strict=True)))
+    for stage in world.plan.stages if world.rates else ():
+        for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
+            try:
+                world.computing_w(corner, stage)
+            except Infeasible as error:
+                what = f"stage {stage.index}: the actual rates leave what was measured: {error}"
+                raise InputError(scenario.fault("computations", what, "rates that the profile has measured")) from None
 
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:
