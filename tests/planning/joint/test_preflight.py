@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 from common import ROOT
+from common.plans import STADIUM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -133,16 +134,6 @@ def test_a_plan_without_parameters_has_a_forecast(tmp_path):
     assert expected.forecast.energy_wh == pytest.approx(power_w * 100 / 15 / 3600, rel=1e-6)
 
 
-STADIUM = """\
-0.1; 270; x + 75
--75, 0, {}
-0.002; 90; x^2 + y^2 - 75^2
-75, 0, {}
-0.1; 90; x - 75
-75, 200, {}
-0.002; 90; x^2 + (y - 200)^2 - 75^2
--75, 200, {}
-"""
 AIRSPEED_MPS, STEP_S = 15.0, 0.02
 
 
