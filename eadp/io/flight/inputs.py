@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from eadp import __version__
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
+from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import parse_profile
@@ -31,6 +31,9 @@ from eadp.simulation.loop import World
 from eadp.simulation.sweep.design import Run
 
 CORNERS_LIMIT = 6
+COMMANDED = ComputationRate()
+"""A computation that runs as commanded."""
+
 Content = TypeVar("Content")
 
 
@@ -157,7 +160,7 @@ def load_flight(
         raise InputError(
             scenario.fault("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
         ) from None
-    altitude = keys.start.altitude_m
+    altitude, rates = keys.start.altitude_m, keys.computations
     world = World(
         plan=plan,
         computing=computing,
@@ -176,7 +179,7 @@ def load_flight(
         time_limit_s=keys.time_limit_s,
         seed=keys.seed,
         sensors=keys.sensors,
-        rates={name: rate for name, rate in keys.computations.items() if rate != ComputationRate()},
+        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
     )
     _check_rates(world, scenario)
     _check_names(plan, scenario)
@@ -247,12 +250,12 @@ def _check_rates(world: World, scenario: Scenario) -> None:
     """The actual rates are of computations of the plan, and within what was measured."""
     computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
     expected = f"one of {', '.join(computations) or 'none'}"
-    given = scenario.keys.computations
-    wrong = [name for name in given if name not in computations]
-    if wrong:
-        faults = (f"the plan has no computation {name}" for name in wrong)
-        keys = (f"computations.{name}" for name in wrong)
-        raise InputError(*(scenario.fault(*each, expected) for each in zip(keys, faults, strict=True)))
+    faults = [
+        scenario.fault(f"computations.{name}", f"the plan has no computation {name}", expected)
+        for name in scenario.keys.computations
+        if name not in computations
+    ]
+    refuse(faults)
     for stage in world.plan.stages if world.rates else ():
         for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
             try:
