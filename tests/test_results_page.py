@@ -38,7 +38,8 @@ def keys(value, names, prefix=""):
 def folder(tmp_path_factory):
     """The result folder of a flight that ends early."""
     target = tmp_path_factory.mktemp("results") / "flight"
-    eadp.simulate(PLAN, scenario=SCENARIO, overrides={"time_limit_s": 60}).write(target)
+    overrides = {"time_limit_s": 60, "computations.c2.max_rate": 8}
+    eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(target)
     return target
 
 

@@ -188,7 +188,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "rotation_deg": stage.rotation_deg,
         "path": path.text,
         "kind": stage.kind,
-        "trigger": _point(trigger),
+        "trigger": _point(trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)
@@ -253,7 +253,8 @@ def _table(plan: Plan) -> str:
         lines.append(
             f"stage {stage.index:<4} {stage.kind}{turn}, gain {number_text(stage.gain)}: {stage.path.text} = 0"
         )
-        lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text})")
+        own = "" if stage.radius_m is None else f", within {number_text(stage.radius_m)} m"
+        lines.append(f"           until ({stage.trigger[0].text}, {stage.trigger[1].text}){own}")
         if stage.sets:
             sets = [
                 f"{item.name} in [{number_text(box.lo)}, {number_text(box.hi)}]"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 Interpolation = StrEnum("Interpolation", ["linear", "pchip"])
+Device = StrEnum("Device", ["total", "cpu", "gpu"])
 
 
 def command(
@@ -57,6 +58,9 @@ def command(
     ] = "",
     interpolation: Annotated[
         Interpolation | None, Option(help="Between configurations; the default is linear, or the model's.")
+    ] = None,
+    device: Annotated[
+        Device | None, Option(help="Which of powprofiler's columns is the power; the default is total.")
     ] = None,
     clamp: Annotated[bool, Option("--clamp", help="Outside the measured range, take the nearest inside.")] = False,
     measure: Annotated[
@@ -99,6 +103,7 @@ def command(
             "--names": names,
             "--from-name": from_name,
             "--interpolation": interpolation,
+            "--device": device,
             "--clamp": clamp,
             "--format": format is Format.json,
         }
@@ -109,7 +114,8 @@ def command(
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
     configurations = [parse_configuration(raw) for raw in config or ()]
     kind = cast("Kind | None", interpolation and interpolation.value)
-    profile, warnings = read_profiles(Sources(files, add or (), names_in(names), configurations, from_name, kind))
+    sources = Sources(files, add or (), names_in(names), configurations, from_name, kind, device or "")
+    profile, warnings = read_profiles(sources)
     values, clamped = powers_at(profile, at or [], clamp)
     if plot:
         from eadp.io.figures.profile import write_profile_figure
@@ -176,15 +182,21 @@ def _part_summary(part: Profile) -> str:
             f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
             _finite_text(part.standard_error_w[i], ".2g"),
             str(part.samples[i]),
+            _finite_text(part.energy_w_samples[i], ".6g"),
+            _finite_text(part.soc[i], ".4g"),
             _finite_text(part.leave_one_out_w[i] - part.power_w[i], "+.2g"),
         ]
         for i, at in enumerate(part.configurations.tolist())
     ]
-    columns = zip([*heads, "std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"], *rows, strict=True)
+    optional = ["std. dev. [W]", "std. error [W]", "samples", "energy [W·samples]", "SoC", "leave-one-out error [W]"]
+    columns = zip([*heads, *optional], *rows, strict=True)
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
     source = f"source: {printable(part.source, 1000)}"
-    return "\n".join([title, source, *aligned([*zip(*filled, strict=True)]), *_error_summary(part)])
+    device = [f"device: {printable(part.device, 64)}"] if part.device else []
+    known = any(map(math.isfinite, part.energy_w_samples))
+    energy = ["energy: powprofiler's sum of power samples, no joules"] if known else []
+    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)]), *energy, *_error_summary(part)])
 
 
 def _finite_text(value: float, form: str) -> str:

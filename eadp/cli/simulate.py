@@ -80,8 +80,9 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
     ]
     for name, values in summary["parameters"].items():
+        ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
         lines.append(
-            f"{name:<10} mean {values['mean']:.4g}, from {values['first']:g} to {values['last']:g}, "
+            f"{name:<10} mean {values['mean']:.4g}{ran}, from {values['first']:g} to {values['last']:g}, "
             f"{values['changes']} changes"
         )
     if summary["quality"] is not None:

@@ -4,11 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le
 
 from eadp.errors import EadpError, Infeasible
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
+
+
+@dataclass(frozen=True, slots=True)
+class ComputationRate:
+    """The actual rate of a computation against the commanded one: min(`rate_ratio` · c, `max_rate`).
+
+    Source: draft 002, Sec. II-C and Eq. 9: the task ψ, whose actual value may differ from the desired one.
+    """
+
+    rate_ratio: Annotated[float, Gt(0), Le(100)] = 1.0
+    """Actual rate as a share of the commanded one."""
+
+    max_rate: Annotated[float, Ge(0), Le(1e30)] | None = None
+    """Highest rate that the computer reaches [the parameter's unit]; by default any."""
+
+    def actual(self, commanded: float) -> float:
+        """The rate at which the computation runs [the parameter's unit]."""
+        # ψ(s) = min(ratio · s, s_max)
+        rate = self.rate_ratio * commanded
+        return rate if self.max_rate is None else min(rate, self.max_rate)
 
 
 @dataclass(frozen=True)

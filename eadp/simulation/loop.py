@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,10 +14,11 @@ from eadp.core.flight.battery import undeliverable
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.battery import Battery, BatteryFault
-from eadp.models.computing import Computing
+from eadp.models.computing import ComputationRate, Computing
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Stage
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
@@ -54,6 +55,19 @@ class World:
     time_limit_s: float = 7200.0
     seed: int = 0
     sensors: Sensors = field(default_factory=Sensors)
+    rates: Mapping[str, ComputationRate] = field(default_factory=dict)
+    """Computations, by parameter, that run at another rate than commanded."""
+
+    def actual(self, parameters: Vector) -> Vector:
+        """Parameters with the rates at which the computations run in place of the commanded ones."""
+        if not self.rates:
+            return parameters
+        named = zip(self.plan.names, parameters, strict=True)
+        return tuple([self.rates[name].actual(value) if name in self.rates else value for name, value in named])
+
+    def computing_w(self, parameters: Vector, stage: Stage) -> float:
+        """Power of the computations [W] at the rates at which they run; raises Infeasible as `Computing.power_w`."""
+        return self.computing.power_w(self.actual(parameters), stage.sets)
 
 
 class Step(NamedTuple):
@@ -110,8 +124,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     losses = _losses(world)
     alarms = [step + bridge.late for step, _ in losses]
     parameters, stage = executor.parameters, executor.stage
-    log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets)
-    inner_loop.start_stage(executor, world.computing.power_w(parameters, stage.sets))
+    log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets, world.actual)
+    inner_loop.start_stage(executor, world.computing_w(parameters, stage))
     decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason = TIME_LIMIT
@@ -157,7 +171,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             break
         if changed:
             stage, parameters = executor.stage, executor.parameters
-            inner_loop.start_stage(executor, world.computing.power_w(parameters, stage.sets))
+            inner_loop.start_stage(executor, world.computing_w(parameters, stage))
             log.change(time_s, parameters, stage.sets)
             next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
         elif due:

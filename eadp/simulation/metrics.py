@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from eadp.models.plan.cursor import Vector
@@ -23,11 +23,12 @@ class FlightTotals:
 
 @dataclass
 class ParameterRecord:
-    """A parameter over a flight: first and last value, time integral, and changes."""
+    """A parameter over a flight: first and last value, time integrals as commanded and as it was, and changes."""
 
     first: float
     last: float
     integral: float = 0.0
+    actual_integral: float = 0.0
     changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
 
@@ -36,11 +37,14 @@ class ParameterLog:
     """Parameters over time: means, changes, and the quality U. Updated at changes only.
 
     U is Σ weight · c̃ over the parameters whose box has more than one value, averaged over the time in which it has.
-    Weights are equal by default, and scaled to sum to 1. Source: letter, Sec. V.
+    Weights are equal by default, and scaled to sum to 1. c̃ is that of the rates at which the computations run, which
+    `actual` gives. Source: letter, Sec. V.
     """
 
-    def __init__(self, plan: Plan, parameters: Vector, sets: tuple[Box, ...]) -> None:
-        self._plan = plan
+    def __init__(
+        self, plan: Plan, parameters: Vector, sets: tuple[Box, ...], actual: Callable[[Vector], Vector] = tuple
+    ) -> None:
+        self._plan, self._actual = plan, actual
         self._since_s = 0.0
         self._values = parameters
         self._sets = sets
@@ -65,9 +69,10 @@ class ParameterLog:
     def _advance(self, time_s: float) -> None:
         duration = time_s - self._since_s
         self._since_s = time_s
-        for i, value in enumerate(self._values):
+        for i, (value, run) in enumerate(zip(self._values, self._actual(self._values), strict=True)):
             self.records[i].integral += value * duration
-            share = self._sets[i].share(value) if self._sets else None
+            self.records[i].actual_integral += run * duration
+            share = self._sets[i].share(run) if self._sets else None
             if share is not None:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
@@ -76,6 +81,11 @@ class ParameterLog:
         """Time average of a parameter."""
         record = self.records[index]
         return record.integral / self._since_s if self._since_s > 0 else record.first
+
+    def actual_mean(self, index: int) -> float:
+        """Time average of the rate at which a computation ran."""
+        record = self.records[index]
+        return record.actual_integral / self._since_s if self._since_s > 0 else self._actual(self._values)[index]
 
     def mean_share(self, index: int) -> float | None:
         """Time average of c̃; None if its box never had more than one value."""

@@ -103,7 +103,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
             witness.append(None)
             continue
         findings += _stage_findings(plan, stage, measured, least)
-        witness.append(_leads_on(plan, measured))
+        witness.append(_leads_on(plan.radius_m(stage), measured))
     findings += _sets_findings(plan)
     findings += _rejoin_findings(plan)
     return Report(tuple(findings), tuple(witness))
@@ -173,7 +173,7 @@ def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vecto
         (lambda m: m.next_m, POSITION_WARNING_M / 10),
         (lambda m: m.turn_deg, DIRECTION_WARNING_DEG / 10),
         (lambda m: -m.radius_m, math.inf if least is None else -2 * least),
-        (lambda m: -m.ahead_m, -2 * plan.trigger_radius_m),
+        (lambda m: -m.ahead_m, -2 * plan.radius_m(stage)),
     ]
     for badness, small in searched:
         start = max(measured, key=lambda item: _finite(badness(item[1])))
@@ -345,7 +345,7 @@ def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
 def _stage_findings(
     plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None
 ) -> Iterator[Finding]:
-    limit = plan.trigger_radius_m
+    limit = plan.radius_m(stage)
     if not measured:
         message = f"stage {stage.index} is never flown: its laps are over before they start"
         yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
@@ -434,7 +434,7 @@ def _at(plan: Plan, parameters: Vector) -> str:
     return f" (at {', '.join(named)})" if named else ""
 
 
-def _leads_on(plan: Plan, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
+def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
     """The sampled parameters that lead to the next stage best; None where none leads there."""
 
     def rank(item: tuple[Vector, _Measures]) -> float:
@@ -443,7 +443,7 @@ def _leads_on(plan: Plan, measured: list[tuple[Vector, _Measures]]) -> Vector | 
         return max([*gaps, (m.turn_deg if math.isfinite(m.turn_deg) else 0.0)], default=math.inf)
 
     def leads(m: _Measures) -> bool:
-        near = all(not gap > plan.trigger_radius_m for gap in (m.own_m, m.next_m))
+        near = all(not gap > limit for gap in (m.own_m, m.next_m))
         return not m.trouble and near and not m.turn_deg > DIRECTION_ERROR_DEG and m.ahead_m >= 0
 
     good = [item for item in measured if leads(item[1])]
@@ -487,7 +487,7 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
             if gap > worst[0]:
                 worst = (gap, old, new)
         gap, old, new = worst
-        if gap > plan.trigger_radius_m:
+        if gap > plan.radius_m(stage):
             message = (
                 f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
                 f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"

@@ -27,6 +27,19 @@ def test_the_survey_as_json(eadp):
     assert document["findings"] == []
 
 
+def test_a_trigger_with_a_radius_of_its_own(eadp, tmp_path):
+    path, figure = tmp_path / "two.plan", tmp_path / "two.svg"
+    path.write_text("0.1; 90; x\n0, 100, 5\n0.1; 90; x\n0, 300\n")
+    document = json.loads(eadp("plan", path, "--format", "json").out)
+    assert [stage["trigger"] for stage in document["stages"]] == [{"x": 0, "y": 100, "radius_m": 5}, {"x": 0, "y": 300}]
+    assert "until (0, 100), within 5 m" in eadp("plan", path).out
+    assert "short-stage" not in eadp("plan", path, "--check").out
+    path.write_text("0.1; 90; x\n0, 100\n0.1; 90; x\n0, 300, 250\n")
+    assert "shorter than the trigger radius of 250 m" in eadp("plan", path, "--check").out
+    assert eadp("plan", path, "--plot", figure).code == 0
+    assert "trigger, radius 20 to 250 m" in figure.read_text()
+
+
 def test_the_published_plan_without_sets(eadp, reference):
     document = json.loads(eadp("plan", reference / "plans/plan_specification.pln", "--format", "json").out)
     assert len(document["stages"]) == 60

@@ -316,12 +316,31 @@ def test_help_imports_nothing_heavy() -> None:
 # eadp schema
 
 
+def test_the_device_and_its_overall_energy(run: Run, measured: PowerMeasurement) -> None:
+    file = measured("200,100,102,130,132,160,162\n2,5,1,50,10,0.9,0.8\n4,7,2,70,20,0.9,0.7\n")
+    code, out, _ = run("profile", file, "--device", "gpu")
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[2:5] == [
+        "device: gpu",
+        "p200  power [W]  samples  energy [W·samples]  SoC",
+        "   2          1        1                  10  0.8",
+    ]
+    assert lines[-1] == "energy: powprofiler's sum of power samples, no joules"
+    code, _, err = run("profile", file, "--device", "cpu")
+    assert (code, err.splitlines()[0]) == (
+        2,
+        f"{file}:1:1: error: no power of the cpu; expected powprofiler's flag 101",
+    )
+    assert run("profile", PEDNET_MODEL, "--device", "gpu")[2].startswith("--device:1:1: error: a model has its device")
+
+
 def test_schema_of_a_profile(run: Run) -> None:
     code, out, err = run("schema", "profile")
     schema = json.loads(out)
     assert (code, err) == (0, "")
     assert schema["title"] == "eadp.profile/1"
-    keys = {"schema", "source", "parameters", "interpolation", "points", "leave_one_out", "parts"}
+    keys = {"schema", "source", "device", "parameters", "interpolation", "points", "leave_one_out", "parts"}
     assert set(schema["properties"]) == keys
 
 

@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import pytest
 from common import ROOT
+from common.plans import STADIUM
 from common.recorder import Recorder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eadp.io.flight.inputs import load_flight
+from eadp.io.flight.inputs import Files, load_flight
+from eadp.io.text.streams import Text
 from eadp.planning.joint.held import HeldForecast
 from eadp.planning.live import COMPLETED, EMPTY, MIN_AGREEING, LiveFlight, OutlierGate, Sample
 from eadp.planning.registry import make_planner
@@ -67,6 +69,20 @@ def changes(pairs):
         if not result or value != result[-1][1]:
             result.append((time_s, value))
     return result
+
+
+def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
+    plan = Text("stadium.plan", STADIUM.format(2, 40, 8, 30))
+    inputs = load_flight(plan.name, overrides={"step_s": 0.1}, files=Files({plan.name: plan}))
+    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
+    for _ in fly(inputs.world, recorder, outcome):
+        pass
+    flight = live(inputs)
+    answers = [(sample.time_s, flight.update(sample)[0]) for sample in samples(recorder.seen, 1, keys=MEASURED)]
+    found = changes((time_s, advice.stage) for time_s, advice in answers if advice is not None)
+    flown = changes((o.time_s, o.stage) for o in recorder.seen)
+    assert [stage for _, stage in found] == [stage for _, stage in flown] == [1, 2, 3, 4]
+    assert [time_s for time_s, _ in found] == pytest.approx([time_s for time_s, _ in flown], abs=0.11)
 
 
 MEASURED = ("velocity_mps", "heading_rad")

@@ -59,7 +59,9 @@ def section(
         for member in child.get("oneOf", [items_of(child)]):
             keys = dict(properties(schema, member))
             model = keys.get("model", {}).get("const")
-            shown = f"`{'.'.join(below)}`" + (", each of a list" if child.get("type") == "array" else "")
+            each = ", each of a list" if child.get("type") == "array" else ""
+            each = ", by name" if "patternProperties" in child else each
+            shown = f"`{'.'.join(below)}`{each}"
             yield from section(f"{shown} of model {model}" if model else shown, schema, member, below, ())
 
 
@@ -80,7 +82,8 @@ def default(node: dict[str, Any], rows: list[Any]) -> str:
 def values(node: dict[str, Any], rows: list[Any]) -> str:
     """The values a key may take."""
     if rows:
-        return "a list" if node.get("type") == "array" else "a section"
+        one = "by name: a section" if "patternProperties" in node else "a section"
+        return "a list" if node.get("type") == "array" else one
     members = [member for member in node.get("anyOf", [node]) if member.get("type") != "null"]
     return " or ".join(one_of(member) for member in members)
 

@@ -115,10 +115,10 @@ def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> Non
     axes.add_patch(PathPatch(outline, **style))
 
 
-def draw_circles(axes: Axes, centres: Sequence[Point], radius: float) -> None:
-    """Dotted circles of one radius."""
+def draw_circles(axes: Axes, centres: Sequence[Point], radii: Sequence[float]) -> None:
+    """Dotted circles."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 
-    circles = [Circle(centre, radius) for centre in centres]
+    circles = [Circle(*each) for each in zip(centres, radii, strict=True)]
     axes.add_collection(PatchCollection(circles, facecolor="#00000008", edgecolor=GREY, linewidth=0.6, linestyle=":"))

@@ -33,8 +33,9 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         _draw_range(axes, plan, parameters, step)
         _draw_legs(axes, legs, step, scale / 50, named=len(plan.stages) <= len(COLOURS))
         ends = [leg.end_m for leg in legs]
-        draw_circles(axes, ends, plan.trigger_radius_m)
-        label = f"trigger, radius {plan.trigger_radius_m:g} m"
+        radii = [plan.radius_m(leg.stage) for leg in legs]
+        draw_circles(axes, ends, radii)
+        label = f"trigger, radius {' to '.join(f'{r:g}' for r in sorted({min(radii), max(radii)}))} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
         axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
         final = point_at(plan.final_point, parameters, "the final point")

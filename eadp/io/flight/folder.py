@@ -48,6 +48,8 @@ def summarise(
             "last": record.last,
             "changes": record.changes,
         }
+        if parameter.name in world.rates:
+            parameters[parameter.name]["actual_mean"] = log.actual_mean(i)
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
     duration_s = outcome.duration_s
@@ -149,11 +151,17 @@ class Flight:
     @cached_property
     def columns(self) -> dict[str, FloatArray]:
         """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
-        return dict(zip(self._names, np.array([_row(step) for step in self.steps], dtype=float).T, strict=True))
+        return dict(zip(self._names, np.array([*map(self._row, self.steps)], dtype=float).T, strict=True))
 
     @property
     def _names(self) -> list[str]:
-        return [*Step._fields[:-1], *self.inputs.world.plan.names]
+        world = self.inputs.world
+        return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates)]
+
+    def _row(self, step: Step) -> list[float]:
+        world = self.inputs.world
+        actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
+        return [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
 
     def write(self, folder: str | Path, *, force: bool = False) -> None:
         """Write the result folder, whole or not at all.
@@ -174,7 +182,7 @@ class Flight:
             with (target / "flight.csv").open("w", newline="", encoding="utf-8") as stream:
                 writer = csv.writer(stream, lineterminator="\n")
                 writer.writerow(self._names)
-                writer.writerows(map(_row, self.steps))
+                writer.writerows(map(self._row, self.steps))
             summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
             (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
             if self.decisions:
@@ -198,10 +206,6 @@ def fly_flight(
         on_step(step)
     summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
     return Flight(inputs, summary, steps, outcome.records, overrides)
-
-
-def _row(step: Step) -> list[float]:
-    return [round(step.time_s, 9), *step[1:-1], *step.parameters]
 
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from eadp import __version__
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined
+from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import parse_profile
@@ -18,10 +18,10 @@ from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.computing import Computing, join_profile
+from eadp.models.computing import ComputationRate, Computing, join_profile
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
 from eadp.planning.base import Mission, Planner
@@ -31,6 +31,9 @@ from eadp.simulation.loop import World
 from eadp.simulation.sweep.design import Run
 
 CORNERS_LIMIT = 6
+COMMANDED = ComputationRate()
+"""A computation that runs as commanded."""
+
 Content = TypeVar("Content")
 
 
@@ -157,7 +160,7 @@ def load_flight(
         raise InputError(
             scenario.fault("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
         ) from None
-    altitude = keys.start.altitude_m
+    altitude, rates = keys.start.altitude_m, keys.computations
     world = World(
         plan=plan,
         computing=computing,
@@ -176,7 +179,9 @@ def load_flight(
         time_limit_s=keys.time_limit_s,
         seed=keys.seed,
         sensors=keys.sensors,
+        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
     )
+    _check_rates(world, scenario)
     _check_names(plan, scenario)
     mission = Mission(
         plan,
@@ -240,6 +245,25 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
     if faults:
         raise InputError(*faults)
     return tuple(values)
+
+
+def _check_rates(world: World, scenario: Scenario) -> None:
+    """The actual rates are of computations of the plan, and within what was measured."""
+    computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
+    expected = f"one of {', '.join(computations) or 'none'}"
+    faults = [
+        scenario.fault(f"computations.{name}", f"the plan has no computation {name}", expected)
+        for name in scenario.keys.computations
+        if name not in computations
+    ]
+    refuse(faults)
+    for stage in world.plan.stages if world.rates else ():
+        for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
+            try:
+                world.computing_w(corner, stage)
+            except Infeasible as error:
+                what = f"stage {stage.index}: the actual rates leave what was measured: {error}"
+                raise InputError(scenario.fault("computations", what, "rates that the profile has measured")) from None
 
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:

@@ -72,6 +72,7 @@ class _Draft:
     path_line: _Line = field(default_factory=lambda: _START)
     trigger: PointExpression | None = None
     trigger_line: _Line | None = None
+    radius_m: float | None = None
     sets: list[Box | None] = field(default_factory=list)
     set_lines: list[_Line] = field(default_factory=list)
 
@@ -274,7 +275,11 @@ class _Reader:
     def _read_trigger(self, line: _Line) -> None:
         draft = self._drafts[-1]
         draft.trigger_line = line
-        draft.trigger = self._point(line, f"the trigger of stage {len(self._drafts)}, like -115, 146")
+        end = _second_comma(line.text)
+        if end is not None:
+            draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *_RADIUS)
+        expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
+        draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
 
     def _read_set(self, line: _Line) -> None:
         if not self._drafts:
@@ -402,9 +407,9 @@ class _Reader:
             self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
         self._headers[key] = line.after(start)
 
-    def _header_number(self, key: str, expected: str) -> float | None:
+    def _header_radius(self, key: str) -> float | None:
         line = self._headers.get(key)
-        return self._number(line, line.text, 0, expected, lambda value: value > 0) if line else None
+        return self._number(line, line.text, 0, *_RADIUS) if line else None
 
     def _header_computations(self) -> tuple[tuple[str, str], ...]:
         line = self._headers.get("computations")
@@ -547,8 +552,8 @@ class _Reader:
             stages=stages,
             path_count=path_count,
             computations=computations,
-            trigger_radius_m=self._header_number("trigger-radius", "a radius above 0 m") or TRIGGER_RADIUS_M,
-            min_radius_m=self._header_number("min-radius", "a radius above 0 m"),
+            trigger_radius_m=self._header_radius("trigger-radius") or TRIGGER_RADIUS_M,
+            min_radius_m=self._header_radius("min-radius"),
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
             segments=parts,
@@ -600,7 +605,8 @@ class _Reader:
         firsts = {} if parts else {name: first for name, first, _ in self._short_form_coordinates()}
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
-        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, own or boxes, part)
+        sets = own or boxes
+        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, sets, part, draft.radius_m)
 
     def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
         """Name, first value and shift of the coordinates of the short form; none without sections."""
@@ -752,6 +758,17 @@ class _Reader:
 
 
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
+_RADIUS: tuple[str, Callable[[float], bool]] = ("a radius above 0 m", lambda value: value > 0)
+
+
+def _second_comma(text: str) -> int | None:
+    """Where the comma before the third of some values stands, commas in brackets left out; None without."""
+    depth, commas = 0, []
+    for i, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if character == "," and depth == 0:
+            commas.append(i)
+    return commas[1] if len(commas) > 1 else None
 
 
 def _shifts(first: Expression, later: Expression, shift: PointExpression) -> bool:

@@ -60,9 +60,10 @@ def _part_lines(plan: Plan, part: Segment) -> list[str]:
 
 
 def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
+    own = "" if stage.radius_m is None else f", {number_text(stage.radius_m)}"
     return [
         f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
-        point_text(trigger),
+        point_text(trigger) + own,
         *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
@@ -29,6 +31,9 @@ PARAMETERS_LIMIT = 8
 
 NAME = re.compile(r"[^\W\d](?:[\w .+/-]{0,62}\w)?\Z")
 A_NAME = "a name: a letter first, then letters, digits, _ - + . / or spaces, 64 at most"
+
+DEVICES = ("total", "cpu", "gpu")
+"""What powprofiler's columns are of, by the last digit of their flags."""
 
 # a division by 1000 keeps the digits of a value in mW, where a product with 0.001 would not
 _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3, "kW": 1e-3, "kw": 1e-3}
@@ -63,7 +68,7 @@ class Trace(NamedTuple):
 
 
 def read_measurements(
-    files: Sequence[Trace], names: Sequence[str], *, nameless: bool = False
+    files: Sequence[Trace], names: Sequence[str], *, nameless: bool = False, device: str = ""
 ) -> tuple[Profile, PointFaults, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
@@ -75,6 +80,8 @@ def read_measurements(
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
     nameless : bool
         Name the columns of a file without names c1, c2, …: they are renamed later.
+    device : str
+        Which of powprofiler's `DEVICES` the power is of; by default the total.
 
     Returns
     -------
@@ -98,7 +105,7 @@ def read_measurements(
         if not rows:
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(rows[0], names, file.configuration, nameless)
+        layout = _layout(rows[0], names, file.configuration, nameless, device)
         if layouts:
             layout = _in_order_of(layouts[0], layout, rows[0])
         _read_rows(rows[layout.first :], layout, readings)
@@ -109,7 +116,7 @@ def read_measurements(
         message = "one configuration only" if readings else "no measurements"
         raise InputError(rows[-1].fault(0, message, "measurements of two configurations or more"))
     layout = layouts[0]
-    averages = [average([[power_w for power_w, _ in run] for run in runs]) for runs in readings.values()]
+    averages = [average([[reading.power_w for reading in run] for run in runs]) for runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
     warnings += _check_agreement(readings, averages, layout)
     try:
@@ -122,11 +129,14 @@ def read_measurements(
             samples=np.array([each.samples for each in averages]),
             source=" + ".join(dict.fromkeys(sources)),
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
+            device=layout.device if len({each.device for each in layouts}) == 1 else "",
+            energy_w_samples=_means(readings, 0),
+            soc=_means(readings, 1),
         )
     except Infeasible as error:
         first = rows[layouts[-1].first]
         raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
-    return profile, {point: runs[0][0][1].fault(0, "") for point, runs in readings.items()}, warnings
+    return profile, {point: runs[0][0].row.fault(0, "") for point, runs in readings.items()}, warnings
 
 
 def is_trace(text: Text) -> bool:
@@ -145,7 +155,7 @@ class _Layout:
 
     `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; the first
     measurement is in row `first`, and each row has `width` fields. A trace has no columns of parameters, but the
-    values `constant` of all of them.
+    values `constant` of all of them. `overall` are the indices of powprofiler's energy and charge of the `device`.
     """
 
     names: list[str]
@@ -157,6 +167,8 @@ class _Layout:
     first: int = 1
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
+    device: str = ""
+    overall: tuple[int | None, int | None] = (None, None)
 
 
 @dataclass(frozen=True)
@@ -169,15 +181,22 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None, nameless: bool) -> _Layout:
+def _layout(row: Row, names: Sequence[str], stated: Configuration | None, nameless: bool, device: str) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
-    headings = _headings(row.fields)
+    digit = DEVICES.index(device or "total")
+    flags = _has_flags(row.fields)
+    if device and not (flags and f"10{digit}" in row.fields):
+        raise InputError(row.fault(0, f"no power of the {device}", f"powprofiler's flag 10{digit}"))
+    headings = _headings(row.fields, digit)
     if len(row.fields) == 1 and not (stated and headings and headings[0].per_watt):
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
     layout = _headerless(row, names, nameless) if headings is None else _header(row, headings, stated)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
+    if flags:
+        energy, soc = (row.fields.index(flag) if flag in row.fields else None for flag in (f"13{digit}", f"16{digit}"))
+        return replace(layout, device=DEVICES[digit], overall=(energy, soc))
     return layout
 
 
@@ -209,16 +228,17 @@ def _headerless(row: Row, names: Sequence[str], nameless: bool) -> _Layout:
     return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, first=0)
 
 
-def _headings(fields: Sequence[str]) -> list[ColumnHeading] | None:
+def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | None:
     """What a header or powprofiler's flags name; None for the numbers of a first measurement.
 
-    Of powprofiler's columns, 2xx are parameters and 100 is the total average power. 101 and 102 are parts of the
-    total; 130 to 132, called energy, are W·samples.
+    Of powprofiler's columns, 2xx are parameters, 100 is the total average power, 101 and 102 are those of CPU and GPU,
+    which are parts of the total. 130 to 132, called energy, are W·samples, and 160 to 162 states of charge. `digit` is
+    the last one of the power's flag.
 
     Source: powprofiler, doi 10.5281/zenodo.5562457 (letter, reference 48).
     """
-    if _has_flags(fields) or list(fields) == ["100"]:
-        flags = {"100": ColumnHeading("power", "W", 1.0)}
+    if _has_flags(fields):
+        flags = {f"10{digit}": ColumnHeading("power", "W", 1.0)}
         return [flags.get(field, ColumnHeading(f"p{field}" if field.startswith("2") else "", "")) for field in fields]
     if all(NUMBER.match(field) or NOT_FINITE.match(field) for field in fields):
         return None
@@ -311,7 +331,16 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
 
 # ── rows ──
 
-_Run = list[tuple[float, Row]]
+
+class _Reading(NamedTuple):
+    """Power [W], powprofiler's overall energy [W·samples] and state of charge, NaN where not known, and the row."""
+
+    power_w: float
+    overall: tuple[float, float]
+    row: Row
+
+
+_Run = list[_Reading]
 _Readings = dict[tuple[float, ...], list[_Run]]
 
 
@@ -337,9 +366,22 @@ def _read_rows(rows: Sequence[Row], layout: _Layout, readings: _Readings) -> Non
         runs = readings.setdefault(point, [])
         if point != before:
             runs.append([])
-        runs[-1].append((power_w, row))
+        energy, soc = (_known(row.fields[i]) if i is not None else math.nan for i in layout.overall)
+        runs[-1].append(_Reading(power_w, (energy, soc), row))
         before = point
     refuse(faults)
+
+
+def _known(field: str) -> float:
+    """A number that is kept and not used; NaN where there is none."""
+    return float(field) if number_fault(field, LARGEST) is None else math.nan
+
+
+def _means(readings: _Readings, which: int) -> FloatArray:
+    """The mean, of each configuration, of overall energy or charge where they are known; else NaN."""
+    values = [[reading.overall[which] for run in runs for reading in run] for runs in readings.values()]
+    known = [[value for value in own if math.isfinite(value)] for own in values]
+    return np.array([np.mean(own) if own else math.nan for own in known])
 
 
 def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout: _Layout) -> list[Fault]:
@@ -352,8 +394,8 @@ def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout
         if found.std <= STD_LIMIT * found.mean:
             continue
         group = [reading for run in runs for reading in run]
-        low_w, low = min(group, key=lambda reading: reading[0])
-        high_w, high = max(group, key=lambda reading: reading[0])
+        low_w, _, low = min(group, key=lambda reading: reading.power_w)
+        high_w, _, high = max(group, key=lambda reading: reading.power_w)
         where = configuration_text(layout.names, point)
         extremes = f"{where} draws {low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
         deviation = f"a standard deviation of {100 * found.std / found.mean:.0f} % of the mean"

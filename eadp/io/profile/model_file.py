@@ -60,6 +60,8 @@ class Sources:
         Pattern of the configurations in the names of the traces; see `configurations.configuration_in_name`.
     interpolation : str
         `linear` or `pchip`; None keeps the model's.
+    device : str
+        Which of powprofiler's devices the power of `files` is of; '' is the total.
     """
 
     files: Sequence[str]
@@ -68,6 +70,7 @@ class Sources:
     configurations: Sequence[Configuration] = ()
     pattern: str = ""
     interpolation: Kind | None = None
+    device: str = ""
 
 
 def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
@@ -113,10 +116,13 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
     if models and (sources.configurations or sources.pattern):
         raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
+    if models and sources.device:
+        raise InputError.at("--device", 1, 1, "a model has its device", "powprofiler's measurements", sources.device)
     if models:
         profile, warnings = parse_profile(texts[0], names)
     else:
-        profile, warnings = _measured(_traces(sources, texts), names, nameless=apart)
+        traces = _traces(sources, texts)
+        profile, warnings = _measured(traces, names, nameless=apart, device=sources.device)
     profiles = [profile]
     for path in sources.added:
         profile, more = parse_profile(read_text(path), nameless=apart)
@@ -164,8 +170,10 @@ def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = Fal
     return _added([profile], names), warnings
 
 
-def _measured(files: Sequence[Trace], names: Sequence[str], *, nameless: bool) -> tuple[AnyProfile, list[Fault]]:
-    profile, locations, warnings = read_measurements(files, names, nameless=nameless)
+def _measured(
+    files: Sequence[Trace], names: Sequence[str], *, nameless: bool, device: str = ""
+) -> tuple[AnyProfile, list[Fault]]:
+    profile, locations, warnings = read_measurements(files, names, nameless=nameless, device=device)
     found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
     return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
@@ -241,6 +249,10 @@ class _Point(BaseModel):
     standard_error_w: Annotated[
         _Power | None, Field(description="standard error of power_w, with the correlation of consecutive samples")
     ] = None
+    energy_w_samples: Annotated[
+        _Value | None, Field(description="powprofiler's overall energy, a sum of power samples: no joules; not used")
+    ] = None
+    soc: Annotated[_Value | None, Field(description="state of charge as powprofiler measured it; not used")] = None
     leave_one_out_error_w: Annotated[
         _Value | None, Field(description="prediction from the other points less power_w; written in JSON, not read")
     ] = None
@@ -268,6 +280,9 @@ class _PartFile(BaseModel):
 
     model_config = _STRICT
     source: str = ""
+    device: Annotated[
+        str, Field(max_length=64, description="what the power is of: total, cpu, gpu; empty where it is not known")
+    ] = ""
     parameters: Annotated[list[_Parameter], Field(min_length=1, max_length=PARAMETERS_LIMIT)]
     interpolation: Literal["linear", "pchip"] = "linear"
     points: Annotated[list[_Point], Field(min_length=2)]
@@ -292,7 +307,7 @@ class _SumFile(BaseModel):
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a profile's model file: parameters and points, or parts that have them."""
     whole, parts = ProfileFile.model_json_schema(), _SumFile.model_json_schema()
-    keys = ["source", "parameters", "interpolation", "points", "leave_one_out"]
+    keys = ["source", "device", "parameters", "interpolation", "points", "leave_one_out"]
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}
     schema["$defs"] = {**whole["$defs"], **parts["$defs"]}
     schema["properties"] = {**whole["properties"], "parts": parts["properties"]["parts"]}
@@ -339,6 +354,9 @@ def _part(document: Document, content: _PartFile, where: Path) -> Profile:
             interpolation=content.interpolation,
             source=content.source,
             standard_error_w=column("standard_error_w"),
+            device=content.device,
+            energy_w_samples=column("energy_w_samples"),
+            soc=column("soc"),
         )
     except Infeasible as error:
         key = "interpolation" if content.interpolation == "pchip" else "points"
@@ -382,7 +400,10 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
 
 
 def profile_document(profile: AnyProfile) -> dict[str, Any]:
-    """A profile as the JSON-ready document of its schema, every key written out, with its leave-one-out errors."""
+    """A profile as the JSON-ready document of its schema, with its leave-one-out errors.
+
+    Every key is written out but device, overall energy and state of charge where they are not known.
+    """
     if isinstance(profile, ProfileSum):
         return {"schema": SCHEMA, "parts": [_part_document(part) for part in profile.parts]}
     return {"schema": SCHEMA, **_part_document(profile)}
@@ -394,6 +415,7 @@ def _part_document(profile: Profile) -> dict[str, Any]:
     found = profile.leave_one_out_error
     return {
         "source": profile.source,
+        **({"device": profile.device} if profile.device else {}),
         "parameters": [{"name": n, "unit": u} for n, u in zip(profile.names, profile.units, strict=True)],
         "interpolation": profile.interpolation,
         "points": [
@@ -403,9 +425,11 @@ def _part_document(profile: Profile) -> dict[str, Any]:
                 "std_w": shortest(std_w),
                 "samples": samples,
                 "standard_error_w": shortest(standard_w) if math.isfinite(standard_w) else None,
+                **({"energy_w_samples": shortest(energy)} if math.isfinite(energy) else {}),
+                **({"soc": shortest(soc)} if math.isfinite(soc) else {}),
                 "leave_one_out_error_w": error_w if math.isfinite(error_w) else None,
             }
-            for at, power_w, std_w, samples, standard_w, error_w in zip(*columns, strict=True)
+            for at, power_w, std_w, samples, standard_w, energy, soc, error_w in zip(*columns, strict=True)
         ],
         "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
@@ -438,6 +462,7 @@ def _part_lines(profile: Profile) -> list[str]:
     document = _part_document(profile)
     return [
         f"source: {_quoted(document['source'])}",
+        *([f"device: {_quoted(profile.device)}"] if profile.device else []),
         "parameters:",
         *(f"  - {_flow(_without_defaults(parameter))}" for parameter in document["parameters"]),
         f"interpolation: {document['interpolation']}",

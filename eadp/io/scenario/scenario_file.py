@@ -26,6 +26,7 @@ from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
 from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
 from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
+from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.stage import Box
 from eadp.models.sensors import Sensors
@@ -141,6 +142,9 @@ class ScenarioFile:
 
     bounds: Mapping[ParameterName, tuple[float, float]] = field(default_factory=dict)
     """Sets [low, high] by parameter, for a plan whose stages carry none."""
+
+    computations: Mapping[ParameterName, ComputationRate] = field(default_factory=dict)
+    """Actual rates of computations, by parameter; by default those that are commanded. Planners do not know them."""
 
     parameter_changes: Literal["latched", "live"] = "latched"
     """When a path parameter takes effect: latched, at the next lap, or live, at once."""

@@ -171,7 +171,7 @@ def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
     schema = schema_of(model)
     nodes = [schema]
     for part in path[:-1]:
-        nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part]
+        nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part] or nodes
     wanted = renamed.get(str(path[-1]), str(path[-1]))
     found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
     if found:
@@ -189,9 +189,9 @@ def _paths_to(wanted: str, schema: Mapping[str, Any], node: Mapping[str, Any]) -
 
 
 def properties(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The keys of a node of a JSON Schema with their own nodes, of each member where it is a union."""
+    """The keys of a node of a JSON Schema with their own nodes, of each member of a union or of a mapping by name."""
     if "$ref" in node:
         yield from properties(schema, schema["$defs"][node["$ref"].rpartition("/")[2]])
-    for member in (*node.get("oneOf", ()), *node.get("anyOf", ())):
+    for member in (*node.get("oneOf", ()), *node.get("anyOf", ()), *node.get("patternProperties", {}).values()):
         yield from properties(schema, member)
     yield from node.get("properties", {}).items()

@@ -44,7 +44,9 @@ class Document:
         return self.source.name
 
     def fault(self, path: Path, message: str, expected: str = "") -> Fault:
-        """A fault at the value of `path`, or at its nearest parent that the document has."""
+        """A fault at the value of `path`, at an override of a key in it, or at its nearest parent in the document."""
+        inner = next((key for key in self.overrides if path and key[: len(path)] == path), path)
+        path = path if path in self.places else inner
         while path and path not in self.places:
             if path in self.overrides:
                 return Fault(self.overrides[path], 1, 1, message, expected)

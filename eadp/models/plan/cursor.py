@@ -133,7 +133,7 @@ class PlanCursor(NamedTuple):
         if table.rules.box_triggers:
             return PlanEnd(final, shift, at_trigger=False)
         last = (x + self.offset_m[0], y + self.offset_m[1])
-        if not reaches(last, final, shift, plan.trigger_radius_m):
+        if not reaches(last, final, shift, plan.final_radius_m):
             return None
         return PlanEnd(final, shift, plan.ends_at_trigger)
 

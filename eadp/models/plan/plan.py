@@ -90,19 +90,33 @@ class Plan:
         """The final point: as stated, or the last stage's trigger."""
         return self.final or self.stages[-1].trigger
 
+    def radius_m(self, stage: Stage) -> float:
+        """The trigger radius of a stage [m]: its own, else the plan's. Source: letter, Def. II.4."""
+        return self.trigger_radius_m if stage.radius_m is None else stage.radius_m
+
+    @cached_property
+    def final_radius_m(self) -> float:
+        """The trigger radius of the last stage [m], whose trigger is the final point."""
+        return self.radius_m(self.stages[-1])
+
+    @cached_property
+    def max_radius_m(self) -> float:
+        """The largest trigger radius of a stage [m]."""
+        return max(map(self.radius_m, self.stages))
+
     @property
     def whole_laps(self) -> bool:
         """Whether the plan is laps of the same stages, moved: given as such, or found in explicit stages.
 
-        Found stages are laps where they are whole ones, and agree in gains and sets too.
+        Found stages are laps where they are whole ones, and agree in gains, sets and trigger radii too.
         """
         n = self.primitive_stages
         if self.repeats or n is None:
             return self.repeats
         if len(self.stages) % n:
             return False
-        pairs = zip(self.stages, self.stages[n:], strict=False)
-        return all(a.gain == b.gain and a.sets == b.sets for a, b in pairs)
+        rules = [(stage.gain, stage.sets, self.radius_m(stage)) for stage in self.stages]
+        return rules[n:] == rules[:-n]
 
     def laps(self) -> Plan:
         """The plan as it is flown: laps found in explicit stages become a plan that repeats.

@@ -160,7 +160,7 @@ class RoutePredictor:
             values.append(cursor.parameters)
             end = cursor.end()
             if end is not None and not end.at_trigger:
-                over_m = first_beyond_m(leg, end.final_m, end.shift_m, plan.trigger_radius_m, -margin_m)
+                over_m = first_beyond_m(leg, end.final_m, end.shift_m, plan.final_radius_m, -margin_m)
                 if over_m is not None:
                     legs.append(replace(leg, flown_m=over_m))
                     share = legs[-1].distance_m / leg.length_m if leg.length_m else 1.0

@@ -59,7 +59,8 @@ class Parameter:
 class Stage:
     """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
 
-    `segment` is the one that it belongs to, where path and trigger may name its loop variables.
+    `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
+    holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables.
     """
 
     index: int
@@ -70,6 +71,7 @@ class Stage:
     trigger: PointExpression
     sets: tuple[Box, ...] = ()
     segment: Segment | None = None
+    radius_m: float | None = None
 
     @cached_property
     def kind(self) -> str:

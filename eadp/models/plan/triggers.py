@@ -125,13 +125,13 @@ class TriggerWatch:
     ) -> None:
         """`joined_m` is where the stage was joined; `before` is the same stage's watch before its path was moved."""
         plan, rules = cursor.table.plan, cursor.table.rules
-        radius = plan.trigger_radius_m
+        radius = plan.radius_m(cursor.stage)
         w = self.numbers = [0.0] * WATCHED
         self.curve: CurveProgress | None = None
         end = cursor.end()
         self.ends_here = end is not None and end.at_trigger
         if end is not None and not end.at_trigger:
-            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *_signs(end.shift_m), radius]
+            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *_signs(end.shift_m), plan.final_radius_m]
         w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
         if rules.box_triggers:
             w[FIRES_IN] = BOX

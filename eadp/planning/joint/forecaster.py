@@ -414,7 +414,7 @@ class Forecaster:
         if leg.distance_m <= 0:
             return 0.0
         try:
-            early_m = self._plan.trigger_radius_m if self._stages_started > 1 else 0.0
+            early_m = self._plan.max_radius_m if self._stages_started > 1 else 0.0
             return left_m(leg, self._position, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
             return 1.0 - flown

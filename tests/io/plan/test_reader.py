@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from common import ROOT
+from common.plans import PARTS, WAVES
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -395,6 +396,32 @@ def test_headers():
 
 def test_headers_may_stand_anywhere():
     assert read(TWO + "%: trigger-radius 7\n").trigger_radius_m == 7
+
+
+def test_a_trigger_has_a_radius_of_its_own_or_the_headers():
+    plan = read("%: trigger-radius 7\n" + TWO.replace("-115, 11\n", "atan2(-115, 1), 11, 3*10^1\n"))
+    assert [stage.radius_m for stage in plan.stages] == [30, None]
+    assert [plan.radius_m(stage) for stage in plan.stages] == [30, 7]
+    assert plan.final_radius_m == 7
+
+
+@pytest.mark.parametrize("text", [WAVES, PARTS])
+def test_radii_stand_in_sections_too(text):
+    heads = [line for line in text.splitlines() if ";" in line]
+    lines = text.splitlines()
+    for k, head in enumerate(heads, 1):
+        lines[lines.index(head) + 1] += f", {k}"
+    plan = read("\n".join(lines))
+    assert [stage.radius_m for stage in plan.stages] == list(range(1, len(heads) + 1))
+    assert same(read(plan_text(plan)), plan)
+
+
+@pytest.mark.parametrize("radii", [(5, 5), (20, ""), (5, 6)])
+def test_found_laps_have_equal_radii(radii):
+    one, other = (f", {radius}" if radius else "" for radius in radii)
+    plan = read(f"0.1; 90; x\n0, 5{one}\n0.1; 90; x - 10\n10, 5{other}\n")
+    assert plan.primitive_stages == 1
+    assert plan.whole_laps == (radii != (5, 6))
     assert read("%: origin -33.9, -180\n" + TWO).origin_deg == (-33.9, -180)
 
 
@@ -499,6 +526,7 @@ def plans(draw):
             read_expression(text),
             (constant(draw(numbers)), constant(draw(numbers))),
             tuple(draw(boxes) for _ in range(per_stage)),
+            radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
         )
         for index, text in enumerate(texts, 1)
     )

@@ -662,6 +662,9 @@ def test_a_plan_with_a_shift_along_one_axis_ends_within_the_radius_across_it():
     never = laps_on(plan_of(STRIPS.replace("57, 15", "57, 50")), (), 20)
     never.advance(60.0, 50.0)
     assert not never.complete, "no lap's last trigger lies within 20 m of y = 50"
+    wide = laps_on(plan_of(STRIPS.replace("57, 15", "57, 50").replace("a + 10, 0", "a + 10, 0, 60")), (), 5)
+    wide.advance(60.0, -9.9)
+    assert wide.complete, "the last stage's own radius"
 
 
 def test_before_the_last_lap_nothing_ends():

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 from dataclasses import replace
 
 import pytest
 from common import ROOT
+from common.plans import STADIUM
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from eadp.cli.main import main
-from eadp.io.flight.inputs import load_flight
+from eadp.io.flight.inputs import Files, load_flight
+from eadp.io.text.streams import Text
 from eadp.simulation.loop import Outcome, fly
 
 WIND = {"wind.speed_mps": 5.0, "wind.towards_deg": 60.0}
@@ -127,3 +132,24 @@ def test_a_plan_without_parameters_has_a_forecast(tmp_path):
     assert expected.forecast.remaining_s == pytest.approx(100 / 15)
     power_w = inputs.mission.motion_w
     assert expected.forecast.energy_wh == pytest.approx(power_w * 100 / 15 / 3600, rel=1e-6)
+
+
+AIRSPEED_MPS, STEP_S = 15.0, 0.02
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.lists(st.floats(1.0, 40.0), min_size=4, max_size=4))
+def test_each_stage_ends_within_its_own_radius_in_the_flight_and_its_forecast(radii_m):
+    keys = {"planner.name": "static", "step_s": STEP_S, "log_every_s": STEP_S, "battery.capacity_ah": 2.0}
+    plan = Text("stadium.plan", STADIUM.format(*radii_m))
+    inputs = load_flight(plan.name, overrides=keys, files=Files({plan.name: plan}))
+    triggers = [(-75.0, 0.0), (75.0, 0.0), (75.0, 200.0), (-75.0, 200.0)]
+    outcome, ends = Outcome(), {}
+    for row in fly(inputs.world, inputs.planner(), outcome):
+        ends[row.stage] = math.dist((row.x_m, row.y_m), triggers[row.stage - 1])
+    assert outcome.completed
+    for stage, (radius_m, gap_m) in enumerate(zip(radii_m, ends.values(), strict=True), 1):
+        assert radius_m - AIRSPEED_MPS * STEP_S - 1e-6 <= gap_m <= radius_m, stage
+    remaining_s = inputs.preflight().forecast.remaining_s
+    # the forecast flies to the final point, the flight ends at its circle
+    assert outcome.duration_s == pytest.approx(remaining_s - radii_m[-1] / AIRSPEED_MPS, abs=1.0)

@@ -53,3 +53,15 @@ trig:
 2000, 2000
 """
 """Laps of a wave and a line, moved along and up."""
+
+STADIUM = """\
+0.1; 270; x + 75
+-75, 0, {}
+0.002; 90; x^2 + y^2 - 75^2
+75, 0, {}
+0.1; 90; x - 75
+75, 200, {}
+0.002; 90; x^2 + (y - 200)^2 - 75^2
+-75, 200, {}
+"""
+"""Two lines and two half circles, to be formatted with the radii of their triggers [m]."""

@@ -1,0 +1,165 @@
+"""docs/papers.md: every numbered item of the papers is in it, and everything that it names exists."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from functools import cache
+
+import pytest
+from common import ROOT
+from common.console import missing_links
+
+from eadp.io.scenario import scenario_file
+from eadp.io.text.schema_faults import properties
+
+PAGE = ROOT / "docs/papers.md"
+SECTIONS = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+ROWS = {
+    section.splitlines()[0]: [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in section.splitlines()
+        if line.startswith("| ") and not line.startswith("| item |")
+    ]
+    for section in SECTIONS
+}
+NUMBERED = {
+    "The letter": {
+        "Eq": range(1, 23),
+        "Fig": range(1, 7),
+        "Alg": range(1, 3),
+        "Def": ["II.1", "II.2", "II.3", "II.4", "II.5", "III.1", "III.2", "III.3"],
+        "Lem": ["III.1", "III.2", "III.3"],
+        "Pb": ["II.1", "II.2"],
+        "App": "ABC",
+    },
+    "Draft 002": {
+        "Eq": range(1, 18),
+        "Fig": range(1, 4),
+        "Def": ["II.1", "III.1"],
+        "Lem": ["II.1"],
+        "Asm": ["II.2"],
+        "Thm": ["III.1"],
+        "App": ["I", "II", "III", "IV"],
+    },
+    "Draft 003": {
+        "Eq": range(1, 13),
+        "Fig": range(1, 8),
+        "Def": ["II.1", "II.2", "IV.1", "IV.2"],
+        "Asm": ["II.1", "IV.1"],
+        "Prop": ["II.2"],
+        "Pb": ["II.1"],
+        "Lem": ["III.1"],
+        "Thm": ["IV.2"],
+        "App": ["I"],
+    },
+    "Draft 004": {
+        "Eq": range(1, 15),
+        "Fig": range(1, 8),
+        "Def": ["II.1", "II.2", "IV.1"],
+        "Pb": ["II.1"],
+        "Lem": ["III.1"],
+        "App": ["I"],
+    },
+}
+"""What each paper numbers."""
+
+PENDING = {
+    "eadp plan --machine",
+    "eadp simulate --figure",
+    "io.flight.estimate",
+    "models.plan.stage.Stage.sympy",
+    "planner.paper.gains",
+    "planner.paper.terminal_weight",
+}
+"""Names that may be absent still; a name that is there leaves this set."""
+
+PACKAGES = {path.name for path in (ROOT / "eadp").iterdir() if path.is_dir()}
+ALL = [pytest.param(row, id=f"{paper}: {row[0]}") for paper, rows in ROWS.items() for row in rows]
+
+
+def listed(items, kind):
+    """The numbers of a kind that the first cells of the rows name: `Eq. 3`, `Eqs. 4-6, 9`."""
+    found = set()
+    for item in items:
+        for numbers in re.findall(rf"{kind}s?\. ((?:[\dIVABC]+(?:\.\d)?[a-f]?(?:-|, )?)+)", item):
+            for number in filter(None, numbers.split(", ")):
+                first, _, last = number.partition("-")
+                ends = re.sub(r"[a-f]\Z", "", first), last
+                found |= set(map(str, range(int(ends[0]), int(last) + 1))) if last.isdigit() else {ends[0]}
+    return found
+
+
+@pytest.mark.parametrize("paper", NUMBERED)
+def test_everything_that_a_paper_numbers_is_listed(paper):
+    items = [row[0] for row in ROWS[paper]]
+    for kind, numbers in NUMBERED[paper].items():
+        assert listed(items, kind) >= set(map(str, numbers)), kind
+
+
+@cache
+def settings():
+    """The dotted keys of a scenario."""
+    schema = scenario_file.json_schema()
+
+    def keys(node, path):
+        for name, inner in properties(schema, node):
+            yield ".".join((*path, name))
+            yield from keys(inner, (*path, name))
+
+    return set(keys(schema, ()))
+
+
+@cache
+def help_of(command):
+    """The source of a command: its options stand in it."""
+    return (ROOT / "eadp/cli" / f"{command}.py").read_text(encoding="utf-8")
+
+
+def exists(name):
+    """Whether a file, module, class, function, scenario key or command of the page is there."""
+    if name.startswith("eadp "):
+        command, *options = name.split()[1:]
+        words = [(option, option.removeprefix("--").replace("-", "_")) for option in options]
+        return all(re.search(rf'^    {word}: |"{option}"', help_of(command), re.MULTILINE) for option, word in words)
+    if "/" in name:
+        return (ROOT / name).exists()
+    if name.split(".")[0] not in PACKAGES:
+        return name in settings()
+    parts = name.split(".")
+    for end in range(len(parts), 0, -1):
+        module = ".".join(["eadp", *parts[:end]])
+        try:
+            found = importlib.import_module(module)
+        except ModuleNotFoundError:
+            continue
+        for part in parts[end:]:
+            fields = getattr(found, "__dataclass_fields__", {})
+            if not hasattr(found, part) and part not in fields:
+                return False
+            found = getattr(found, part, None)
+        return end > 1 or len(parts) == 1
+    return False
+
+
+@pytest.mark.parametrize("row", ALL)
+def test_what_a_row_names_exists(row):
+    assert len(row) == 4
+    where, tests = row[2:]
+    assert [name for name in re.findall(r"`([^`]+)`", where) if not exists(name) and name not in PENDING] == []
+    assert where == "–" or "`" in where
+    assert tests
+    assert where != "–" or tests.startswith("Left out: ")
+    source = ""
+    for name in re.findall(r"`((?:tests|docs|benchmarks)/[^`]+|test_[^`]+)`", tests):
+        if "/" in name:
+            assert (ROOT / name).exists(), name
+            source = (ROOT / name).read_text(encoding="utf-8")
+        else:
+            assert f"def {name}(" in source, name
+
+
+def test_references_between_the_papers_and_links():
+    assert missing_links(PAGE) == []
+    for paper, rows in ROWS.items():
+        assert len({row[0] for row in rows}) == len(rows), paper
