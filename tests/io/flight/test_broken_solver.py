@@ -9,18 +9,19 @@ from common import ROOT
 
 import eadp
 
-OVERRIDES = {
-    "paper": {"vehicle.airframe.model": "paper", "battery.letter_crate_per_h": 1.0, "battery.soc": 0.86},
-    "joint": {"battery.capacity_ah": 0.62},
+SCENARIOS = {
+    "paper": ("paper-drained", {"time_limit_s": 150}),
+    "joint": ("survey", {"time_limit_s": 150, "battery.capacity_ah": 0.62}),
 }
 
 
 def flown(planner):
+    scenario, overrides = SCENARIOS[planner]
     return eadp.simulate(
         ROOT / "plans/survey.plan",
-        scenario=ROOT / "scenarios/survey.yaml",
+        scenario=ROOT / f"scenarios/{scenario}.yaml",
         planner=planner,
-        overrides={**OVERRIDES[planner], "time_limit_s": 150, "planner.paper.min_periods": 0},
+        overrides=overrides,
     )
 
 
