@@ -224,7 +224,9 @@ class MissionProgram:
             self.report.fallbacks += 1
             self._last = None
             return replace(start, status=FALLBACK)
-        closed = fill_greedy(best.candidate.increments, best.candidate.available)
+        closed = start.allocation
+        if best.candidate is not start.candidate:
+            closed = fill_greedy(best.candidate.increments, best.candidate.available)
         gap = float(closed.value - best.value)
         self.report.gaps.append(gap)
         if gap > OUTDONE:
