@@ -39,7 +39,7 @@ sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(
 from eadp.core.compiled import enable  # noqa: E402
 from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.models.plan.route import MARGIN_M, RoutePredictor  # noqa: E402
-from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, TrackingPlanner  # noqa: E402
+from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, SolverReport, TrackingPlanner  # noqa: E402
 from eadp.planning.joint.forecaster import Forecaster  # noqa: E402
 from eadp.planning.joint.planner import JointPlanner  # noqa: E402
 from eadp.planning.joint.program import MissionProgram, best_at  # noqa: E402
@@ -156,7 +156,7 @@ def flown(inputs: FlightInputs, planner: TrackingPlanner | None = None) -> dict[
         "time_s": outcome.duration_s,
         "changes": changes,
         "cpu_s": time.process_time() - started,
-        "failures": pilot.report.failures,
+        "failures": pilot.report.failed,
         "replans": pilot.report.replans,
     }
 
@@ -434,7 +434,7 @@ def programs(count: int, seed: int) -> None:
     """The program against a fine brute force before take-off, and what a re-planning costs in flight."""
     rng = np.random.default_rng(seed)
     gaps: dict[str, list[float]] = {"scan": [], "scan, then QPs": []}
-    missed = failed = 0
+    missed, report = 0, SolverReport()
     for _ in range(count):
         keys = {
             **_windy(rng),
@@ -449,9 +449,9 @@ def programs(count: int, seed: int) -> None:
         candidates = [forecaster.candidate((share,)) for share in np.linspace(0, 1, 2001).tolist()]
         solutions = [best_at(candidate) for candidate in candidates if candidate is not None]
         best = max((solution.value for solution in solutions if solution.allocation.feasible), default=None)
-        for title, climb in (("scan", False), ("scan, then QPs", True)):
-            found = MissionProgram(1, climb).solve(forecaster.candidate, (float(rng.uniform()),))
-            failed += found.failures
+        program, warm = MissionProgram(1, report), (float(rng.uniform()),)
+        for title, solve in (("scan", program.scanned), ("scan, then QPs", program.solve)):
+            found = solve(forecaster.candidate, warm)
             if best is not None and found.allocation.feasible:
                 gaps[title].append(best - found.value)
             elif best is not None:
@@ -459,7 +459,8 @@ def programs(count: int, seed: int) -> None:
     print(f"seed {seed}, {count} instances, {len(gaps['scan'])} feasible; against 2,001 places of c1, in closed form:")
     for title, values in gaps.items():
         print(f"{title:<16}gap median {statistics.median(values):.1e}, worst {max(values):.1e}, best {min(values):.1e}")
-    print(f"not found though feasible: {missed}; QPs that failed: {failed}")
+    print(f"not found though feasible: {missed}; {report.calls} runs of OSQP: {report.by_status}, ", end="")
+    print(f"{report.fallbacks} fallbacks, closed form better by more than 1e-6: {report.outdone}")
     costs: list[tuple[int, float]] = []
     for index in range(4):
         inputs = load(

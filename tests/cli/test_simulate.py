@@ -50,7 +50,8 @@ def test_the_summary_has_the_documented_keys(eadp):
     assert expected <= set(summary)
     assert summary["schema"] == "eadp.flight/1"
     assert {"mean", "first", "last", "changes"} <= set(summary["parameters"]["c1"])
-    assert {"solves", "failures", "median_ms", "max_ms"} <= set(summary["solver"])
+    counts = {"calls", "solved", "retried", "failed", "fallbacks", "skipped", "by_status"}
+    assert counts | {"gap_max", "median_ms", "max_ms"} <= set(summary["solver"])
 
 
 def test_a_flight_that_does_not_complete_is_a_no(eadp):
