@@ -54,6 +54,16 @@ def test_the_columns_of_the_flight(folder):
     assert header == [name for name in documented("flight.csv") if name != "…"]
 
 
+@pytest.mark.parametrize("planner", ["joint", "paper", "static"])
+def test_the_columns_of_the_estimate(folder, tmp_path, planner):
+    if planner != "joint":
+        folder, overrides = tmp_path / planner, {"planner.name": planner, "time_limit_s": 2}
+        eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(folder)
+    with (folder / "estimate.csv").open(encoding="utf-8", newline="") as stream:
+        header = next(csv.reader(stream))
+    assert header == documented("estimate.csv")
+
+
 def test_the_keys_of_the_summary(folder):
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     found = keys(summary, summary["parameters"])

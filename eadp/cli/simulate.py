@@ -79,6 +79,7 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
         f"from {power['min']:.2f} to {power['max']:.2f} W",
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
     ]
+    lines += _endurance(summary["endurance"])
     for name, values in summary["parameters"].items():
         lines.append(
             f"{name:<10} mean {values['mean']:.4g}, from {values['first']:g} to {values['last']:g}, "
@@ -94,8 +95,20 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
     )
     if out is not None:
         decisions = "decisions.jsonl, " if decided else ""
-        lines.append(f"written    {out}/flight.csv, summary.json, {decisions}flight.svg, flight.png")
+        lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decisions}flight.svg, flight.png")
     return "\n".join(lines)
+
+
+def _endurance(endurance: Mapping[str, Any] | None) -> list[str]:
+    """How long a full battery lasts with the computations as flown, and at the ends of their sets."""
+    if endurance is None or endurance["gain_min_per_h"] is None:
+        return []
+    low, flown, high = (f"{endurance[key]['time_s'] / 60:.1f}" for key in ("lowest", "flown", "highest"))
+    line = f"endurance  {flown} min on a full battery, as flown"
+    if endurance["gain_min_per_h"]:
+        gain = f"{endurance['gain_min_per_h']:.1f} min more in an hour"
+        line += f"; {high} at the highest computations, {low} at the lowest: {gain}"
+    return [line]
 
 
 def _forecast(expected: Mapping[str, Any] | None) -> list[str]:

@@ -64,6 +64,7 @@ def test_the_result_folder(eadp, tmp_path):
     answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", folder, *SHORT)
     assert answer.code == 1
     assert sorted(item.name for item in folder.iterdir()) == [
+        "estimate.csv",
         "flight.csv",
         "flight.png",
         "flight.svg",
@@ -125,6 +126,15 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     assert len((folder / "decisions.jsonl").read_text().splitlines()) > 10
     json_form = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", "json", *SHORT)
     assert json.loads(json_form.out)["energy_forecast"] == told
+
+
+def test_the_endurance_by_computations(eadp, line_plan):
+    summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)["endurance"]
+    low, high = (summary[key]["time_s"] / 60 for key in ("lowest", "highest"))
+    text = f"; {high:.1f} at the highest computations, {low:.1f} at the lowest: {60 * (low / high - 1):.1f} min more in"
+    assert text in eadp("simulate", PLAN, "--scenario", SCENARIO, *SHORT).out
+    line = next(line for line in eadp("simulate", line_plan).out.splitlines() if line.startswith("endurance"))
+    assert line.endswith(" min on a full battery, as flown"), "without computations there is one endurance"
 
 
 def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):

@@ -34,8 +34,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonForecast
 
 LOOK_AHEAD_STEP_S = 1.0
-UNKNOWN_PERIOD_S = 6.0
-"""Horizon in place of one period if there is none [s]."""
 SAMPLES_PER_STEP = 10
 
 
@@ -119,6 +117,12 @@ class PaperPlanner(TrackingPlanner):
         """Time of the next re-planning; infinite before the first periods are flown."""
         return self._next_s if self._laps_known() else math.inf
 
+    @property
+    def horizon_s(self) -> float:
+        """Length of the horizon [s]."""
+        own_s = self._own.horizon_s
+        return super().horizon_s if own_s == "period" else own_s
+
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the fall of the charge within it is no jump."""
         self._soc = readings.charges[-1]
@@ -199,9 +203,7 @@ class PaperPlanner(TrackingPlanner):
         return plan.chosen
 
     def _steps(self) -> int:
-        own_s = self._own.horizon_s
-        horizon_s = (self.period_s or UNKNOWN_PERIOD_S) if own_s == "period" else own_s
-        return max(1, round(horizon_s / self._settings.every_s))
+        return max(1, round(self.horizon_s / self._settings.every_s))
 
     def _horizon(self, o: Observation, free: list[int], steps: int) -> Horizon:
         """The problem for the sets of this stage, built once for each."""

@@ -1,0 +1,42 @@
+"""`estimate.csv`: what the planner knew of the power along a flight, and the battery that bounds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.models.battery import Battery
+from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.simulation.loop import Step
+
+LOOK_AHEADS = 12
+"""Parts of the horizon: the power is forecast at their ends, and for now."""
+
+DIGITS = 6
+
+
+def horizon_w(estimate: PowerEstimate) -> FloatArray:
+    """Power forecast over a planner's horizon [W], shape (13,): now, and at the end of each twelfth of it."""
+    return estimate.forecast_w(np.linspace(0.0, estimate.horizon_s, LOOK_AHEADS + 1))
+
+
+def estimate_rows(
+    steps: Sequence[Step], estimates: Sequence[PowerEstimate], battery: Battery
+) -> Iterator[Sequence[str | float]]:
+    """Header and rows of `estimate.csv`: one for each logged step that has a new reading."""
+    size = len(estimates[0].state) - 2
+    yield [
+        *("time_s", "period_s", *(f"q{i}_w" for i in range(size)), "computing_w", "battery_wh", "power_limit_w"),
+        *("horizon_s", *(f"forecast_{k}_w" for k in range(LOOK_AHEADS + 1))),
+    ]
+    last_s = None
+    for step, one in zip(steps, estimates, strict=True):
+        if one.time_s == last_s:
+            continue
+        last_s, battery_wh = one.time_s, battery.energy_wh(step.soc)
+        limits = one.computing_w, battery_wh, battery_wh * battery.letter_crate_per_h
+        values = [*one.state[:size].tolist(), *limits, one.horizon_s, *horizon_w(one).tolist()]
+        period = "" if one.period_s is None else round(one.period_s, DIGITS)
+        yield [round(one.time_s, 9), period, *(round(value, DIGITS) for value in values)]
