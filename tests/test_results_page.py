@@ -38,7 +38,7 @@ def keys(value, names, prefix=""):
 def folder(tmp_path_factory):
     """The result folder of a flight that ends early."""
     target = tmp_path_factory.mktemp("results") / "flight"
-    eadp.simulate(PLAN, scenario=SCENARIO, overrides={"time_limit_s": 60}).write(target)
+    eadp.simulate(PLAN, scenario=SCENARIO, overrides={"time_limit_s": 60}).write(target, paper_figure=True)
     return target
 
 

@@ -83,6 +83,17 @@ def test_the_result_folder(eadp, tmp_path):
     assert [item.name for item in folder.parent.iterdir()] == ["i"], "no temporary folder is left"
 
 
+def test_the_papers_figure_stands_in_the_folder(eadp, tmp_path, line_plan):
+    answer = eadp("simulate", line_plan, "-o", tmp_path / "flight", "--figure", "paper")
+    assert answer.code == 0
+    assert "flight.svg, flight.png, paper.svg, paper.png" in answer.out
+    assert (tmp_path / "flight/paper.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (tmp_path / "flight/paper.svg").read_text()
+    assert refused(eadp("simulate", line_plan, "--figure", "paper"), "--figure:1:1: error:", "-o DIR")
+    assert eadp("simulate", line_plan, "--figure", "other", "-o", tmp_path / "other").code == 2
+    assert not (tmp_path / "other").exists()
+
+
 def test_same_inputs_same_bytes(eadp, tmp_path):
     gusts = ("--set", "wind.gust_std_mps=1", "--seed", "7")
     for name in ("a", "b"):

@@ -4,22 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from eadp.core.arrays import FloatArray
 from eadp.models.battery import Battery
-from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.planning.estimation.estimator import LOOK_AHEADS, PowerEstimate
 from eadp.simulation.loop import Step
 
-LOOK_AHEADS = 12
-"""Parts of the horizon: the power is forecast at their ends, and for now."""
-
 DIGITS = 6
-
-
-def horizon_w(estimate: PowerEstimate) -> FloatArray:
-    """Power forecast over a planner's horizon [W], shape (13,): now, and at the end of each twelfth of it."""
-    return estimate.forecast_w(np.linspace(0.0, estimate.horizon_s, LOOK_AHEADS + 1))
 
 
 def estimate_rows(
@@ -37,6 +26,6 @@ def estimate_rows(
             continue
         last_s, battery_wh = one.time_s, battery.energy_wh(step.soc)
         limits = one.computing_w, battery_wh, battery_wh * battery.letter_crate_per_h
-        values = [*one.state[:size].tolist(), *limits, one.horizon_s, *horizon_w(one).tolist()]
+        values = [*one.state[:size].tolist(), *limits, one.horizon_s, *one.horizon_w().tolist()]
         period = "" if one.period_s is None else round(one.period_s, DIGITS)
         yield [round(one.time_s, 9), period, *(round(value, DIGITS) for value in values)]

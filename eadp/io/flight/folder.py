@@ -16,6 +16,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.io.figures.flight import write_flight_figure
+from eadp.io.figures.paper import write_paper_figure
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
@@ -174,7 +175,7 @@ class Flight:
     def _names(self) -> list[str]:
         return [*Step._fields[:-1], *self.inputs.world.plan.names]
 
-    def write(self, folder: str | Path, *, force: bool = False) -> None:
+    def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
         """Write the result folder, whole or not at all.
 
         Parameters
@@ -182,6 +183,8 @@ class Flight:
         folder : str or Path
         force : bool, optional
             Whether a folder of this name is replaced.
+        paper_figure : bool, optional
+            Whether `paper.svg` and `.png` are drawn, too: the letter's Figs. 6b and 1.
 
         Raises
         ------
@@ -199,6 +202,8 @@ class Flight:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
+            if paper_figure:
+                write_paper_figure(target / "paper", world, self.steps, self.estimates)
             _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
 

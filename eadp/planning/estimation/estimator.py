@@ -51,6 +51,9 @@ READINGS_KEPT = 20_000
 MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
 """Lower bounds of the estimated noise: a quiet flight may become noisy."""
 
+LOOK_AHEADS = 12
+"""Parts of a horizon at whose ends the power is forecast for the records of a flight."""
+
 PUBLISHED_STEP_S = 0.01
 """Largest step of the published filter: Euler's step of a tenth of a second makes its harmonics grow without bound."""
 
@@ -126,6 +129,10 @@ class PowerEstimate(NamedTuple):
         rows = _power_rows(order, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
         power: FloatArray = rows @ self.state + self.computing_w
         return power
+
+    def horizon_w(self) -> FloatArray:
+        """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""
+        return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
 def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:

@@ -9,7 +9,6 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eadp.io.flight.estimate import horizon_w
 from eadp.io.flight.folder import fly_flight, record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import DecisionRecord
@@ -123,4 +122,4 @@ def test_the_estimate_follows_the_flight(written, planner):
 def test_forecasts_are_at_parts_of_the_horizon():
     estimate = PowerEstimate(5.0, 40.0, np.array([30.0, 3.0, 4.0, 0.0, 0.0]), 1.0, 9.0, 20.0)
     angle = 2 * np.pi / 40 * np.arange(13) * 20 / 12
-    assert horizon_w(estimate) == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))
+    assert estimate.horizon_w() == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))
