@@ -70,8 +70,8 @@ class Battery:
 
         Source: letter, Lem. III.3, integrated over the charge.
         """
-        soc = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS
-        voltage_v = np.array([self.voltage_at(b) for b in soc.tolist()])
+        soc, empty_v = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS, self.voltage_at(0.0)
+        voltage_v = empty_v + (self.voltage_v - empty_v) * soc
         voltage_v = voltage_v[voltage_v**2 >= 4 * self.resistance_ohm * power_w]
         # ∫ db / −ḃ, by the midpoint rule
         return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) / ENDURANCE_STEPS

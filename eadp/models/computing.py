@@ -52,7 +52,7 @@ class Computing:
         rho = self.path_count
         running = [stage.sets for stage in plan.stages if not all(box.inhibited for box in stage.sets[rho:])]
         found = []
-        for sets in running or [plan.stages[0].sets]:
+        for sets in dict.fromkeys(running or [plan.stages[0].sets]):
             values = [float(getattr(box, end)) for box in sets]
             found.append((self.power_w(values, sets), dict(zip(plan.names[rho:], values[rho:], strict=True))))
         return (min if end == "lo" else max)(found, key=lambda one: one[0])

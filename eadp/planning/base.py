@@ -323,8 +323,7 @@ class TrackingPlanner:
 
     def estimate(self) -> PowerEstimate:
         """The power as estimated after the last reading."""
-        estimate = self._estimator.estimate()
-        return estimate._replace(computing_w=self._computing_w, horizon_s=self.horizon_s)
+        return self._estimator.estimate(self._computing_w, self.horizon_s)
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the parameters stay."""

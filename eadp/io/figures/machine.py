@@ -88,7 +88,7 @@ def _blocks(plan: Plan, parameters: Sequence[float]) -> list[_Block]:
             stages = [*stages[: SHOWN - ACROSS], None, *stages[1 - ACROSS :]]
         loop = "next lap" if segment.repeats or plan.repeats else ""
         if plan.repeats and plan.shift is not None:
-            loop += ", moved by d = ({:.5g}, {:.5g}) m".format(*point_at(plan.shift, parameters, "the shift"))
+            loop += f", moved by d = {_numbers(point_at(plan.shift, parameters, 'the shift'))} m"
         until = " ≥ ".join(side.text for side in segment.until) if segment.until else ""
         top = blocks[-1].bottom - 1.3 if blocks else 0.0
         blocks.append(_Block(stages, top, loop, printable(until, WRITTEN)))
@@ -99,8 +99,11 @@ def _trigger(stage: Stage | None, parameters: Sequence[float]) -> str:
     """The point that ends a stage: its name, and where it is in the first lap."""
     if stage is None:
         return ""
-    x, y = stage.trigger_at(parameters)
-    return f"{_name('p', stage.index)}\n({x:.5g}, {y:.5g})"
+    return f"{_name('p', stage.index)}\n{_numbers(stage.trigger_at(parameters))}"
+
+
+def _numbers(point: Point) -> str:
+    return f"({round(point[0], 1):g}, {round(point[1], 1):g})"
 
 
 def _name(kind: str, index: int | str) -> str:
@@ -143,7 +146,7 @@ def _draw_end(axes: Axes, block: _Block, plan: Plan, parameters: Sequence[float]
     middle = (x + right) / 2
     if plan.repeats:
         middle = right
-        final = "({:.5g}, {:.5g}) m".format(*point_at(plan.final_point, parameters, "the final point"))
+        final = f"{_numbers(point_at(plan.final_point, parameters, 'the final point'))} m"
         way = f"{label.partition(chr(10))[0]} at or" if plan.ends_at_trigger else "from any stage:"
         label = f"{way}\nbeyond {_name('p', 'f')}\n{final}"
         if not plan.ends_at_trigger:

@@ -134,7 +134,7 @@ def _draw_state(level: Axes, harmonics: Axes, estimates: Sequence[PowerEstimate]
     if states.shape[1] > 1:
         harmonics.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, columnspacing=0.9, handlelength=1.4)
     else:
-        _write_none(harmonics, "no period, no harmonics")
+        _write_none(harmonics, "no harmonics")
     for axes, values in ((level, settled[:, :1]), (harmonics, settled[:, 1:])):
         axes.set_xlabel("time [s]")
         axes.set_ylabel("coefficient [W]")
@@ -166,8 +166,9 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
             label = f"j/T, j = 1 … {order}" if j == 1 else ""
             left.axvline(j / last.period_s, color=COLOURS[1], linewidth=0.9, dashes=(4, 3), label=label)
         right.axvline(last.period_s, color=COLOURS[1], linewidth=0.9, dashes=(4, 3), label=f"T = {last.period_s:.1f} s")
-        legend_above(left)
         legend_above(right)
+        if order:
+            legend_above(left)
 
 
 def _write_none(axes: Axes, text: str) -> None:

@@ -120,8 +120,8 @@ class PowerEstimate(NamedTuple):
     period_s: float | None
     state: FloatArray
     disturbance_s: float
-    computing_w: float = 0.0
-    horizon_s: float = 0.0
+    computing_w: float
+    horizon_s: float
 
     def forecast_w(self, ahead_s: FloatArray) -> FloatArray:
         """Power of motion and computations [W], `ahead_s` [s] after the reading, shape (n,): C e^{At} x and g(c)."""
@@ -291,9 +291,10 @@ class ExactEstimator:
 
     # --- forecasts
 
-    def estimate(self) -> PowerEstimate:
-        """The estimate after the last reading."""
-        return PowerEstimate(self._time_s or 0.0, self.period_s, self._filter.state, self._noise[2])
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
+        state, disturbance_s = self._filter.state, self._noise[2]
+        return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
@@ -455,9 +456,10 @@ class PublishedEstimator:
         """Restart the clock without a lap's time."""
         self._lap_started_s = time_s
 
-    def estimate(self) -> PowerEstimate:
-        """The estimate after the last reading; there is no disturbance."""
-        return PowerEstimate(self._time_s, self.period_s, np.array([*self._state, 0.0, 0.0]), 1.0)
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """As `ExactEstimator.estimate`; there is no disturbance."""
+        state = np.array([*self._state, 0.0, 0.0])
+        return PowerEstimate(self._time_s, self.period_s, state, 1.0, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""

@@ -95,6 +95,12 @@ def test_forecasts_start_at_their_reading_and_do_not_overlap(monkeypatch, flight
     assert forecasts[-1].get_ydata()[-1] == pytest.approx(one.forecast_w(np.array([one.horizon_s]))[0])
 
 
+def test_an_estimator_without_harmonics_has_its_figures(monkeypatch):
+    overrides = {"time_limit_s": 20, "estimator.order": 0}
+    panels = drawn(monkeypatch, eadp.simulate(PLAN, ROOT / "scenarios/survey.yaml", overrides=overrides))
+    assert [text.get_text() for text in panels["State q: harmonics"].texts] == ["no harmonics"]
+
+
 @pytest.mark.parametrize("overrides", [{}, {"time_limit_s": 0.05}])
 def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overrides):
     plan = tmp_path / "line.plan"

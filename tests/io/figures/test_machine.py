@@ -46,7 +46,7 @@ def test_a_plan_that_repeats(drawn):
     assert [text.partition(", ")[2] for text in paths] == ["circle", "line", "circle", "line"]
     assert "$p_{\\Gamma_{2}}$\n(-115, -11)" in texts
     # d = (150 − 2 √(4900 + c1), (75 − √(4900 + c1))/5) at c1 = −1000
-    assert "$p_{\\Gamma_{4}}$: next lap, moved by d = (25.1, 2.51) m" in texts
+    assert "$p_{\\Gamma_{4}}$: next lap, moved by d = (25.1, 2.5) m" in texts
     assert "from any stage:\nbeyond $p_{\\Gamma_{f}}$\n(175, 161) m" in texts
 
 

@@ -530,7 +530,7 @@ def test_an_estimate_forecasts_as_its_estimator_and_keeps_to_its_reading(kind):
     estimator = kind(EstimatorSettings(), PERIOD_S) if kind is ExactEstimator else kind(EstimatorSettings())
     fed(estimator, np.arange(0.1, 60.0, 0.1))
     ahead = np.array([0.0, 2.0, 7.5])
-    estimate = estimator.estimate()._replace(computing_w=9.0)
+    estimate = estimator.estimate(9.0, 6.0)
     known = estimator.forecast(ahead) + 9.0
     assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING)
     assert estimate.time_s == pytest.approx(59.9)
