@@ -11,7 +11,16 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import LINE
 from eadp.errors import PathUndefined
-from eadp.io.figures.canvas import COLOURS, Axes, draw_arrow, draw_circles, figure_file, label_map, legend_below
+from eadp.io.figures.canvas import (
+    COLOURS,
+    Axes,
+    draw_areas,
+    draw_arrow,
+    draw_circles,
+    figure_file,
+    label_map,
+    legend_below,
+)
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import point_at
@@ -22,6 +31,8 @@ VALUES = 5
 
 CORNERS = 24
 """Parts of a leg, if it is no line, that bounds the range."""
+
+MIN_STEP_M = 1e-3
 
 NAMED = 12
 """Most stages whose names are written beside their paths."""
@@ -87,7 +98,7 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
     boxes = [plan.hull(i) for i in range(plan.path_count)]
     rest = parameters[plan.path_count :]
     before: list[FloatArray] = []
-    label: str | None = "range of the path parameters, lap by lap"
+    strips: list[FloatArray] = []
     for share in np.linspace(0.0, 1.0, VALUES).tolist():
         values = [*(box.lo + share * (box.hi - box.lo) for box in boxes), *rest]
         try:
@@ -96,16 +107,16 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
             before = []
             continue
         paths = [_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap]
-        for first, second in zip(before, paths, strict=False):
-            x, y = np.concatenate([first, second[::-1]]).T
-            axes.fill(x, y, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
-            label = None
+        strips += [np.concatenate([first, last[::-1]]) for first, last in zip(before, paths, strict=False)]
         before = paths
+    if strips:
+        label = "range of the path parameters, lap by lap"
+        draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
 
 
 def _points(leg: Leg, step_m: float) -> FloatArray:
     """Points along a leg [m], shape (n, 2)."""
-    return np.array([(point.x_m, point.y_m) for point in leg_points(leg, step_m)])
+    return np.array([(point.x_m, point.y_m) for point in leg_points(leg, max(step_m, MIN_STEP_M))])
 
 
 def _name_stages(axes: Axes, legs: Sequence[Leg]) -> None:
@@ -113,7 +124,7 @@ def _name_stages(axes: Axes, legs: Sequence[Leg]) -> None:
     style: dict[str, Any] = {"fontsize": 9, "textcoords": "offset points", "zorder": 6}
     back = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
     least_m = max(leg.distance_m for leg in legs) / 10
-    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m >= least_m][:NAMED]:
+    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > least_m][:NAMED]:
         middle = _points(leg, leg.distance_m / 2)[1]
         colour = COLOURS[(leg.stage.index - 1) % len(COLOURS)]
         name = f"$\\varphi_{{{leg.stage.index}}}$"

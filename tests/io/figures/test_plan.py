@@ -24,7 +24,7 @@ def filled(text, parameters):
     """The filled areas [m²] and the extents [m] of the range."""
     axes = Figure().add_subplot()
     _draw_range(axes, plan(text), parameters)
-    outlines = [patch.get_xy()[:-1] for patch in axes.patches]
+    outlines = [path.vertices[:-1] for collection in axes.collections for path in collection.get_paths()]
     areas = [abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1))) / 2 for x, y in (points.T for points in outlines)]
     return np.array(areas), outlines
 
