@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
     """The result folder of a flight that ends early."""
     target = tmp_path_factory.mktemp("results") / "flight"
     overrides = {"time_limit_s": 60, "computations.c2.max_rate": 8}
-    eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(target)
+    eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(target, paper_figure=True)
     return target
 
 
@@ -53,6 +53,16 @@ def test_the_columns_of_the_flight(folder):
     with (folder / "flight.csv").open(encoding="utf-8", newline="") as stream:
         header = next(csv.reader(stream))
     assert header == [name for name in documented("flight.csv") if name != "…"]
+
+
+@pytest.mark.parametrize("planner", ["joint", "paper", "static"])
+def test_the_columns_of_the_estimate(folder, tmp_path, planner):
+    if planner != "joint":
+        folder, overrides = tmp_path / planner, {"planner.name": planner, "time_limit_s": 2}
+        eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(folder)
+    with (folder / "estimate.csv").open(encoding="utf-8", newline="") as stream:
+        header = next(csv.reader(stream))
+    assert header == documented("estimate.csv")
 
 
 def test_the_keys_of_the_summary(folder):

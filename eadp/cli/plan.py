@@ -42,6 +42,7 @@ def command(
         Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
     ] = None,
     plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
+    machine: Annotated[bool, Option("--machine", help="With --plot: draw the state machine, not the path.")] = False,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -56,6 +57,8 @@ def command(
 
     if trace is not None and not trace > 0:
         raise usage_fault("--trace", f"{trace:g}", "a step that is not above 0", "metres, as in --trace 1")
+    if machine and plot is None:
+        raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)
     plan, findings = read_plan(text)
     report = None
@@ -67,9 +70,7 @@ def command(
     lines = [Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings]
     try:
         if plot is not None:
-            from eadp.io.figures.plan import write_plan_figure
-
-            write_plan_figure(plot, plan, _parameters(plan, set_))
+            _draw(plot, plan, _parameters(plan, set_), machine=machine)
         points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
@@ -87,6 +88,13 @@ def command(
         warn(lines)
         emit(_table(plan))
     return 1 if report is not None and report.has_errors else 0
+
+
+def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) -> None:
+    from eadp.io.figures.machine import write_machine_figure
+    from eadp.io.figures.plan import write_plan_figure
+
+    (write_machine_figure if machine else write_plan_figure)(path, plan, parameters)
 
 
 def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:

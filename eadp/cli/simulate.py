@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
@@ -15,12 +16,15 @@ from eadp.cli.options import (
     ScenarioOption,
     SetOption,
 )
-from eadp.cli.output import Progress, emit, emit_json, warn
+from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eadp.simulation.loop import Step
+
+
+FigureName = enum.StrEnum("FigureName", ["paper"])
 
 
 def command(
@@ -33,6 +37,9 @@ def command(
     seed: Annotated[int | None, Option(min=0, help="Seed of gusts and noise.")] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
     force: Annotated[bool, Option("--force", help="Replace the folder if it exists.")] = False,
+    figure: Annotated[
+        FigureName | None, Option(help="Draw one more figure into the folder: the letter's Figs. 6b and 1.")
+    ] = None,
     require_reserve: Annotated[
         bool, Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
     ] = False,
@@ -49,6 +56,8 @@ def command(
 
     if out is not None:
         check_new_folder(out, force=force)
+    elif figure is not None:
+        raise usage_fault("--figure", figure.value, "a figure without a folder for it", "-o DIR")
     progress = Progress("flying")
 
     def show(step: Step) -> None:
@@ -59,15 +68,15 @@ def command(
     progress.close()
     summary = flight.summary
     if out is not None:
-        flight.write(out, force=force)
+        flight.write(out, force=force, paper_figure=figure is FigureName.paper)
     if format_ is Format.json:
         emit_json(summary)
     else:
-        emit(_text(summary, out, decided=bool(flight.decisions)))
+        emit(_text(summary, out, decided=bool(flight.decisions), figure=figure))
     return 0 if summary["completed"] and (summary["reserve_kept"] or not require_reserve) else 1
 
 
-def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
+def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
     """The summary for people."""
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
@@ -79,6 +88,7 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
         f"from {power['min']:.2f} to {power['max']:.2f} W",
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
     ]
+    lines += _endurance(summary["endurance"])
     for name, values in summary["parameters"].items():
         ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
         lines.append(
@@ -96,8 +106,21 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool) -> str:
     )
     if out is not None:
         decisions = "decisions.jsonl, " if decided else ""
-        lines.append(f"written    {out}/flight.csv, summary.json, {decisions}flight.svg, flight.png")
+        names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")]
+        lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decisions}{', '.join(names)}")
     return "\n".join(lines)
+
+
+def _endurance(endurance: Mapping[str, Any] | None) -> list[str]:
+    """How long a full battery lasts with the computations as flown, and at the ends of their sets."""
+    if endurance is None or endurance["gain_min_per_h"] is None:
+        return []
+    low, flown, high = (f"{endurance[key]['time_s'] / 60:.1f}" for key in ("lowest", "flown", "highest"))
+    line = f"endurance  {flown} min on a full battery, as flown"
+    if endurance["gain_min_per_h"]:
+        gain = f"{endurance['gain_min_per_h']:.1f} min more in an hour"
+        line += f"; {high} at the highest computations, {low} at the lowest: {gain}"
+    return [line]
 
 
 def _forecast(expected: Mapping[str, Any] | None) -> list[str]:

@@ -8,12 +8,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.bounds import Efficiency, Seconds, Share
 from eadp.core.flight.battery import current_a, drains_per_s, soc_rate_per_s
 
 VOLTAGE_STEP_V = 0.05
+ENDURANCE_STEPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,21 @@ class Battery:
         if self.voltage_empty_v is None:
             return self.voltage_v
         return self.voltage_empty_v + (self.voltage_v - self.voltage_empty_v) * soc
+
+    def energy_wh(self, soc: float) -> float:
+        """b Q_c V [Wh] at a state of charge b. Source: letter, Def. III.3."""
+        return soc * self.capacity_ah * self.voltage_at(soc)
+
+    def endurance_s(self, power_w: float) -> float:
+        """Time [s] from full charge until a constant power, above 0 [W], finds it empty or can no longer be delivered.
+
+        Source: letter, Lem. III.3, integrated over the charge.
+        """
+        soc, empty_v = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS, self.voltage_at(0.0)
+        voltage_v = empty_v + (self.voltage_v - empty_v) * soc
+        voltage_v = voltage_v[voltage_v**2 >= 4 * self.resistance_ohm * power_w]
+        # ∫ db / −ḃ, by the midpoint rule
+        return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) / ENDURANCE_STEPS
 
     def drain_per_s(self, power_w: Any, voltage_v: Any) -> Any:
         """How fast the charge falls [1/s] under a power [W] at an open-circuit voltage [V], numbers or arrays.

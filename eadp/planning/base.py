@@ -31,10 +31,13 @@ from eadp.planning.estimation.estimator import (
     Estimator,
     EstimatorSettings,
     ExactEstimator,
+    PowerEstimate,
     PublishedEstimator,
 )
 
 SOC_JUMP = 0.01
+UNKNOWN_PERIOD_S = 6.0
+"""Horizon in place of one period if there is none [s]."""
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
@@ -304,6 +307,9 @@ class Planner(Protocol):
     def ingest(self, readings: Readings) -> Decision:
         """Take the readings since the last observation; stage and parameters have not changed."""
 
+    def estimate(self) -> PowerEstimate:
+        """The power as estimated after the last reading."""
+
 
 class TrackingPlanner:
     """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
@@ -353,6 +359,15 @@ class TrackingPlanner:
     def next_update_s(self) -> float:
         """At every reading."""
         return self._next_reading_s
+
+    @property
+    def horizon_s(self) -> float:
+        """How far it looks ahead at the power [s]: one period."""
+        return self.period_s or UNKNOWN_PERIOD_S
+
+    def estimate(self) -> PowerEstimate:
+        """The power as estimated after the last reading."""
+        return self._estimator.estimate(self._computing_w, self.horizon_s)
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the parameters stay."""

@@ -34,7 +34,7 @@ class ParameterRecord:
 
 
 class ParameterLog:
-    """Parameters over time: means, changes, and the quality U. Updated at changes only.
+    """Parameters over time: means, changes, the quality U, and the energy of computations. Updated at changes only.
 
     U is Σ weight · c̃ over the parameters whose box has more than one value, averaged over the time in which it has.
     Weights are equal by default, and scaled to sum to 1. c̃ is that of the rates at which the computations run, which
@@ -42,9 +42,16 @@ class ParameterLog:
     """
 
     def __init__(
-        self, plan: Plan, parameters: Vector, sets: tuple[Box, ...], actual: Callable[[Vector], Vector] = tuple
+        self,
+        plan: Plan,
+        parameters: Vector,
+        sets: tuple[Box, ...],
+        actual: Callable[[Vector], Vector] = tuple,
+        computing_w: float = 0.0,
     ) -> None:
         self._plan, self._actual = plan, actual
+        self.computing_j = 0.0
+        self._computing_w = computing_w
         self._since_s = 0.0
         self._values = parameters
         self._sets = sets
@@ -52,15 +59,15 @@ class ParameterLog:
         self._share_integral = [0.0] * len(parameters)
         self._share_time_s = [0.0] * len(parameters)
 
-    def change(self, time_s: float, parameters: Vector, sets: tuple[Box, ...]) -> None:
-        """Record new values or sets from a time on [s]."""
+    def change(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float = 0.0) -> None:
+        """Record new values or sets, and the power of the computations [W], from a time on [s]."""
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
                 record.changes += 1
                 record.last = new
                 record.history.append((round(time_s, 6), new))
-        self._values, self._sets = parameters, sets
+        self._values, self._sets, self._computing_w = parameters, sets, computing_w
 
     def close(self, time_s: float) -> None:
         """End the flight."""
@@ -69,6 +76,7 @@ class ParameterLog:
     def _advance(self, time_s: float) -> None:
         duration = time_s - self._since_s
         self._since_s = time_s
+        self.computing_j += self._computing_w * duration
         for i, (value, run) in enumerate(zip(self._values, self._actual(self._values), strict=True)):
             self.records[i].integral += value * duration
             self.records[i].actual_integral += run * duration

@@ -207,6 +207,9 @@ def test_plots(eadp, tmp_path):
     twice = (tmp_path / "plan.svg").read_bytes()
     eadp("plan", "plans/survey.plan", "--plot", tmp_path / "plan.svg")
     assert (tmp_path / "plan.svg").read_bytes() == twice
+    machine = tmp_path / "machine.png"
+    assert eadp("plan", "plans/survey.plan", "--plot", machine, "--machine", "--set", "c1=-500").code == 0
+    assert machine.read_bytes() != (tmp_path / "plan.png").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -220,6 +223,8 @@ def test_plots(eadp, tmp_path):
         (("--trace", "nan"), "--trace"),
         (("--trace", "1e-9"), "more than 5000000 points"),
         (("--plot", "plan.pdf"), ".svg or .png"),
+        (("--plot", "plan.pdf", "--machine"), ".svg or .png"),
+        (("--machine",), "--plot FILE"),
         (("--plot", "nosuch/folder/plan.svg"), "cannot be written"),
     ],
 )

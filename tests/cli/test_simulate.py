@@ -69,6 +69,7 @@ def test_the_result_folder(eadp, tmp_path):
     answer = eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", folder, *SHORT)
     assert answer.code == 1
     assert sorted(item.name for item in folder.iterdir()) == [
+        "estimate.csv",
         "flight.csv",
         "flight.png",
         "flight.svg",
@@ -85,6 +86,17 @@ def test_the_result_folder(eadp, tmp_path):
     names = sorted(item.name for item in (folder / "inputs").iterdir())
     assert names == ["overrides.txt", "paper-i-dynamic.yaml", "pednet-letter.yaml", "survey.plan"]
     assert [item.name for item in folder.parent.iterdir()] == ["i"], "no temporary folder is left"
+
+
+def test_the_papers_figure_stands_in_the_folder(eadp, tmp_path, line_plan):
+    answer = eadp("simulate", line_plan, "-o", tmp_path / "flight", "--figure", "paper")
+    assert answer.code == 0
+    assert "flight.svg, flight.png, paper.svg, paper.png" in answer.out
+    assert (tmp_path / "flight/paper.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (tmp_path / "flight/paper.svg").read_text()
+    assert refused(eadp("simulate", line_plan, "--figure", "paper"), "--figure:1:1: error:", "-o DIR")
+    assert eadp("simulate", line_plan, "--figure", "other", "-o", tmp_path / "other").code == 2
+    assert not (tmp_path / "other").exists()
 
 
 def test_same_inputs_same_bytes(eadp, tmp_path):
@@ -130,6 +142,15 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     assert len((folder / "decisions.jsonl").read_text().splitlines()) > 10
     json_form = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", "json", *SHORT)
     assert json.loads(json_form.out)["energy_forecast"] == told
+
+
+def test_the_endurance_by_computations(eadp, line_plan):
+    summary = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, "--format", "json", *SHORT).out)["endurance"]
+    low, high = (summary[key]["time_s"] / 60 for key in ("lowest", "highest"))
+    text = f"; {high:.1f} at the highest computations, {low:.1f} at the lowest: {60 * (low / high - 1):.1f} min more in"
+    assert text in eadp("simulate", PLAN, "--scenario", SCENARIO, *SHORT).out
+    line = next(line for line in eadp("simulate", line_plan).out.splitlines() if line.startswith("endurance"))
+    assert line.endswith(" min on a full battery, as flown"), "without computations there is one endurance"
 
 
 def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from eadp.models.battery import VOLTAGE_STEP_V, Battery
 
@@ -36,3 +39,38 @@ def test_near_a_charge_the_battery_has_one_voltage_a_little_below(soc):
     assert near.voltage_empty_v is None
     assert -1e-9 <= battery.voltage_at(soc) - near.voltage_v <= VOLTAGE_STEP_V + 1e-9
     assert Battery().near(soc) == Battery()
+
+
+def soc_at_end(battery, power_w, time_s):
+    """Charge after a constant power, by integrating letter Eq. 22 with scipy."""
+
+    def rate(_time_s, soc):
+        volts = battery.voltage_at(float(soc[0]))
+        root = math.sqrt(max(volts**2 - 4 * battery.resistance_ohm * power_w, 0.0))
+        amperes = (volts - root) / (2 * battery.resistance_ohm)
+        return [-battery.k_b_per_s * amperes / battery.capacity_ah]
+
+    return solve_ivp(rate, (0.0, time_s), [1.0], rtol=1e-9, atol=1e-12).y[0, -1]
+
+
+@pytest.mark.parametrize("battery", [Battery(), Battery(voltage_v=16.8, voltage_empty_v=13.2, k_b_per_s=0.00183)])
+@pytest.mark.parametrize("power_w", [5.0, 36.39])
+def test_endurance_empties_a_full_battery(battery, power_w):
+    assert soc_at_end(battery, power_w, battery.endurance_s(power_w)) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_published_battery_lasts_as_the_letter_says():
+    assert Battery(resistance_ohm=0.0012, k_b_per_s=0.00183).endurance_s(36.4) == pytest.approx(711, abs=1)
+    assert Battery(resistance_ohm=0.0012).endurance_s(36.4) == pytest.approx(4684, abs=5)
+
+
+def test_endurance_ends_where_the_power_can_no_longer_be_delivered():
+    battery = Battery(voltage_v=10.0, voltage_empty_v=5.0, resistance_ohm=0.5)
+    power_w = 7.5**2 / (4 * 0.5)  # at half the charge and below it is more than V²/4R
+    assert soc_at_end(battery, power_w, battery.endurance_s(power_w)) == pytest.approx(0.5, abs=0.01)
+    assert battery.endurance_s(100.0) == 0.0
+
+
+def test_the_energy_is_charge_times_capacity_times_voltage():
+    assert Battery(voltage_v=14.8, capacity_ah=3.2).energy_wh(0.5) == pytest.approx(23.68)
+    assert Battery(voltage_v=16.0, voltage_empty_v=12.0, capacity_ah=2.0).energy_wh(0.5) == pytest.approx(14.0)

@@ -39,6 +39,14 @@ def test_quality_is_the_mean_share():
     assert log.paper_metric(0.0) is None
 
 
+def test_the_energy_of_computations_is_power_by_time():
+    log = ParameterLog(PLAN, (0.0, 10.0), SETS, computing_w=9.0)
+    log.change(10.0, (0.0, 2.0), SETS, 5.0)
+    log.change(15.0, (0.0, 2.0), SETS, 0.0)
+    log.close(40.0)
+    assert log.computing_j == pytest.approx(9 * 10 + 5 * 5)
+
+
 def test_time_without_a_choice_is_left_out():
     log = ParameterLog(PLAN, (0.0, 10.0), SETS)
     log.change(10.0, (0.0, 0.0), (Box(-1000, 0), Box(0, 0)))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
 
@@ -113,6 +114,13 @@ def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> Non
 
     outline = Outline.make_compound_path(*(Outline((*ring, ring[0]), closed=True) for ring in rings))
     axes.add_patch(PathPatch(outline, **style))
+
+
+def draw_areas(axes: Axes, outlines: Sequence[FloatArray], **style: Any) -> None:
+    """Filled polygons of one style, each of corners, shape (n, 2)."""
+    from matplotlib.collections import PolyCollection
+
+    axes.add_collection(PolyCollection(outlines, **style))
 
 
 def draw_circles(axes: Axes, centres: Sequence[Point], radii: Sequence[float]) -> None:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import periodogram
 from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_above, write_headline
 from eadp.models.energy_fit import EnergyFit
@@ -66,10 +67,21 @@ def _draw_residuals(axes: Axes, fitted: EnergyFit, every: int) -> None:
     axes.set_title("Residuals")
 
 
-def _draw_periodogram(axes: Axes, fitted: EnergyFit) -> None:
-    period_s, r2 = periodogram(fitted.times_s, fitted.power_w, fitted.model.order or 1)
+def draw_periodogram(axes: Axes, times_s: FloatArray, power_w: FloatArray, order: int) -> None:
+    """The periodogram of a power log; times [s] and power [W] as `eadp.core.signals.spectrum.periodogram`."""
+    period_s, r2 = periodogram(times_s, power_w, order)
     axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_ylim(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max()))))
+    axes.set_xlabel("period [s]")
+    axes.set_ylabel("cross-validated R²")
+
+
+def _draw_periodogram(axes: Axes, fitted: EnergyFit) -> None:
+    axes.set_title("Periodogram")
+    draw_periodogram(axes, fitted.times_s, fitted.power_w, fitted.model.order or 1)
     best_s = fitted.spectrum.period_s
     if math.isfinite(best_s):
         if fitted.model.periodic:
@@ -77,12 +89,6 @@ def _draw_periodogram(axes: Axes, fitted: EnergyFit) -> None:
         else:
             axes.axvline(best_s, color=GREY, linewidth=1.2, dashes=(4, 3), label=f"{best_s:.4g} s, not significant")
         legend_above(axes)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.set_ylim(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max()))))
-    axes.set_xlabel("period [s]")
-    axes.set_ylabel("cross-validated R²")
-    axes.set_title("Periodogram")
 
 
 def _draw_folded(axes: Axes, fitted: EnergyFit, every: int) -> None:

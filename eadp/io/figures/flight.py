@@ -119,7 +119,10 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
 
 
 def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
-    """Each parameter, 0 at the lower end of its set and 1 at the upper; the legend has the ends."""
+    """Each parameter, 0 at the lower end of its set and 1 at the upper; the legend has the ends.
+
+    Each line is wider than the next, which is drawn on it: both show where they have one value.
+    """
     plan = world.plan
     for i, parameter in enumerate(plan.parameters):
         box = plan.hull(i)
@@ -128,7 +131,9 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         normalised = (values - box.lo) / width if width else np.ones(len(values))
         title = parameter.title or ("computation" if parameter.kind == COMPUTATION else "path")
         label = f"{parameter.name} ({title}) {number_text(box.lo)} … {number_text(box.hi)}"
-        axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], linewidth=1.3, label=label)
+        behind = min(len(plan.parameters) - 1 - i, 4)
+        style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
+        axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
     axes.set_ylim(-0.06, 1.06)
     axes.set_ylabel("normalised value")
     axes.set_title("Parameters")

@@ -4,15 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import LINE
 from eadp.errors import PathUndefined
-from eadp.io.figures.canvas import COLOURS, Axes, draw_arrow, draw_circles, figure_file, label_map, legend_below
+from eadp.io.figures.canvas import (
+    COLOURS,
+    Axes,
+    draw_areas,
+    draw_arrow,
+    draw_circles,
+    figure_file,
+    label_map,
+    legend_below,
+)
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import point_at
-from eadp.models.plan.trace import nominal_legs
+from eadp.models.plan.trace import nominal_legs, varied_legs
+
+VALUES = 5
+"""Values across the sets of the path parameters between which the range is filled."""
+
+CORNERS = 24
+"""Parts of a leg, if it is no line, that bounds the range."""
+
+MIN_STEP_M = 1e-3
+
+NAMED = 12
+"""Most stages whose names are written beside their paths."""
 
 
 def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> None:
@@ -25,12 +48,13 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     PathUndefined
         If the plan has no nominal path at these parameters.
     """
+    plan = plan.laps()
     legs = nominal_legs(plan, parameters)
     scale = max(math.dist(leg.start_m, leg.end_m) for leg in legs)
     step = max(scale / 100, 0.1)
     with figure_file(path, 8.5, 7.5) as figure:
         axes = figure.add_subplot()
-        _draw_range(axes, plan, parameters, step)
+        _draw_range(axes, plan, parameters)
         _draw_legs(axes, legs, step, scale / 50, named=len(plan.stages) <= len(COLOURS))
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]
@@ -40,6 +64,7 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
         final = point_at(plan.final_point, parameters, "the final point")
         axes.plot(*final, "*", color="black", markersize=11, label="final point")
+        _name_stages(axes, legs)
         label_map(axes, _title(plan, parameters, sum(leg.distance_m for leg in legs)))
         legend_below(axes)
 
@@ -57,7 +82,9 @@ def _draw_legs(axes: Axes, legs: Sequence[Leg], step: float, arrow: float, *, na
         points = list(leg_points(leg, step))
         index = leg.stage.index
         colour = COLOURS[(index - 1) % len(COLOURS)]
-        label = f"stage {index} ({leg.stage.kind})" if named and index not in seen else None
+        label = (
+            f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}" if named and index not in seen else None
+        )
         seen.add(index)
         axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=label)
         middle = points[len(points) // 2]
@@ -65,20 +92,42 @@ def _draw_legs(axes: Axes, legs: Sequence[Leg], step: float, arrow: float, *, na
         draw_arrow(axes, (middle.x_m, middle.y_m), (middle.x_m + dx, middle.y_m + dy), colour)
 
 
-def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float], step: float) -> None:
-    """In grey, first laps at parameters across their sets: the area of the letter's Fig. 2."""
-    if not plan.has_sets or not plan.path_count:
+def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
+    """In grey, between the paths at values across their sets, where each lap of the nominal path lies."""
+    if not plan.has_sets or all(plan.hull(i).fixed for i in range(plan.path_count)):
         return
     boxes = [plan.hull(i) for i in range(plan.path_count)]
-    label: str | None = "range of the parameters, first lap"
-    for share in np.linspace(0.0, 1.0, 25).tolist():
-        values = [*(box.lo + share * (box.hi - box.lo) for box in boxes), *parameters[plan.path_count :]]
+    rest = parameters[plan.path_count :]
+    before: list[FloatArray] = []
+    strips: list[FloatArray] = []
+    for share in np.linspace(0.0, 1.0, VALUES).tolist():
+        values = [*(box.lo + share * (box.hi - box.lo) for box in boxes), *rest]
         try:
-            legs = nominal_legs(plan, values)
+            laps = varied_legs(plan, parameters, values)
         except PathUndefined:
+            before = []
             continue
-        shown = [leg for leg in legs if leg.lap == 0][: 2 * len(COLOURS)]
-        points = [point for leg in shown for point in leg_points(leg, step)]
-        x, y = [p.x_m for p in points], [p.y_m for p in points]
-        axes.plot(x, y, color="#d9dce1", linewidth=3.0, label=label, zorder=0)
-        label = None
+        paths = [_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for lap in laps for leg in lap]
+        strips += [np.concatenate([first, last[::-1]]) for first, last in zip(before, paths, strict=False)]
+        before = paths
+    if strips:
+        label = "range of the path parameters, lap by lap"
+        draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
+
+
+def _points(leg: Leg, step_m: float) -> FloatArray:
+    """Points along a leg [m], shape (n, 2)."""
+    return np.array([(point.x_m, point.y_m) for point in leg_points(leg, max(step_m, MIN_STEP_M))])
+
+
+def _name_stages(axes: Axes, legs: Sequence[Leg]) -> None:
+    """φ_i on the paths, and p_Γi at the triggers, of the first lap, but for short stages."""
+    style: dict[str, Any] = {"fontsize": 9, "textcoords": "offset points", "zorder": 6}
+    back = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+    least_m = max(leg.distance_m for leg in legs) / 10
+    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > least_m][:NAMED]:
+        middle = _points(leg, leg.distance_m / 2)[1]
+        colour = COLOURS[(leg.stage.index - 1) % len(COLOURS)]
+        name = f"$\\varphi_{{{leg.stage.index}}}$"
+        axes.annotate(name, middle, xytext=(7, 7), color=colour, bbox=back, **style)
+        axes.annotate(f"$p_{{\\Gamma_{{{leg.stage.index}}}}}$", leg.end_m, xytext=(-20, 3), color="#444", **style)

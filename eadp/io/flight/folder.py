@@ -1,4 +1,4 @@
-"""Results of a flight: `flight.csv`, `summary.json`, `flight.svg` and `.png`, and a copy of the inputs."""
+"""Results of a flight: `flight.csv`, `estimate.csv`, `summary.json`, the figures, and a copy of the inputs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 import itertools
 import json
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +16,13 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.io.figures.flight import write_flight_figure
+from eadp.io.figures.paper import write_paper_figure
+from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
+from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.joint.preflight import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly
 
@@ -74,6 +77,7 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "paper_metric": log.paper_metric(outcome.soc_final),
+        "endurance": _endurance(world, outcome) if duration_s else None,
         "replans": report.replans,
         "solver": {
             "calls": report.calls,
@@ -92,6 +96,24 @@ def summarise(
         "energy_forecast": None if expected is None else _expected(expected),
         "seed": world.seed,
     }
+
+
+def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
+    """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
+    log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
+    assert log is not None
+    computing_w = log.computing_j / duration_s
+    motion_w = outcome.totals.energy_j / duration_s - computing_w
+    means = {name: log.mean(i) for i, name in enumerate(world.plan.names) if i >= rho}
+    low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
+    result: dict[str, Any] = {"motion_w": motion_w}
+    for name, (own_w, values) in {"lowest": low, "flown": (computing_w, means), "highest": high}.items():
+        power_w = motion_w + own_w
+        time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
+        result[name] = {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
+    longest_s, shortest_s = result["lowest"]["time_s"], result["highest"]["time_s"]
+    result["gain_min_per_h"] = 60 * (longest_s / shortest_s - 1) if longest_s and shortest_s else None
+    return result
 
 
 def _expected(expected: Preflight) -> dict[str, Any]:
@@ -138,6 +160,8 @@ class Flight:
         The logged moments, the rows of `flight.csv`.
     decisions : list of DecisionRecord
         The re-plannings, the lines of `decisions.jsonl`; empty for a planner that records none.
+    estimates : list of PowerEstimate
+        The planner's estimate of the power at each step, the rows of `estimate.csv`.
     overrides : sequence of str
         The overrides of the scenario's keys, each as key=value.
     """
@@ -147,6 +171,7 @@ class Flight:
     steps: list[Step]
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
+    estimates: Sequence[PowerEstimate] = ()
 
     @cached_property
     def columns(self) -> dict[str, FloatArray]:
@@ -163,7 +188,7 @@ class Flight:
         actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
         return [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
 
-    def write(self, folder: str | Path, *, force: bool = False) -> None:
+    def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
         """Write the result folder, whole or not at all.
 
         Parameters
@@ -171,6 +196,8 @@ class Flight:
         folder : str or Path
         force : bool, optional
             Whether a folder of this name is replaced.
+        paper_figure : bool, optional
+            Whether `paper.svg` and `.png` are drawn, too: the letter's Figs. 6b and 1.
 
         Raises
         ------
@@ -179,10 +206,8 @@ class Flight:
         """
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
-            with (target / "flight.csv").open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream, lineterminator="\n")
-                writer.writerow(self._names)
-                writer.writerows(map(self._row, self.steps))
+            _write_csv(target / "flight.csv", [self._names, *map(self._row, self.steps)])
+            _write_csv(target / "estimate.csv", estimate_rows(self.steps, self.estimates, world.battery))
             summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
             (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
             if self.decisions:
@@ -190,6 +215,8 @@ class Flight:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
+            if paper_figure:
+                write_paper_figure(target / "paper", world, self.steps, self.estimates)
             _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
 
@@ -200,12 +227,18 @@ def fly_flight(
     overrides: Sequence[str] = (),
 ) -> Flight:
     """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
-    planner, outcome, steps = inputs.planner(), Outcome(), []
+    planner, outcome, steps, estimates = inputs.planner(), Outcome(), [], []
     for step in fly(inputs.world, planner, outcome):
         steps.append(step)
+        estimates.append(planner.estimate())
         on_step(step)
     summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
-    return Flight(inputs, summary, steps, outcome.records, overrides)
+    return Flight(inputs, summary, steps, outcome.records, overrides, estimates)
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream, lineterminator="\n").writerows(rows)
 
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:

@@ -37,6 +37,63 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
     return RoutePredictor().route(PlanCursor.start(plan, values), start).legs
 
 
+def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]) -> tuple[tuple[Leg, ...], ...]:
+    """The legs of each lap of the flight at fixed parameters, that lap alone at other values.
+
+    Parameters
+    ----------
+    plan : Plan
+    parameters : sequence of float
+        All parameters, in force up to the lap.
+    values : sequence of float
+        All parameters, in force on the lap.
+
+    Raises
+    ------
+    PathUndefined
+        As `nominal_legs`.
+
+    Source: letter, Fig. 2 (the grey area).
+    """
+    values, laps = tuple(values), []
+    for before, legs in _laps(plan, parameters):
+        following: PlanCursor | None = PlanCursor.start(plan, values)
+        start = default_start(plan, values)[0]
+        if before is not None:
+            varied = before.decide(values).in_force(values)
+            following, start = varied.next(), varied.trigger_m()
+        lap: list[Leg] = []
+        while following is not None and len(lap) < legs:
+            lap.append(_leg(following, start))
+            following, start = following.next(), lap[-1].end_m
+        laps.append(tuple(lap))
+    return tuple(laps)
+
+
+def _laps(plan: Plan, parameters: Sequence[float]) -> list[tuple[PlanCursor | None, int]]:
+    """For each lap of the nominal flight, the stage before it, None before the first, and its number of legs."""
+    laps: list[tuple[PlanCursor | None, int]] = []
+    before: PlanCursor | None = None
+    following: PlanCursor | None = PlanCursor.start(plan, parameters)
+    for _ in nominal_legs(plan, parameters):
+        assert following is not None
+        if before is None or (following.segment, following.lap) != (before.segment, before.lap):
+            laps.append((before, 0))
+        laps[-1] = laps[-1][0], laps[-1][1] + 1
+        before, following = following, following.next()
+    return laps
+
+
+def _leg(cursor: PlanCursor, start: Point) -> Leg:
+    """The whole of a stage from where it is joined."""
+    (ox, oy), path, goal = cursor.offset_m, cursor.path(), cursor.trigger_m()
+    track = cursor.stage.track(path, cursor.local_trigger_m())
+    length_m = abs(track.ahead_m((start[0] - ox, start[1] - oy)))
+    if not math.isfinite(length_m):
+        raise PathUndefined(f"the path of stage {cursor.stage.index} does not lead to its trigger")
+    return Leg(cursor.lap, cursor.stage, path, cursor.offset_m, start, goal, length_m)
+
+
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
     """Position [m] and heading [rad] to start from: on the first path, 100 m (circle: a quarter) before its trigger.
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -51,6 +51,12 @@ READINGS_KEPT = 20_000
 MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
 """Lower bounds of the estimated noise: a quiet flight may become noisy."""
 
+LOOK_AHEADS = 12
+"""Parts of a horizon at whose ends the power is forecast for the records of a flight."""
+
+PUBLISHED_STEP_S = 0.01
+"""Largest step of the published filter: Euler's step of a tenth of a second makes its harmonics grow without bound."""
+
 SHORTEST_DISTURBANCE_S = 0.01
 """Shortest time constant of a disturbance: a shorter one is white noise to a sensor."""
 
@@ -60,7 +66,8 @@ class EstimatorSettings:
     """Settings of every estimator; `published` uses `order` and `every_s` alone."""
 
     kind: Literal["exact", "published"] = "exact"
-    """Kind of estimator: exact, or published: as the papers ran it, with `order` and `every_s` alone."""
+    """Kind of estimator: exact, or published: as the papers ran it, with `order` and `every_s` alone, in Euler steps of
+    0.01 s."""
 
     order: Annotated[int, Ge(0), Le(20)] = 3
     """Number of harmonics of the lap."""
@@ -88,6 +95,44 @@ class EstimatorSettings:
 
     harmonic_drift_w_per_sqrt_s: NotNegative = 0.003
     """Random walk of each harmonic's parts [W/√s]."""
+
+
+class PowerEstimate(NamedTuple):
+    """What a planner knows of the power after a reading: enough to forecast it.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the reading [s].
+    period_s : float or None
+        T [s]; None without a period.
+    state : array, shape (2r + 3,)
+        q [W], then the disturbance [W] and its rate [W/s].
+    disturbance_s : float
+        Time constant of the disturbance [s].
+    computing_w : float
+        Power of the computations in force [W].
+    horizon_s : float
+        How far the planner looks ahead at the power [s].
+    """
+
+    time_s: float
+    period_s: float | None
+    state: FloatArray
+    disturbance_s: float
+    computing_w: float
+    horizon_s: float
+
+    def forecast_w(self, ahead_s: FloatArray) -> FloatArray:
+        """Power of motion and computations [W], `ahead_s` [s] after the reading, shape (n,): C e^{At} x and g(c)."""
+        order = (len(self.state) - 3) // 2
+        rows = _power_rows(order, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
+        power: FloatArray = rows @ self.state + self.computing_w
+        return power
+
+    def horizon_w(self) -> FloatArray:
+        """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""
+        return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
 def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
@@ -250,6 +295,11 @@ class ExactEstimator:
         """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
         self._filter.state[0] += by_w
 
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
+        state, disturbance_s = self._filter.state, self._noise[2]
+        return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
+
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
         return self._rows(ahead_s) @ self._filter.state
@@ -344,7 +394,8 @@ class PublishedEstimator:
     """The filter as the published flights ran it.
 
     All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, an initial state
-    of ones, and a period that grows with the running lap from 1 s on.
+    of ones, and a period that grows with the running lap from 1 s on. Between readings that are further apart than
+    `PUBLISHED_STEP_S`, it takes several such steps.
 
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """
@@ -353,7 +404,8 @@ class PublishedEstimator:
         self._order = settings.order
         self._state = [1.0] * (2 * settings.order + 1)
         self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
-        self._gain_for = (0.0, 0.0)
+        self._turned_by = (0.0, -1.0)
+        self._turns: list[complex] = []
         self._gain: list[float] = []
         self.period_s = 1.0
 
@@ -368,20 +420,21 @@ class PublishedEstimator:
         period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
-        turn = 2 * math.pi / period_s * step_s
+        if (period_s, step_s) != self._turned_by:
+            self._turned_by = (period_s, step_s)
+            steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+            turn = 2 * math.pi / period_s * (step_s / steps)
+            # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
+            self._turns = [complex(1.0, -turn * j) ** steps for j in range(1, self._order + 1)]
+            self._gain = self._published_gain(turn)
         old = self._state
         state = [old[0]]
         expected = old[0]
-        for j in range(1, self._order + 1):
-            a, b = old[2 * j - 1], old[2 * j]
-            alpha = a + turn * j * b  # q⁺ = (I + AΔt) q
-            state.append(alpha)
-            state.append(b - turn * j * a)
-            expected += alpha
+        for j, factor in enumerate(self._turns, 1):
+            wave = complex(old[2 * j - 1], old[2 * j]) * factor
+            state += wave.real, wave.imag
+            expected += wave.real
         if motion_w is not None:
-            if (period_s, step_s) != self._gain_for:
-                self._gain_for = (period_s, step_s)
-                self._gain = self._published_gain(turn)
             error = motion_w - expected
             state = [q + k * error for q, k in zip(state, self._gain, strict=True)]
         self._state = state
@@ -410,6 +463,11 @@ class PublishedEstimator:
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W]."""
         self._state[0] += by_w
+
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """As `ExactEstimator.estimate`; there is no disturbance."""
+        state = np.array([*self._state, 0.0, 0.0])
+        return PowerEstimate(self._time_s, self.period_s, state, 1.0, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""

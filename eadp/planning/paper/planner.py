@@ -46,8 +46,6 @@ Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
 
 LOOK_AHEAD_STEP_S = 1.0
-UNKNOWN_PERIOD_S = 6.0
-"""Horizon in place of one period if there is none [s]."""
 SAMPLES_PER_STEP = 10
 MAX_STEPS = 400
 """Maximum number of steps of a horizon; a longer one ends there."""
@@ -171,6 +169,12 @@ class PaperPlanner(TrackingPlanner):
         """Time of the next re-planning; infinite before the first periods are flown."""
         return self._next_s if self._laps_known() else math.inf
 
+    @property
+    def horizon_s(self) -> float:
+        """Length of the horizon [s]."""
+        own_s = self._own.horizon_s
+        return super().horizon_s if own_s == "period" else own_s
+
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the fall of the charge within it is no jump."""
         self._soc = readings.charges[-1]
@@ -282,9 +286,7 @@ class PaperPlanner(TrackingPlanner):
         return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap)
 
     def _steps(self) -> int:
-        own_s = self._own.horizon_s
-        horizon_s = (self.period_s or UNKNOWN_PERIOD_S) if own_s == "period" else own_s
-        return min(max(1, round(horizon_s / self._settings.every_s)), MAX_STEPS)
+        return min(max(1, round(self.horizon_s / self._settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, free: list[int], steps: int, path: Vector) -> Horizon:
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from eadp.io.flight.folder import fly_flight, record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import DecisionRecord
+from eadp.planning.estimation.estimator import PowerEstimate
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +96,30 @@ def test_the_figure_is_written_with_marks_where_there_are_decisions(written):
     assert decided - {(0.0, 10.0)}, "there is something to mark"
     drawn = [(written[planner][0] / "flight.svg").read_text(encoding="utf-8").count("<use ") for planner in written]
     assert drawn[0] > drawn[1]
+
+
+@pytest.mark.parametrize("planner", ["joint", "static"])
+def test_the_estimate_follows_the_flight(written, planner):
+    folder, flight = written[planner]
+    with (folder / "estimate.csv").open(encoding="utf-8", newline="") as stream:
+        rows = [{key: float(cell) for key, cell in row.items()} for row in csv.DictReader(stream)]
+    assert len(rows) > 250
+    columns, battery = flight.columns, flight.inputs.world.battery
+    steps = [{key: values[i] for key, values in columns.items()} for i in range(len(columns["time_s"]))]
+    for row, step in zip(rows[-200:], steps[-200:], strict=True):
+        assert 0 <= step["time_s"] - row["time_s"] < 0.1 + 1e-6, "the reading before the logged moment"
+        state = [row[f"q{i}_w"] for i in range(7)]
+        assert row["computing_w"] == pytest.approx(4.75376 + (9.75462 - 4.75376) * (step["c2"] - 2) / 8, abs=1)
+        assert row["battery_wh"] == pytest.approx(step["soc"] * battery.capacity_ah * battery.voltage_v, abs=1e-5)
+        assert row["power_limit_w"] == pytest.approx(row["battery_wh"] * battery.letter_crate_per_h, rel=1e-5)
+        assert row["horizon_s"] == row["period_s"], "a planner without a horizon of its own looks one period ahead"
+        assert row["forecast_12_w"] - row["forecast_0_w"] == pytest.approx(0, abs=1), "a period later it is the same"
+        assert row["forecast_0_w"] == pytest.approx(sum(state[:1] + state[1::2]) + row["computing_w"], abs=1)
+    error = [row["forecast_0_w"] - step["power_w"] for row, step in zip(rows[-200:], steps[-200:], strict=True)]
+    assert np.median(np.abs(error)) < 0.3
+
+
+def test_forecasts_are_at_parts_of_the_horizon():
+    estimate = PowerEstimate(5.0, 40.0, np.array([30.0, 3.0, 4.0, 0.0, 0.0]), 1.0, 9.0, 20.0)
+    angle = 2 * np.pi / 40 * np.arange(13) * 20 / 12
+    assert estimate.horizon_w() == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))

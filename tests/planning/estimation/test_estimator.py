@@ -496,3 +496,44 @@ def test_the_published_period_grows_with_a_lap_longer_than_the_last():
     assert period_s(93.0) == 47.0
     estimator.lap(93.5)
     assert period_s(93.5) == 47.5
+
+
+@pytest.mark.parametrize("every_s", [0.1, 1.0])
+def test_the_published_filter_follows_readings_further_apart(every_s):
+    """A single Euler step of a tenth of a second doubles the third harmonic of a period of 1 s."""
+    estimator = PublishedEstimator(EstimatorSettings(every_s=every_s))
+    errors = [
+        abs(estimator.observe(time_s, float(signal_w(time_s))) - signal_w(time_s))
+        for time_s in np.arange(every_s, 200.0, every_s).tolist()
+    ]
+    assert np.median(errors) < 0.3
+    assert np.max(np.abs(estimator.state_w)) < 2 * STATE_W[0]
+
+
+def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
+    at_once, by_steps = (PublishedEstimator(EstimatorSettings()) for _ in range(2))
+    for estimator in (at_once, by_steps):
+        estimator.lap(40.0)  # a period of 40 s, which does not grow
+        for i in range(1, 101):
+            estimator.observe(40.0 + 0.01 * i, float(signal_w(0.01 * i)))
+    at_once.observe(43.0, None)
+    for i in range(1, 201):
+        by_steps.observe(41.0 + 0.01 * i, None)
+    assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
+
+
+# --- estimates
+
+
+@pytest.mark.parametrize("kind", [ExactEstimator, PublishedEstimator])
+def test_an_estimate_forecasts_as_its_estimator_and_keeps_to_its_reading(kind):
+    estimator = kind(EstimatorSettings(), PERIOD_S) if kind is ExactEstimator else kind(EstimatorSettings())
+    fed(estimator, np.arange(0.1, 60.0, 0.1))
+    ahead = np.array([0.0, 2.0, 7.5])
+    estimate = estimator.estimate(9.0, 6.0)
+    known = estimator.forecast(ahead) + 9.0
+    assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING)
+    assert estimate.time_s == pytest.approx(59.9)
+    assert estimate.state[:-2] == pytest.approx(estimator.state_w)
+    estimator.observe(60.0, 50.0)
+    assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING), "later readings do not change it"

@@ -1,0 +1,117 @@
+"""The pictures of a flight: its own, and the letter's figures of it."""
+
+from __future__ import annotations
+
+import itertools
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from common import ROOT
+from matplotlib.figure import Figure
+
+import eadp
+from eadp.io.figures import paper
+from eadp.io.figures.flight import _draw_parameters
+from eadp.io.figures.paper import write_paper_figure
+
+PLAN = ROOT / "plans/survey.plan"
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Flight I, its first 200 s."""
+    return eadp.simulate(PLAN, ROOT / "scenarios/paper-I-static.yaml", overrides={"time_limit_s": 200})
+
+
+def drawn(monkeypatch, flight):
+    """The panels of the letter's figures by title."""
+    figure = Figure()
+
+    @contextmanager
+    def canvas(*_):
+        yield figure
+
+    monkeypatch.setattr(paper, "figure_pair", canvas)
+    write_paper_figure(ROOT, flight.inputs.world, flight.steps, flight.estimates)
+    return {axes.get_title(loc="left") or axes.get_title(): axes for axes in figure.axes}
+
+
+def lines(axes):
+    return {line.get_label(): np.array(line.get_data()) for line in axes.lines}
+
+
+def test_parameters_at_one_value_both_show(flight):
+    axes = Figure().add_subplot()
+    _draw_parameters(axes, flight.columns["time_s"], flight.steps, flight.inputs.world)
+    first, second = axes.lines
+    assert np.all(first.get_ydata() == second.get_ydata()), "both at their maximum"
+    assert first.get_linewidth() > second.get_linewidth() + 2
+    assert first.get_zorder() <= second.get_zorder()
+
+
+def test_the_letters_panels(monkeypatch, flight):
+    panels = drawn(monkeypatch, flight)
+    assert list(panels) == [
+        "Power and estimate",
+        "Detail: the first periods",
+        "Period T",
+        "Battery and horizon",
+        "",
+        "State q: the mean of the motion, α0",
+        "State q: harmonics",
+        "Power spectrum of the motion",
+        "Periodogram of the motion",
+    ]
+    for title, axes in panels.items():
+        assert axes.get_ylabel().endswith("]") or "R²" in axes.get_ylabel(), title
+    period_s = flight.estimates[-1].period_s
+    whole = lines(panels["Power and estimate"])
+    assert whole["power Υ"][1] == pytest.approx(flight.columns["power_w"])
+    assert whole["estimate y"][1][-1] == pytest.approx(flight.columns["power_w"][-1], abs=0.01)
+    assert lines(panels["Battery and horizon"])["limit b Q_c V"][1] == pytest.approx(flight.columns["soc"] * 14.8 * 3.2)
+    assert set(lines(panels["State q: harmonics"])) == {"α1", "β1", "α2", "β2", "α3", "β3"}
+    frequency, density = lines(panels["Power spectrum of the motion"])["_child0"]
+    assert 1 / frequency[np.argmax(density)] == pytest.approx(period_s, rel=0.2)
+    period, r2 = lines(panels["Periodogram of the motion"])["_child0"]
+    assert period[np.argmax(r2)] == pytest.approx(period_s, rel=0.05)
+
+
+def test_the_power_spectrum_holds_the_variance(monkeypatch, flight):
+    """Parseval: the density integrates to the variance of the motion's power."""
+    panels = drawn(monkeypatch, flight)
+    frequency, density = lines(panels["Power spectrum of the motion"])["_child0"]
+    power = flight.columns["power_w"] - np.array([one.computing_w for one in flight.estimates])
+    assert np.sum(density) * (frequency[1] - frequency[0]) == pytest.approx(np.var(power), rel=0.3)
+
+
+def test_forecasts_start_at_their_reading_and_do_not_overlap(monkeypatch, flight):
+    axes = drawn(monkeypatch, flight)["Detail: the first periods"]
+    forecasts = [line for line in axes.lines if line.get_color() == "black" and len(line.get_xdata()) > 1]
+    ends = [(line.get_xdata()[0], line.get_xdata()[-1]) for line in forecasts]
+    assert len(ends) > 3
+    assert all(end <= start + 0.1 for (_, end), (start, _) in itertools.pairwise(ends))
+    one = next(one for one in flight.estimates if one.time_s == ends[-1][0])
+    assert forecasts[-1].get_ydata()[-1] == pytest.approx(one.forecast_w(np.array([one.horizon_s]))[0])
+
+
+def test_an_estimator_without_harmonics_has_its_figures(monkeypatch):
+    overrides = {"time_limit_s": 20, "estimator.order": 0}
+    panels = drawn(monkeypatch, eadp.simulate(PLAN, ROOT / "scenarios/survey.yaml", overrides=overrides))
+    assert [text.get_text() for text in panels["State q: harmonics"].texts] == ["no harmonics"]
+
+
+@pytest.mark.parametrize("overrides", [{}, {"time_limit_s": 0.05}])
+def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overrides):
+    plan = tmp_path / "line.plan"
+    plan.write_text("0.1; 90; x\n0, 400\n")
+    panels = drawn(monkeypatch, eadp.simulate(plan, overrides=overrides))
+    assert [text.get_text() for text in panels["Period T"].texts] == ["no period"]
+    assert [text.get_text() for text in panels["Periodogram of the motion"].texts] == ["no spectrum"]
+
+
+def test_same_flight_same_figure(tmp_path, flight):
+    for name in "ab":
+        write_paper_figure(tmp_path / name, flight.inputs.world, flight.steps[:900], flight.estimates[:900])
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
