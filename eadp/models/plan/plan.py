@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from eadp.core.expressions.tree import Expression
-from eadp.errors import EadpError
+from eadp.errors import EadpError, Fault
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
 
@@ -16,7 +16,11 @@ TRIGGER_RADIUS_M = 20.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that reading or checking a plan shows."""
+    """Something that reading or checking a plan shows.
+
+    `formula` is φ at a trigger that lies off a path, in sympy's syntax. `proven` is whether it holds whatever the check
+    has sampled; None where nothing is sampled.
+    """
 
     severity: str
     stage: int | None
@@ -24,6 +28,12 @@ class Finding:
     code: str
     message: str
     column: int = 1
+    formula: str = ""
+    proven: bool | None = None
+
+    def fault(self, file: str) -> Fault:
+        """The finding as it is printed."""
+        return Fault(file, self.line, self.column, self.message, severity=self.severity)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
@@ -75,6 +76,17 @@ class Stage:
     def kind(self) -> str:
         """`line`, `circle` or `curve`."""
         return path_kind(self.path)
+
+    @cached_property
+    def sympy(self) -> SymbolicStage:
+        """φ, ∇φ, Hessian and trigger as sympy objects, in x, y, the parameters and loop variables.
+
+        Raises
+        ------
+        EadpError
+            If sympy cannot be imported, or an expression is too large for it (`algebra.SIZE_LIMIT`).
+        """
+        return SymbolicStage.of(self.path, self.trigger)
 
     @property
     def sense(self) -> int:
