@@ -189,7 +189,7 @@ _SHOWN = (
 
 def _proof_lines(plan: Plan, report: Report) -> list[str]:
     """For each condition of validity, the stages where it is proven, where it holds as far as tried, and the others."""
-    free = [name for name in plan.names[: plan.path_count] if any(stage.names(name) for stage in plan.stages)]
+    free = plan.path_names
     proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
     lines = []
     for title, attribute, code in _SHOWN:
@@ -320,11 +320,15 @@ def _number_or_text(part: Any) -> float | str:
 def _table(plan: Plan) -> str:
     """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
+    from eadp.models.plan.structure import structure_proven
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
+        names = ", ".join(["x", "y", *plan.path_names])
+        known = "for every" if structure_proven(plan) else "at sampled"
+        lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     for item in plan.parameters:
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"

@@ -139,22 +139,18 @@ def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
 def _boxes(plan: Plan, stage: Stage) -> list[Box]:
     """The sets of the path parameters that matter round a stage; [0, 0] for those that do not, or have none."""
     near = [one for one in (stage, *_neighbours(plan, stage)) if one is not None]
-    at_end = stage.index in (1, len(plan.stages))
+    named = set().union(*(part.names for one in near for part in (one.path, *one.trigger)))
+    if plan.repeats and plan.shift is not None and stage.index in (1, len(plan.stages)):
+        named = named.union(*(part.names for part in plan.shift))
     boxes = []
     for i in range(plan.path_count):
-        name = f"c{i + 1}"
-        matters = any(one.names(name) for one in near) or (at_end and _shift_names(plan, name))
         if not plan.has_sets:
             boxes.append(Box(0.0, 0.0))
-        elif matters:
+        elif f"c{i + 1}" in named:
             boxes.append(stage.sets[i])
         else:
             boxes.append(Box(stage.sets[i].hi, stage.sets[i].hi))
     return boxes
-
-
-def _shift_names(plan: Plan, name: str) -> bool:
-    return plan.repeats and plan.shift is not None and any(name in value.names for value in plan.shift)
 
 
 def _corners(count: int, limit: int) -> list[Vector]:
@@ -474,9 +470,7 @@ def _order_findings(
 
 def _at(plan: Plan, parameters: Vector) -> str:
     named = [
-        f"{name} = {value:.6g}"
-        for i, (name, value) in enumerate(zip(plan.names, parameters, strict=False))
-        if any(stage.names(f"c{i + 1}") for stage in plan.stages)
+        f"{name} = {value:.6g}" for name, value in zip(plan.names, parameters, strict=False) if name in plan.path_names
     ]
     return f" (at {', '.join(named)})" if named else ""
 
@@ -557,6 +551,6 @@ def _corners_findings(plan: Plan) -> Iterator[Finding]:
     if any(map(_samples_corners, boxes)):
         message = (
             f"up to {count} path parameters have 2^{count} combinations of ends of their sets: {CORNERS_LIMIT} of them "
-            f"are checked, drawn with a fixed seed, and the worst places found from there"
+            f"are checked, drawn with a fixed seed, and the worst found is reported"
         )
         yield Finding(WARNING, None, plan.stages[0].line, "corners-sampled", message)

@@ -56,7 +56,7 @@ class AlgebraProcess:
         """
         try:
             process = self._process or self._started()
-            _write(process.stdin, [question, *arguments])
+            _write(process.stdin, [question, ANSWER_LIMIT_S, *arguments])
             line = _read(process.stdout)
         except OSError:  # no process can be started, or it has ended
             line = ""
@@ -121,8 +121,8 @@ def serve() -> None:
         return
     _write(sys.stdout, _READY)
     for line in sys.stdin:
-        question, *arguments = json.loads(line)
-        faulthandler.dump_traceback_later(ANSWER_LIMIT_S, exit=True)
+        question, limit_s, *arguments = json.loads(line)
+        faulthandler.dump_traceback_later(limit_s, exit=True)
         try:
             answer = QUESTIONS[question](*arguments)
         except Exception:  # whatever sympy raises, there is no answer

@@ -22,6 +22,7 @@ DEGREE_LIMIT = 1000
 TERMS_LIMIT, LOW_DEGREE = 300, 16
 """Bounds of what is multiplied out without a limit of time: the number of terms, and the powers of their parts."""
 
+_COMPARED = {*NON_SMOOTH_FUNCTIONS, "atan2"}
 _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
 
 
@@ -138,8 +139,8 @@ def _expands_shortly(expression: Expression) -> bool:
 def _expansion(node: Node) -> tuple[float, float]:
     """Bounds of the number of terms of a tree multiplied out, and of the powers in them.
 
-    A function counts as its argument, as powers of a root bring it out; `abs`, `min` and `max`, whose arguments sympy
-    compares with one another at length, count four times.
+    A function counts as its argument, as powers of a root bring it out; functions whose arguments sympy compares with
+    one another at length count four times.
     """
     parts = []
     for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
@@ -151,17 +152,18 @@ def _expansion(node: Node) -> tuple[float, float]:
         return math.prod(terms), sum(degrees)
     if isinstance(node, tree.Power):
         power = _power(node)
-        return terms[0] ** power if power < DEGREE_LIMIT else math.inf, degrees[0] * power
-    times = 4 if isinstance(node, tree.Call) and node.function in NON_SMOOTH_FUNCTIONS else 1
+        return math.exp(min(power * math.log(terms[0]), 700.0)), degrees[0] * power
+    times = 4 if isinstance(node, tree.Call) and node.function in _COMPARED else 1
     return times * sum(terms), max(degrees)
 
 
 def _power(node: tree.Power) -> float:
-    """What a power does to the number of terms and to the degree of its base: the size of its exponent."""
+    """What a power does to the number of terms and to the degree of its base; too much for any but a whole constant."""
     try:
-        return max(1.0, abs(tree.unchecked_value(node.exponent, {})))
+        exponent = tree.unchecked_value(node.exponent, {})
     except (KeyError, ArithmeticError, ValueError):
-        return math.inf
+        return LOW_DEGREE + 1.0
+    return max(1.0, abs(exponent), 0.0 if exponent == int(exponent) else LOW_DEGREE + 1.0)
 
 
 def from_sympy(result: Any) -> Expression:
@@ -172,10 +174,10 @@ def from_sympy(result: Any) -> Expression:
     ExpressionError
         If the tree holds a function or a constant that plan expressions do not have.
     """
-    text = (
-        load_sympy().sstr(result, order="none").replace("Abs(", "abs(").replace("Min(", "min(").replace("Max(", "max(")
-    )
-    return read_expression(text)
+    text = load_sympy().sstr(result, order="none")
+    for name in NON_SMOOTH_FUNCTIONS:
+        text = text.replace(f"{name.title()}(", f"{name}(")
+    return read_expression(text, [symbol.name for symbol in result.free_symbols])
 
 
 # --- stages -----------------------------------------------------------------------------------------------------------

@@ -95,6 +95,16 @@ class Plan:
         """The parameters' names in order."""
         return tuple(parameter.name for parameter in self.parameters)
 
+    @cached_property
+    def path_names(self) -> tuple[str, ...]:
+        """The path parameters that a stage, a loop variable or the shift names."""
+        named = set().union(*(part.names for part in self.shift or ()))
+        for stage in self.stages:
+            named |= stage.path.names.union(*(part.names for part in stage.trigger))
+        for q in (q for segment in self.segments for q in segment.variables):
+            named |= q.first.names | (q.shift.names if q.shift else set())
+        return tuple(name for name in self.names[: self.path_count] if name in named)
+
     @property
     def final_point(self) -> PointExpression:
         """The final point: as stated, or the last stage's trigger."""
