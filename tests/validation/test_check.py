@@ -15,6 +15,7 @@ from eadp.core.geometry.tracks import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.validation.check import check_plan
+from eadp.validation.proof import StageProof
 
 R = "sqrt(4900 + c1)"
 
@@ -148,6 +149,15 @@ def test_a_change_of_parameters_that_makes_a_stage_impossible_to_join_is_a_warni
     assert codes(checked(text.replace("[0, 80]", "[0, 15]"))) == []
 
 
+def test_parameters_that_cannot_change_do_not_make_a_stage_impossible_to_join():
+    assert codes(checked("0.1; 90; x\n30, 200\n[7, 7]\n0.1; 90; x - c1\n7, 500\n[7, 7]\n"), "warning") == []
+
+
+def test_what_is_found_by_value_against_a_proof_is_not_proven():
+    found = check_plan(plan(broken(0, "0, 200", "5, 200")), proofs=[StageProof("0", "0", True)] * 3).findings
+    assert [(item.formula, item.proven) for item in found] == [("", False)] * 2
+
+
 def test_sets_and_gains_that_look_odd():
     report = checked("0; 90; x\n0, 200\n[0.5, 2]\n")
     assert codes(report) == ["set-not-whole", "no-gain"]
@@ -224,10 +234,11 @@ def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_fro
     assert f"2^{count} combinations" in sampled[0].message
 
 
-def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn():
-    weights = [1 if i % 3 else -1 for i in range(24)]
+@pytest.mark.parametrize("count", [24, 111])
+def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn(count):
+    weights = [1 if i % 3 else -1 for i in range(count)]
     off = "".join(f" + {weight}*c{i + 1}" for i, weight in enumerate(weights))
-    report = checked(many(24, f"0.1*(0{off})").replace("+ -1", "- 1"))
+    report = checked(many(count, f"0.1*(0{off})").replace("+ -1", "- 1"))
     message = next(item.message for item in report.findings if item.code == "trigger-off-path")
     assert f"{0.1 * 8 * sum(weight > 0 for weight in weights):.2f} m" in message
 

@@ -126,10 +126,6 @@ class Stage:
         """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
         return TRACKS[self.kind](path, end, self.sense)
 
-    def names(self, parameter: str) -> bool:
-        """Whether the path or the trigger depends on a parameter."""
-        return any(parameter in expression.names for expression in (self.path, *self.trigger))
-
 
 def point_at(
     point: PointExpression, parameters: Sequence[float], what: str, variables: Mapping[str, float] | None = None

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
+from eadp.models.plan import structure
 from eadp.models.plan.structure import structure_proven
 
 
@@ -180,7 +181,8 @@ def test_structure_of_the_short_form_holds_in_every_lap():
     assert not structure_proven(later)
 
 
-def test_beyond_the_limits_structure_is_known_by_value():
-    found = plan(survey(51))[0]
-    assert found.primitive_stages == 4
+@pytest.mark.parametrize("limit", ["SYMBOLIC_STAGES", "SYMBOLIC_SIZE"])
+def test_beyond_the_limits_structure_is_known_by_value(monkeypatch, limit):
+    found = plan(survey(2))[0]
+    monkeypatch.setattr(structure, limit, 7)
     assert not structure_proven(found)
