@@ -256,12 +256,16 @@ def _coordinates() -> list[Any]:
 
 
 def remainder(expression: Expression) -> str | None:
-    """The expression multiplied out by sympy, in its syntax: '0' where it is 0 for every value; None: undecided."""
+    """The expression multiplied out by sympy, in its syntax: '0' where it is 0 for every value.
+
+    None where that is undecided, or the text is longer than an expression may be.
+    """
     sympy = load_sympy()
     value = sympy.expand(_limited(expression))
     if value != 0 and is_zero(expression.node):
         return "0" if sympy.simplify(value) == 0 else None
-    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) else str(sympy.sstr(value))
+    text = str(sympy.sstr(value))
+    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(text) > tree.LENGTH_LIMIT else text
 
 
 def same_direction(

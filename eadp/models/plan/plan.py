@@ -32,7 +32,7 @@ class Finding:
     proven: bool | None = None
 
     def fault(self, file: str) -> Fault:
-        """The finding as it is printed."""
+        """The finding at its place in a file."""
         return Fault(file, self.line, self.column, self.message, severity=self.severity)
 
 
