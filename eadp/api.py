@@ -58,7 +58,7 @@ def read_plan(file: File, *, warn: Warn = _python_warnings) -> Plan:
     """
     text = read_text(str(file))
     plan, findings = reader.read_plan(text)
-    warn([Fault(text.name, one.line, one.column, one.message, severity=one.severity) for one in findings])
+    warn([finding.fault(text.name) for finding in findings])
     return plan
 
 

@@ -20,16 +20,29 @@ if TYPE_CHECKING:
     from eadp.validation.check import Report
 
 
-PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan"])
+PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan", "sympy", "latex"])
 
 
 def command(
-    file: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="FILE")],
+    file: Annotated[
+        str,
+        Argument(
+            help="Plan in the papers' TEE format (trajectory explicit equations), - for standard input.", metavar="FILE"
+        ),
+    ],
     format_: Annotated[
-        PlanFormat, Option("--format", help="What to print: a table, JSON, or the plan in canonical text.")
+        PlanFormat,
+        Option(
+            "--format",
+            help="What to print: a table, JSON, the plan in canonical text, or the stages' path functions, gradients, "
+            "Hessians and triggers as sympy or LaTeX expressions.",
+        ),
     ] = PlanFormat.text,
     check: Annotated[
-        bool, Option("--check", help="Check the geometry over the whole range of every path parameter.")
+        bool,
+        Option(
+            "--check", help="Check the geometry over the whole range of every path parameter, by value and by proof."
+        ),
     ] = False,
     min_radius: Annotated[
         float | None, Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
@@ -50,7 +63,7 @@ def command(
 
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
-    from eadp.errors import Fault, InputError, PathUndefined
+    from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
@@ -64,10 +77,11 @@ def command(
     report = None
     if check:
         from eadp.validation.check import check_plan
+        from eadp.validation.proof import prove_plan
 
-        report = check_plan(plan, min_radius_m=min_radius)
+        report = check_plan(plan, min_radius_m=min_radius, proofs=prove_plan(plan))
         findings = [*findings, *report.findings]
-    lines = [Fault(text.name, item.line, item.column, item.message, severity=item.severity) for item in findings]
+    lines = [finding.fault(text.name) for finding in findings]
     try:
         if plot is not None:
             _draw(plot, plan, _parameters(plan, set_), machine=machine)
@@ -82,6 +96,10 @@ def command(
     elif format_ is PlanFormat.plan:
         warn(lines)
         emit(plan_text(plan))
+    elif format_ in (PlanFormat.sympy, PlanFormat.latex):
+        expressions = _expressions(plan, text.name, format_)
+        warn(lines)
+        emit("\n".join(expressions))
     elif report is not None:
         emit(_check_text(plan, lines, report))
     else:
@@ -142,13 +160,69 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     return "\n".join(lines)
 
 
+def _expressions(plan: Plan, file: str, style: str) -> list[str]:
+    """Every stage as sympy has it, printed by the process that may be ended."""
+    from eadp.core.expressions.algebra import SIZE_LIMIT
+    from eadp.errors import InputError
+    from eadp.validation.worker import ANSWER_LIMIT_S, AlgebraProcess, texts_of
+
+    lines = []
+    with AlgebraProcess() as process:
+        for stage in plan.stages:
+            names = [q.name for q in stage.segment.variables] if stage.segment else []
+            printed = process.ask("lines", texts_of(stage.path, stage.trigger), names, stage.index, style)
+            if printed is None:
+                message = f"stage {stage.index} is too large for sympy"
+                expected = f"expressions of at most {SIZE_LIMIT} parts, printed within {ANSWER_LIMIT_S:g} s"
+                raise InputError.at(file, stage.line, 1, message, expected)
+            lines += printed
+    return lines
+
+
 def _check_text(plan: Plan, lines: Sequence[Fault], report: Report) -> str:
-    """Text report of a check: the findings, then a summary."""
+    """Text report of a check: the findings, what is proven and what is sampled, then a summary."""
     errors = sum(line.severity == "error" for line in lines)
     leads = sum(parameters is not None for parameters in report.witness)
     total = f"{len(plan.stages)} stages: {errors} errors, {len(lines) - errors} warnings; "
     total += f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"
-    return "\n".join([*(str(line) for line in lines), total])
+    return "\n".join([*(str(line) for line in lines), *_proof_lines(plan, report), total])
+
+
+_SHOWN = (
+    ("trigger on its path", "own", "trigger-off-path"),
+    ("trigger on the next", "next", "trigger-off-next"),
+    ("direction of travel", "direction", "direction"),
+)
+
+
+def _proof_lines(plan: Plan, report: Report) -> list[str]:
+    """For each condition of validity, the stages where it is proven, where it holds as far as tried, and the others."""
+    free = plan.path_names
+    proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
+    lines = []
+    for title, attribute, code in _SHOWN:
+        off = {finding.stage for finding in report.findings if finding.code in (code, "no-path")}
+        found: dict[str, list[int]] = {how: [] for how in (proven, "at the places tried", "holds", "not")}
+        for stage, proof in zip(plan.stages, report.proofs, strict=True):
+            if attribute != "own" and stage is plan.stages[-1] and not plan.repeats:
+                continue
+            how = proven if getattr(proof, attribute) in ("0", True) else "at the places tried"
+            found["not" if stage.index in off else how if free else "holds"].append(stage.index)
+        parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
+        lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
+    return lines
+
+
+def _numbered(stages: Sequence[int]) -> str:
+    """Stages by number, neighbours as a range."""
+    ranges: list[list[int]] = []
+    for index in stages:
+        if ranges and ranges[-1][1] == index - 1:
+            ranges[-1][1] = index
+        else:
+            ranges.append([index, index])
+    texts = [f"{first}" if first == last else f"{first}-{last}" for first, last in ranges]
+    return f"stage{'s' if len(stages) > 1 else ''} {', '.join(texts)}"
 
 
 def document(plan: Plan, findings: Sequence[Finding], report: Report | None = None) -> dict[str, Any]:
@@ -164,9 +238,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
-        "findings": [
-            {key: getattr(item, key) for key in ("severity", "stage", "line", "code", "message")} for item in findings
-        ],
+        "findings": [_finding(item) for item in findings],
     }
     if plan.segments:
         result["segments"] = [
@@ -183,6 +255,16 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         result["leads_on"] = [
             None if values is None else dict(zip(plan.names, values, strict=False)) for values in report.witness
         ]
+        result["proofs"] = [asdict(proof) for proof in report.proofs]
+    return result
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    result = {key: getattr(finding, key) for key in ("severity", "stage", "line", "code", "message")}
+    if finding.formula:
+        result["formula"] = finding.formula
+    if finding.proven is not None:
+        result["proven"] = finding.proven
     return result
 
 
@@ -246,11 +328,15 @@ def _number_or_text(part: Any) -> float | str:
 def _table(plan: Plan) -> str:
     """A plan as a text table."""
     from eadp.core.expressions.tree import number_text
+    from eadp.models.plan.structure import structure_proven
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
+        names = ", ".join(["x", "y", *plan.path_names])
+        known = "for every" if structure_proven(plan) else "at sampled"
+        lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     for item in plan.parameters:
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"

@@ -4,7 +4,8 @@ For each stage, over the sets of every path parameter (their ends, a grid inside
 its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
 aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
 parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of
-segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead.
+segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead. Where `proof`
+has shown what holds for every parameter, the findings say so.
 
 Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 """
@@ -15,16 +16,20 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
-from eadp.errors import PathUndefined
+from eadp.errors import PathUndefined, printable
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.stage import COMPUTATION, Box, Stage
+from eadp.validation.proof import StageProof
+
+T = TypeVar("T")
 
 ERROR, WARNING = "error", "warning"
 POSITION_WARNING_M = 1e-3
@@ -36,16 +41,23 @@ NEARLY_WHOLE_TURN = 0.97
 
 GRID = {1: 17, 2: 9}
 RANDOM_SAMPLES = 200
+CORNERS_LIMIT = 256
+REJOIN_CORNERS_LIMIT = 64
 REFINEMENTS = 40
+TRIALS_LIMIT = 2000
 CHANGING_FLIGHTS = 24
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found; `witness` has, for each stage, parameters that lead to the next one, or None."""
+    """What a check found.
+
+    `witness` has, for each stage, parameters that lead to the next one, or None; `proofs`, what is proven of it.
+    """
 
     findings: tuple[Finding, ...]
     witness: tuple[Vector | None, ...]
+    proofs: tuple[StageProof, ...] = ()
 
     @property
     def valid(self) -> bool:
@@ -75,7 +87,7 @@ class _Measures:
     after: Stage | None = None
 
 
-def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
+def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequence[StageProof] = ()) -> Report:
     """Check a plan over the whole range of its path parameters.
 
     Parameters
@@ -84,6 +96,8 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
         With sets, or without: then it is checked with all parameters 0.
     min_radius_m : float, optional
         Smallest turning radius of the aircraft [m]; the plan's own without.
+    proofs : sequence of StageProof, optional
+        What `proof.prove_plan` shows of the plan.
 
     Returns
     -------
@@ -102,11 +116,13 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None) -> Report:
         if troubled and not measured:  # no flight came so far
             witness.append(None)
             continue
-        findings += _stage_findings(plan, stage, measured, least)
+        proof = proofs[stage.index - 1] if proofs else StageProof()
+        findings += _stage_findings(plan, stage, measured, least, proof)
         witness.append(_leads_on(plan.radius_m(stage), measured))
     findings += _sets_findings(plan)
     findings += _rejoin_findings(plan)
-    return Report(tuple(findings), tuple(witness))
+    findings += _corners_findings(plan)
+    return Report(tuple(findings), tuple(witness), tuple(proofs))
 
 
 def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
@@ -123,51 +139,68 @@ def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
 def _boxes(plan: Plan, stage: Stage) -> list[Box]:
     """The sets of the path parameters that matter round a stage; [0, 0] for those that do not, or have none."""
     near = [one for one in (stage, *_neighbours(plan, stage)) if one is not None]
-    at_end = stage.index in (1, len(plan.stages))
+    named = set().union(*(part.names for one in near for part in (one.path, *one.trigger)))
+    if plan.repeats and plan.shift is not None and stage.index in (1, len(plan.stages)):
+        named = named.union(*(part.names for part in plan.shift))
     boxes = []
     for i in range(plan.path_count):
-        name = f"c{i + 1}"
-        matters = any(one.names(name) for one in near) or (at_end and _shift_names(plan, name))
         if not plan.has_sets:
             boxes.append(Box(0.0, 0.0))
-        elif matters:
+        elif f"c{i + 1}" in named:
             boxes.append(stage.sets[i])
         else:
             boxes.append(Box(stage.sets[i].hi, stage.sets[i].hi))
     return boxes
 
 
-def _shift_names(plan: Plan, name: str) -> bool:
-    return plan.repeats and plan.shift is not None and any(name in value.names for value in plan.shift)
+def _corners(count: int, limit: int) -> list[Vector]:
+    """Corners of the unit box: all, or of more than `limit` a seeded sample with the first and the last."""
+    if 2**count <= limit:
+        return list(itertools.product((0.0, 1.0), repeat=count))
+    drawn = np.random.default_rng(1).integers(0, 2, (limit - 2, count)).astype(float)
+    return [(0.0,) * count, (1.0,) * count, *map(tuple, drawn.tolist())]
 
 
-def _grid(boxes: Sequence[Box]) -> list[Vector]:
+def _points(boxes: Sequence[Box], corners_limit: int, inside: bool = True) -> list[Vector]:
     """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
     free = [i for i, box in enumerate(boxes) if not box.fixed]
-    fixed = [box.lo for box in boxes]
-    shares: list[Vector] = list(itertools.product((0.0, 1.0), repeat=len(free)))[:256]
-    if len(free) in GRID:
+    shares = _corners(len(free), corners_limit)
+    if inside and len(free) in GRID:
         shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
-    elif free:
+    elif inside and free:
         shares += map(tuple, np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist())
     points = []
     for share in shares:
-        point = list(fixed)
+        point = [box.lo for box in boxes]
         for i, value in zip(free, share, strict=True):
             point[i] = boxes[i].lo + value * (boxes[i].hi - boxes[i].lo)
         points.append(tuple(point))
     return list(dict.fromkeys(points))
 
 
+def _grid(boxes: Sequence[Box]) -> list[Vector]:
+    return _points(boxes, CORNERS_LIMIT)
+
+
+def _samples_corners(boxes: Sequence[Box]) -> bool:
+    """Whether there are more corners than are looked at."""
+    count = sum(not box.fixed for box in boxes)
+    return 1 << count > CORNERS_LIMIT
+
+
 def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vector, _Measures]]:
     """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
 
-    What is nowhere near its threshold on the grid, or worst at a corner of it, is not searched further.
+    What is nowhere near its threshold on the grid, or worst at a corner while all corners are measured, is not searched
+    further.
     """
     boxes = _boxes(plan, stage)
-    points = _grid(boxes)
-    measured = [(point, _measure(plan, stage, point)) for point in points]
-    corners = set(itertools.product(*((box.lo, box.hi) for box in boxes)))
+    measured = [(point, _measure(plan, stage, point)) for point in _grid(boxes)]
+    sampled = _samples_corners(boxes)
+
+    def is_corner(point: Vector) -> bool:
+        return all(value in (box.lo, box.hi) for value, box in zip(point, boxes, strict=True))
+
     searched: list[tuple[Callable[[_Measures], float], float]] = [
         (lambda m: m.own_m, POSITION_WARNING_M / 10),
         (lambda m: m.next_m, POSITION_WARNING_M / 10),
@@ -177,7 +210,7 @@ def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vecto
     ]
     for badness, small in searched:
         start = max(measured, key=lambda item: _finite(badness(item[1])))
-        if start[0] not in corners and _finite(badness(start[1])) > small:
+        if (sampled or not is_corner(start[0])) and _finite(badness(start[1])) > small:
             measured.append(_refined(plan, stage, boxes, start, badness))
     return measured
 
@@ -193,16 +226,22 @@ def _refined(
     start: tuple[Vector, _Measures],
     badness: Callable[[_Measures], float],
 ) -> tuple[Vector, _Measures]:
-    """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step."""
+    """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step.
+
+    Where corners are sampled the first step goes from one end of a set to the other.
+    """
     point, best = start
-    step = [(box.hi - box.lo) / 16 for box in boxes]
+    free = [(i, box) for i, box in enumerate(boxes) if not box.fixed]
+    step = [(box.hi - box.lo) / (1 if _samples_corners(boxes) else 16) for box in boxes]
+    trials = 0
     for _ in range(REFINEMENTS):
         moved = False
-        for i, box in enumerate(boxes):
+        for i, box in free:
             for sign in (-1, 1):
                 trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
-                if trial == point:
+                if trial == point or trials >= TRIALS_LIMIT:
                     continue
+                trials += 1
                 measures = _measure(plan, stage, trial)
                 if _finite(badness(measures)) > badness(best):
                     point, best, moved = trial, measures, True
@@ -343,25 +382,27 @@ def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
 
 
 def _stage_findings(
-    plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None
+    plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None, proof: StageProof
 ) -> Iterator[Finding]:
     limit = plan.radius_m(stage)
     if not measured:
         message = f"stage {stage.index} is never flown: its laps are over before they start"
-        yield Finding(WARNING, stage.index, stage.line, "never-flown", message)
+        yield Finding(WARNING, stage.index, stage.line, "never-flown", message, proven=False)
         return
 
-    def finding(severity: str, code: str, message: str, parameters: Vector) -> Finding:
-        return Finding(severity, stage.index, stage.line, code, message + _at(plan, parameters))
+    def finding(severity: str, code: str, message: str, parameters: Vector, formula: str = "") -> Finding:
+        proven = bool(formula) or (code == "direction" and proof.direction is False)
+        message += _at(plan, parameters)
+        return Finding(severity, stage.index, stage.line, code, message, formula=formula, proven=proven)
 
     troubles = [item for item in measured if item[1].trouble]
     if troubles:
         parameters, measures = troubles[0]
         yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {measures.trouble}", parameters)
     fine = [item for item in measured if not item[1].trouble] or measured
-    for code, what, name in (
-        ("trigger-off-path", "its path", "own_m"),
-        ("trigger-off-next", "the path of the next stage", "next_m"),
+    for code, what, name, formula in (
+        ("trigger-off-path", "its path", "own_m", proof.own),
+        ("trigger-off-next", "the path of the next stage", "next_m", proof.next),
     ):
         parameters, measures = max(fine, key=lambda item: _finite(getattr(item[1], name)))
         gap = getattr(measures, name)
@@ -372,8 +413,10 @@ def _stage_findings(
                 if code.endswith("path")
                 else ""
             )
-            message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{right}"
-            yield finding(severity, code, message, parameters)
+            formula = formula if formula != "0" else None
+            where = f", where φ = {printable(formula)}" if formula else ""
+            message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{where}{right}"
+            yield finding(severity, code, message, parameters, formula or "")
     parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
     if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
         severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
@@ -427,9 +470,7 @@ def _order_findings(
 
 def _at(plan: Plan, parameters: Vector) -> str:
     named = [
-        f"{name} = {value:.6g}"
-        for i, (name, value) in enumerate(zip(plan.names, parameters, strict=False))
-        if any(stage.names(f"c{i + 1}") for stage in plan.stages)
+        f"{name} = {value:.6g}" for name, value in zip(plan.names, parameters, strict=False) if name in plan.path_names
     ]
     return f" (at {', '.join(named)})" if named else ""
 
@@ -473,18 +514,13 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
     if plan.whole_laps or plan.segments or not plan.has_sets:
         return
     for stage, after in itertools.pairwise(plan.stages):
+        points = _points(stage.sets[: plan.path_count], REJOIN_CORNERS_LIMIT, inside=False)
+        triggers = [(point, _or_none(stage.trigger_at, point)) for point in points]
+        paths = [(point, _or_none(after.path_at, point)) for point in points]
         worst: tuple[float, Vector, Vector] = (0.0, (), ())
-        corners = [
-            corner[: plan.path_count]
-            for corner in itertools.product(*((box.lo, box.hi) for box in stage.sets[: plan.path_count]))
-        ][:64]
-        for old, new in itertools.permutations(dict.fromkeys(corners), 2):
-            try:
-                trigger = stage.trigger_at(old)
-                gap = math.dist(trigger, after.track(after.path_at(new), trigger).nearest(trigger))
-            except PathUndefined:
-                continue
-            if gap > worst[0]:
+        for (old, trigger), (new, path) in itertools.product(triggers, paths):
+            gap = None if trigger is None or path is None or old == new else _or_none(_gap_m, after, path, trigger)
+            if gap is not None and gap > worst[0]:
                 worst = (gap, old, new)
         gap, old, new = worst
         if gap > plan.radius_m(stage):
@@ -492,4 +528,29 @@ def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
                 f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
                 f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
             )
-            yield Finding(WARNING, after.index, after.line, "rejoin", message)
+            yield Finding(WARNING, after.index, after.line, "rejoin", message, proven=False)
+
+
+def _gap_m(stage: Stage, path: PathFunction, point: Point) -> float:
+    return math.dist(point, stage.track(path, point).nearest(point))
+
+
+def _or_none(function: Callable[..., T], *arguments: Any) -> T | None:
+    """A function's value, or None where a path is undefined."""
+    try:
+        return function(*arguments)
+    except PathUndefined:
+        return None
+
+
+def _corners_findings(plan: Plan) -> Iterator[Finding]:
+    """Which stages have more corners of their sets than are checked."""
+    hulls = [[plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []] if plan.segments else []
+    boxes = hulls or [_boxes(plan, stage) for stage in plan.stages]
+    count = max(sum(not box.fixed for box in own) for own in boxes)
+    if any(map(_samples_corners, boxes)):
+        message = (
+            f"up to {count} path parameters have 2^{count} combinations of ends of their sets: {CORNERS_LIMIT} of them "
+            f"are checked, drawn with a fixed seed, and the worst found is reported"
+        )
+        yield Finding(WARNING, None, plan.stages[0].line, "corners-sampled", message)

@@ -6,6 +6,11 @@ import itertools
 import json
 
 import pytest
+import sympy
+from common.plans import APPENDIX_PRINTED, PARTS
+
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
 
 
 def test_the_survey_as_json(eadp):
@@ -109,6 +114,77 @@ def test_check_of_the_survey_passes_with_warnings(eadp):
     assert answer.out.count("warning:") == 6
     assert answer.out.endswith("4 stages: 0 errors, 6 warnings; 4 of 4 stages lead to the next for some parameters\n")
     assert "plans/survey.plan:23:1: warning: the trigger of stage 2 lies 3.16 m off" in answer.out
+    assert answer.out.splitlines()[-4:-1] == [
+        "trigger on its path  for every c1 in stages 1-2, 4; not in stage 3",
+        "trigger on the next  for every c1 in stages 1, 3; not in stages 2, 4",
+        "direction of travel  for every c1 in stage 1; not in stages 2-4",
+    ]
+
+
+def test_check_says_what_is_proven_and_what_is_sampled(eadp, tmp_path):
+    path = tmp_path / "p.plan"
+    path.write_text(PARTS)
+    assert eadp("plan", path, "--check").out.splitlines() == [
+        "trigger on its path  for every c1 in stages 1-6",
+        "trigger on the next  for every c1 in stages 2-4; at the places tried in stages 1, 5",
+        "direction of travel  for every c1 in stages 2-3; at the places tried in stages 1, 4-5",
+        "6 stages: 0 errors, 0 warnings; 6 of 6 stages lead to the next for some parameters",
+    ]
+    path.write_text("0.1; 90; x\n0, 200\n")
+    assert eadp("plan", path, "--check").out.splitlines()[0] == "trigger on its path  holds in stage 1"
+
+
+def test_the_misprints_formulas_in_json(eadp, tmp_path):
+    path = tmp_path / "printed.plan"
+    path.write_text(APPENDIX_PRINTED)
+    document = json.loads(eadp("plan", path, "--check", "--format", "json").out)
+    found = [(item["code"], item.get("formula"), item["proven"]) for item in document["findings"]]
+    assert found[:2] == [
+        ("trigger-off-path", "2*c1", True),
+        ("trigger-off-next", "5*c1 - 840*sqrt(c1 + 4900) + 58800", True),
+    ]
+    assert found[-1] == ("rejoin", None, False)
+    assert document["proofs"][1] == {"own": "0", "next": "0", "direction": True}
+    assert document["proofs"][-1] == {"own": found[2][1], "next": None, "direction": None}
+
+
+def test_sympy_reads_what_it_printed(eadp, root):
+    answer = eadp("plan", "plans/survey.plan", "--format", "sympy")
+    assert answer.code == 0
+    lines = answer.out.splitlines()
+    stages = read_plan(read_text(str(root / "plans/survey.plan")))[0].stages
+    assert len(lines) == 8 * len(stages)
+    names = {name: sympy.Symbol(name, real=True) for name in ("x", "y", "c1")}
+    for i, stage in enumerate(stages):
+        phi, x, y, xx, xy, yy, *trigger = (sympy.sympify(line, locals=names) for line in lines[8 * i : 8 * i + 8])
+        assert phi == stage.sympy.path
+        assert sympy.Matrix([x, y]) == stage.sympy.gradient
+        assert sympy.Matrix([[xx, xy], [xy, yy]]) == stage.sympy.hessian
+        assert sympy.Matrix(trigger) == stage.sympy.trigger
+    assert lines[-2:] == ["35  # trigger_4_x", "146  # trigger_4_y"]
+
+
+def test_latex(eadp):
+    lines = eadp("plan", "plans/survey.plan", "--format", "latex").out.splitlines()
+    assert len(lines) == 16
+    assert lines[4] == r"\varphi_{2} = x + 115"
+    assert lines[5] == r"\nabla \varphi_{2} = \left[\begin{matrix}1\\0\end{matrix}\right]"
+    assert lines[7] == r"\mathbf{p}_{\Gamma_{2}} = \left[\begin{matrix}-115\\-11\end{matrix}\right]"
+
+
+def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
+    path = tmp_path / "large.plan"
+    path.write_text("0.1; 90; x\n0, 200\n0.1; 90; " + "*".join(f"(x-{i})" for i in range(1000)) + "\n0.5, 500\n")
+    answer = eadp("plan", path, "--format", "sympy")
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith(f"{path}:3:1: error: stage 2 is too large for sympy; expected expressions of at most")
+
+
+def test_whether_structure_is_proven_is_shown(eadp, tmp_path):
+    assert "structure  n = 4, e_j = 0 for every x, y, c1\n" in eadp("plan", "plans/survey.plan").out
+    path = tmp_path / "p.plan"
+    path.write_text("".join(f"0.1; 90; x - {i}*sqrt(2)\n{i}*sqrt(2), 200\n" for i in range(4)))
+    assert "structure  n = 1, e_j = 0 at sampled x, y\n" in eadp("plan", path).out
 
 
 def test_check_that_finds_an_error_is_a_no(eadp, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,6 +15,7 @@ from eadp.core.geometry.tracks import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.validation.check import check_plan
+from eadp.validation.proof import StageProof
 
 R = "sqrt(4900 + c1)"
 
@@ -30,32 +32,8 @@ def codes(report, severity=None):
     return [item.code for item in report.findings if severity in (None, item.severity)]
 
 
-APPENDIX = """\
-0.0003; 90; (x+45)^2+(y-146)^2-4900{sign}c1
--sqrt(4900+c1)-45, 146
-[-3*10^3, 0]
-[2, 10]
-0.05; 270; x+sqrt(4900+c1)+45
--sqrt(4900+c1)-45, 11
-[-3*10^3, 0]
-[2, 10]
-0.0003; 90; (x+sqrt(4900+c1)-30)^2+(y-11)^2-5625
--sqrt(4900+c1)+105, 11
-[-3*10^3, 0]
-[2, 10]
-0.05; 90; x+sqrt(4900+c1)-105
--sqrt(4900+c1)+105, 147
-[-3*10^3, 0]
-[2, 10]
-0.0003; 90; (x+2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1
--3*sqrt(4900+c1)+105, 147
-[-3*10^3, 0]
-[0, 0]
-"""
-
-
 def test_the_appendix_as_corrected_is_sound():
-    report = checked(APPENDIX.format(sign="-"))
+    report = checked(APPENDIX_RIGHT)
     # flown explicitly, a change of c1 between two stages leaves the second one elsewhere: said, as warnings
     assert set(codes(report)) == {"rejoin"}
     assert not report.has_errors
@@ -63,7 +41,7 @@ def test_the_appendix_as_corrected_is_sound():
 
 
 def test_the_appendix_as_printed_is_caught():
-    report = checked(APPENDIX.format(sign="+"))
+    report = checked(APPENDIX_PRINTED)
     first = report.findings[0]
     assert (first.severity, first.code, first.stage, first.line) == ("error", "trigger-off-path", 1, 1)
     # radius √(4900 + 3000) of the circle, √(4900 − 3000) of the trigger
@@ -171,6 +149,15 @@ def test_a_change_of_parameters_that_makes_a_stage_impossible_to_join_is_a_warni
     assert codes(checked(text.replace("[0, 80]", "[0, 15]"))) == []
 
 
+def test_parameters_that_cannot_change_do_not_make_a_stage_impossible_to_join():
+    assert codes(checked("0.1; 90; x\n30, 200\n[7, 7]\n0.1; 90; x - c1\n7, 500\n[7, 7]\n"), "warning") == []
+
+
+def test_what_is_found_by_value_against_a_proof_is_not_proven():
+    found = check_plan(plan(broken(0, "0, 200", "5, 200")), proofs=[StageProof("0", "0", True)] * 3).findings
+    assert [(item.formula, item.proven) for item in found] == [("", False)] * 2
+
+
 def test_sets_and_gains_that_look_odd():
     report = checked("0; 90; x\n0, 200\n[0.5, 2]\n")
     assert codes(report) == ["set-not-whole", "no-gain"]
@@ -228,3 +215,43 @@ def test_directions_are_compass_bearings():
     message = next(finding.message for finding in found if finding.code == "direction")
     assert "heading 0.0°" in message, "north along x = 0"
     assert "heading 270.0°" in message, "then west along y = 100"
+
+
+def many(count, trigger, sets="[0, 8]\n"):
+    """Two lines that `count` parameters move; the second's trigger is off it by what is given."""
+    total = "+".join(f"c{i}" for i in range(1, count + 1))
+    lines = [f"0.1; 90; x - ({total})", f"{total}, 200\n" + sets * count]
+    return "\n".join([*lines, f"0.1; 90; x - ({total})", f"{total} + {trigger}, 500\n" + sets * count])
+
+
+@pytest.mark.parametrize("count", [9, 24, 111, 999])
+def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_from_there(count):
+    report = checked(many(count, "c1 - c2"))
+    message = next(item.message for item in report.findings if item.code == "trigger-off-path")
+    assert "8.00 m" in message
+    sampled = [item for item in report.findings if item.code == "corners-sampled"]
+    assert [item.severity for item in sampled] == ["warning"]
+    assert f"2^{count} combinations" in sampled[0].message
+
+
+@pytest.mark.parametrize("count", [24, 111])
+def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn(count):
+    weights = [1 if i % 3 else -1 for i in range(count)]
+    off = "".join(f" + {weight}*c{i + 1}" for i, weight in enumerate(weights))
+    report = checked(many(count, f"0.1*(0{off})").replace("+ -1", "- 1"))
+    message = next(item.message for item in report.findings if item.code == "trigger-off-path")
+    assert f"{0.1 * 8 * sum(weight > 0 for weight in weights):.2f} m" in message
+
+
+def test_a_parameter_of_a_high_index_alone_is_checked_at_every_corner():
+    text = "0.1; 90; x - c111\nc111, 200\n" + "[0, 80]\n" * 111
+    assert codes(checked(text)) == []
+    assert codes(checked(text.replace("\nc111,", "\n0.9*c111,"))) == ["trigger-off-path"]
+
+
+def test_findings_name_parameters_that_only_a_loop_variable_depends_on():
+    text = PARTS.replace("10 + s + 114, top", "10 + s + 114 - c1/100, top")
+    message = next(item.message for item in checked(text).findings if item.code == "trigger-off-path")
+    assert "c1 = -900" in message
+    text = PARTS.replace("10 + next, 0", "11 + next, 0")
+    assert "(at c1 = " in next(item.message for item in checked(text).findings if item.code == "trigger-off-path")

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from eadp.core.expressions import tree
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import Expression, Node
-from eadp.errors import ExpressionError
+from eadp.core.expressions.tree import FUNCTIONS, NON_SMOOTH_FUNCTIONS, Expression, Node
+from eadp.errors import EadpError, ExpressionError, printable
 
+SIZE_LIMIT = 400
+"""Most nodes of a tree that is given to sympy."""
+
+DEGREE_LIMIT = 1000
+"""Highest power that exponents within exponents may make of a part of such a tree."""
+
+TERMS_LIMIT, LOW_DEGREE = 300, 16
+"""Bounds of what is multiplied out without a limit of time: the number of terms, and the powers of their parts."""
+
+_COMPARED = {*NON_SMOOTH_FUNCTIONS, "atan2"}
 _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
 
 
@@ -51,21 +64,28 @@ def _magnitude(node: Node, values: Mapping[str, float]) -> float:
     return abs(tree.unchecked_value(node, values))
 
 
+def load_sympy() -> Any:
+    """The module sympy.
+
+    Raises
+    ------
+    EadpError
+        If it cannot be imported.
+    """
+    try:
+        import sympy
+    except ImportError as error:
+        raise EadpError(f"sympy cannot be imported ({error}); install it, as in: pip install sympy") from None
+    return sympy
+
+
 def to_sympy(node: Node) -> Any:
     """The tree as a sympy expression over real symbols, with exact rational numbers.
 
     Built node by node: no text reaches sympy's own parser.
     """
-    import sympy
-
-    functions = {
-        **{name: getattr(sympy, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-        "abs": sympy.Abs,
-        "min": sympy.Min,
-        "max": sympy.Max,
-        "exp": sympy.exp,
-        "log": sympy.log,
-    }
+    sympy = load_sympy()
+    functions = {name: getattr(sympy, {"abs": "Abs", "min": "Min", "max": "Max"}.get(name, name)) for name in FUNCTIONS}
 
     def build(part: Node) -> Any:
         if isinstance(part, tree.Number):
@@ -90,10 +110,9 @@ def simplified(expression: Expression) -> Expression:
 
     Only trees whose expansion is small are given to sympy: a power of a sum has as many terms as its exponent allows.
     """
-    if not _tame(expression):
+    if not _expands_shortly(expression):
         return expression
-    import sympy
-
+    sympy = load_sympy()
     try:
         simple = from_sympy(sympy.expand(to_sympy(expression.node)))
     except (ExpressionError, ArithmeticError, ValueError, TypeError):  # for example atan2(0, 0)
@@ -101,22 +120,50 @@ def simplified(expression: Expression) -> Expression:
     return simple if len(simple.text) < len(expression.text) else expression
 
 
-def _tame(expression: Expression) -> bool:
-    """Whether multiplying out costs little: few nodes, small whole exponents, few sums within products."""
-    if expression.size > 200:
+def cancels(expression: Expression) -> bool:
+    """Whether sympy shows at once that an expression is 0 for every value of its symbols; False: undecided, or not 0.
+
+    Only trees whose expansion is small are given to sympy, as in `simplified`.
+    """
+    return _expands_shortly(expression) and bool(load_sympy().expand(to_sympy(expression.node)) == 0)
+
+
+def _expands_shortly(expression: Expression) -> bool:
+    """Whether multiplying out costs little: few nodes, few terms, low powers."""
+    if expression.size > SIZE_LIMIT / 2:
         return False
-    sums = 0
-    waiting = [expression.node]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, tree.Power) and not (
-            isinstance(node.exponent, tree.Number) and node.exponent.value in (0, 1, 2)
-        ):
-            return False
-        if isinstance(node, tree.Product | tree.Power):
-            sums += sum(isinstance(part, tree.Sum) for part in tree.children(node))
-        waiting.extend(tree.children(node))
-    return sums <= 6
+    terms, degree = _expansion(expression.node)
+    return terms <= TERMS_LIMIT and degree <= LOW_DEGREE
+
+
+def _expansion(node: Node) -> tuple[float, float]:
+    """Bounds of the number of terms of a tree multiplied out, and of the powers in them.
+
+    A function counts as its argument, as powers of a root bring it out; functions whose arguments sympy compares with
+    one another at length count four times.
+    """
+    parts = []
+    for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
+        parts.append(_expansion(part))
+    terms, degrees = [part[0] for part in parts], [part[1] for part in parts]
+    if not parts:
+        return 1.0, 1.0
+    if isinstance(node, tree.Product):
+        return math.prod(terms), sum(degrees)
+    if isinstance(node, tree.Power):
+        power = _power(node)
+        return math.exp(min(power * math.log(terms[0]), 700.0)), degrees[0] * power
+    times = 4 if isinstance(node, tree.Call) and node.function in _COMPARED else 1
+    return times * sum(terms), max(degrees)
+
+
+def _power(node: tree.Power) -> float:
+    """What a power does to the number of terms and to the degree of its base; too much for any but a whole constant."""
+    try:
+        exponent = tree.unchecked_value(node.exponent, {})
+    except (KeyError, ArithmeticError, ValueError):
+        return LOW_DEGREE + 1.0
+    return max(1.0, abs(exponent), 0.0 if exponent == int(exponent) else LOW_DEGREE + 1.0)
 
 
 def from_sympy(result: Any) -> Expression:
@@ -127,7 +174,131 @@ def from_sympy(result: Any) -> Expression:
     ExpressionError
         If the tree holds a function or a constant that plan expressions do not have.
     """
-    import sympy
+    text = load_sympy().sstr(result, order="none")
+    for name in NON_SMOOTH_FUNCTIONS:
+        text = text.replace(f"{name.title()}(", f"{name}(")
+    return read_expression(text, [symbol.name for symbol in result.free_symbols])
 
-    text = sympy.sstr(result, order="none").replace("Abs(", "abs(").replace("Min(", "min(").replace("Max(", "max(")
-    return read_expression(text)
+
+# --- stages -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SymbolicStage:
+    """A stage as sympy objects: φ(x, y, c1, …), its gradient and Hessian in x and y, and the trigger.
+
+    Symbols are real, numbers exact fractions. Derivatives are taken when they are asked for.
+    """
+
+    path: Any
+    trigger: Any
+
+    @classmethod
+    def of(cls, path: Expression, trigger: tuple[Expression, Expression]) -> SymbolicStage:
+        """The stage of a path function and a trigger.
+
+        Raises
+        ------
+        EadpError
+            If sympy cannot be imported, or an expression is beyond the limits above.
+        """
+        return cls(_limited(path), load_sympy().Matrix([_limited(part) for part in trigger]))
+
+    @cached_property
+    def gradient(self) -> Any:
+        """∇φ, a matrix of shape (2, 1)."""
+        return load_sympy().Matrix([self.path.diff(v) for v in _coordinates()])
+
+    @cached_property
+    def hessian(self) -> Any:
+        """The Hessian of φ, a symmetric matrix of shape (2, 2)."""
+        return load_sympy().hessian(self.path, _coordinates())
+
+    def lines(self, index: int, style: str) -> list[str]:
+        """Its expressions in sympy's plain syntax, each with its name as a comment, or as LaTeX.
+
+        Parameters
+        ----------
+        index : int
+            The stage's.
+        style : str
+            `sympy` or `latex`.
+        """
+        sympy = load_sympy()
+        if style == "latex":
+            named = {
+                rf"\varphi_{{{index}}}": self.path,
+                rf"\nabla \varphi_{{{index}}}": self.gradient,
+                rf"\nabla^{{2}} \varphi_{{{index}}}": self.hessian,
+                rf"\mathbf{{p}}_{{\Gamma_{{{index}}}}}": self.trigger,
+            }
+            return [f"{name} = {sympy.latex(value)}" for name, value in named.items()]
+        (xx, xy), (_, yy) = self.hessian.tolist()
+        values = (self.path, *self.gradient, xx, xy, yy, *self.trigger)
+        names = [f"phi_{index}{d}" for d in ("", "_x", "_y", "_xx", "_xy", "_yy")]
+        names += [f"trigger_{index}_x", f"trigger_{index}_y"]
+        return [f"{sympy.sstr(value)}  # {name}" for name, value in zip(names, values, strict=True)]
+
+
+def _limited(expression: Expression) -> Any:
+    """`to_sympy` of an expression within the limits above."""
+    if expression.size > SIZE_LIMIT or _expansion(expression.node)[1] > DEGREE_LIMIT:
+        what = f"at most {SIZE_LIMIT} parts, and powers of {DEGREE_LIMIT}"
+        raise EadpError(f"{printable(expression.text, 60)} is too large for sympy: {what}")
+    return to_sympy(expression.node)
+
+
+def _coordinates() -> list[Any]:
+    return [load_sympy().Symbol(name, real=True) for name in ("x", "y")]
+
+
+# --- proofs: for a process that may be ended, as sympy knows no limit of time -----------------------------------------
+
+
+def remainder(expression: Expression) -> str | None:
+    """The expression multiplied out by sympy, in its syntax: '0' where it is 0 for every value.
+
+    None where that is undecided, or the text is longer than an expression may be.
+    """
+    sympy = load_sympy()
+    value = sympy.expand(_limited(expression))
+    if value != 0 and is_zero(expression.node):
+        return "0" if sympy.simplify(value) == 0 else None
+    text = str(sympy.sstr(value))
+    return None if value.has(sympy.nan, sympy.zoo, sympy.oo) or len(text) > tree.LENGTH_LIMIT else text
+
+
+def same_direction(
+    here: SymbolicStage, there: SymbolicStage, sense: int, ranges: Mapping[str, tuple[float, float]]
+) -> bool | None:
+    """Whether the gradients of two paths, each at the trigger that comes with it, are parallel for all parameters.
+
+    Parameters
+    ----------
+    here, there : SymbolicStage
+        The trigger of each is the point where they meet, in the frame of its own path.
+    sense : int
+        +1: they shall point the same way; −1: opposite ways.
+    ranges : mapping of str to (float, float)
+        The sets of the parameters; a name that is not in it may have any value.
+
+    Returns
+    -------
+    bool or None
+        None: undecided.
+    """
+    sympy = load_sympy()
+    x, y = _coordinates()
+    ax, ay = here.gradient.xreplace({x: here.trigger[0], y: here.trigger[1]})
+    bx, by = there.gradient.xreplace({x: there.trigger[0], y: there.trigger[1]})
+    across = remainder(from_sympy(sympy.expand(ax * by - ay * bx)))
+    if across != "0":
+        return None if across is None else False
+    # the sign of a·b over the box of the sets, by interval arithmetic on exact numbers
+    intervals = {
+        sympy.Symbol(name, real=True): sympy.AccumBounds(sympy.Rational(repr(lo)), sympy.Rational(repr(hi)))
+        for name, (lo, hi) in ranges.items()
+    }
+    along = sympy.expand(sense * (ax * bx + ay * by)).subs(intervals)
+    lowest, highest = (along.min, along.max) if isinstance(along, sympy.AccumBounds) else (along, along)
+    return True if lowest.is_positive else False if highest.is_negative else None

@@ -56,6 +56,15 @@ def path_kind(expression: Expression) -> str:
     return CIRCLE if _vanishes(_plus(xx, _minus(yy))) else CURVE
 
 
+def is_zero_polynomial(expression: Expression) -> bool:
+    """Whether exact rational arithmetic shows a polynomial in x and y of degree 2 or less to be 0 everywhere."""
+    try:
+        polynomial = _polynomial(expression.node)
+    except ArithmeticError:
+        return False
+    return polynomial is not None and all(value == 0 for value in polynomial.values())
+
+
 def _polynomial(node: Node) -> _Polynomial | None:
     if isinstance(node, Number):
         return {(0, 0): Fraction(repr(node.value))}

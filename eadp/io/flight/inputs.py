@@ -129,9 +129,7 @@ def load_flight(
     files = files or Files()
     plan_text, (plan, findings) = files.read(plan_path, read_plan)
     texts = {"plan": plan_text}
-    warnings = [
-        Fault(plan_text.name, finding.line, finding.column, finding.message, severity="warning") for finding in findings
-    ]
+    warnings = [finding.fault(plan_text.name) for finding in findings]
     scenario = files.scenario(scenario_path, overrides)
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from eadp.core.expressions.tree import Expression
-from eadp.errors import EadpError
+from eadp.errors import EadpError, Fault
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
 
@@ -16,7 +16,11 @@ TRIGGER_RADIUS_M = 20.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that reading or checking a plan shows."""
+    """Something that reading or checking a plan shows.
+
+    `formula` is φ at a trigger that lies off a path, in sympy's syntax. `proven` is whether it holds whatever the check
+    has sampled; None where nothing is sampled.
+    """
 
     severity: str
     stage: int | None
@@ -24,6 +28,12 @@ class Finding:
     code: str
     message: str
     column: int = 1
+    formula: str = ""
+    proven: bool | None = None
+
+    def fault(self, file: str) -> Fault:
+        """The finding at its place in a file."""
+        return Fault(file, self.line, self.column, self.message, severity=self.severity)
 
 
 @dataclass(frozen=True)
@@ -84,6 +94,16 @@ class Plan:
     def names(self) -> tuple[str, ...]:
         """The parameters' names in order."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def path_names(self) -> tuple[str, ...]:
+        """The path parameters that a stage, a loop variable or the shift names."""
+        named = set().union(*(part.names for part in self.shift or ()))
+        for stage in self.stages:
+            named |= stage.path.names.union(*(part.names for part in stage.trigger))
+        for q in (q for segment in self.segments for q in segment.variables):
+            named |= q.first.names | (q.shift.names if q.shift else set())
+        return tuple(name for name in self.names[: self.path_count] if name in named)
 
     @property
     def final_point(self) -> PointExpression:

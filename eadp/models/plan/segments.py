@@ -91,7 +91,17 @@ class Segment:
         ExpressionError
             If formulas of formulas grow too large.
         """
-        known = {q.name: q.first for q in self.variables if q.shift is not None}
+        return self.formulas({q.name: q.first for q in self.variables if q.shift is not None})
+
+    def formulas(self, known: Mapping[str, Expression]) -> dict[str, Expression]:
+        """`known`, and every formula with what is known and the formulas above it substituted.
+
+        Raises
+        ------
+        ExpressionError
+            If formulas of formulas grow too large.
+        """
+        known = dict(known)
         for q in self.variables:
             if q.shift is None:
                 known[q.name] = substituted(q.first, known) if known else q.first

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
@@ -78,6 +79,17 @@ class Stage:
         """`line`, `circle` or `curve`."""
         return path_kind(self.path)
 
+    @cached_property
+    def sympy(self) -> SymbolicStage:
+        """φ, ∇φ, Hessian and trigger as sympy objects, in x, y, the parameters and loop variables.
+
+        Raises
+        ------
+        EadpError
+            If sympy cannot be imported, or an expression is too large for it (`algebra.SIZE_LIMIT`).
+        """
+        return SymbolicStage.of(self.path, self.trigger)
+
     @property
     def sense(self) -> int:
         """+1 for rotation 90, −1 for rotation 270."""
@@ -115,10 +127,6 @@ class Stage:
     def track(self, path: PathFunction, end: Point) -> Track:
         """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
         return TRACKS[self.kind](path, end, self.sense)
-
-    def names(self, parameter: str) -> bool:
-        """Whether the path or the trigger depends on a parameter."""
-        return any(parameter in expression.names for expression in (self.path, *self.trigger))
 
 
 def point_at(

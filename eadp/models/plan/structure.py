@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.expressions.algebra import is_zero, simplified
-from eadp.core.expressions.tree import Expression, constant, difference, scaled, substituted
-from eadp.errors import EadpError, ExpressionError, PathUndefined
+from eadp.core.expressions.algebra import cancels, is_zero, simplified
+from eadp.core.expressions.tree import Expression, Symbol, constant, difference, scaled, substituted, total
+from eadp.core.geometry.curves import is_zero_polynomial
+from eadp.errors import ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import LoopVariable, Segment, State
 from eadp.models.plan.stage import PointExpression, Stage
@@ -33,8 +34,14 @@ OFFSETS_M = (
 )
 """Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
+SYMBOLIC_STAGES, SYMBOLIC_SIZE = 200, 20_000
+"""Most stages of a plan whose structure is shown symbolically, and most nodes of their expressions for sympy."""
+
 TOLERANCE = 1e-9
 SMALL_STEP_M = 0.1
+
+
+_PathTrigger = tuple[Expression, PointExpression]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +75,45 @@ def find_structure(plan: Plan) -> Structure | None:
             first, later = stages[0].trigger, stages[n].trigger
             return Structure(n, (tidy(difference(later[0], first[0])), tidy(difference(later[1], first[1]))))
     return None
+
+
+def structure_proven(plan: Plan) -> bool:
+    """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
+
+    False where the structure is known by value alone: in plans of segments, and beyond the limits above.
+
+    Source: letter, Eq. 2.
+    """
+    if plan.shift is None or plan.segments or len(plan.stages) > SYMBOLIC_STAGES:
+        return False
+    dx, dy = plan.shift
+    moved = {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)}
+    gaps = []
+    try:
+        for (path, (x, y)), (later, (later_x, later_y)) in _lap_pairs(plan):
+            gaps += [difference(substituted(later, moved), path)]
+            gaps += [difference(later_x, total(x, dx)), difference(later_y, total(y, dy))]
+    except ExpressionError:  # too large when substituted
+        return False
+    gaps = [gap for gap in gaps if not is_zero_polynomial(gap)]
+    return sum(gap.size for gap in gaps) <= SYMBOLIC_SIZE and all(map(cancels, gaps))
+
+
+def _symbol(name: str) -> Expression:
+    return Expression(Symbol(name), {name: 0})
+
+
+def _lap_pairs(plan: Plan) -> list[tuple[_PathTrigger, _PathTrigger]]:
+    """Path and trigger of each stage that has one n before it: of that one, and its own."""
+    if plan.short_form is None:
+        parts: list[_PathTrigger] = [(stage.path, stage.trigger) for stage in plan.stages]
+        return list(zip(parts, parts[plan.primitive_stages :], strict=False))
+    # in the names of the coordinates, which the shift moves from any lap to the next
+    moves = {name: total(_symbol(name), move) for name, _, move in plan.short_form.coordinates}
+    return [
+        ((path, (x, y)), (substituted(path, moves), (substituted(x, moves), substituted(y, moves))))
+        for path, (x, y) in plan.short_form.stages
+    ]
 
 
 def _repeats(values: FloatArray, triggers: FloatArray, scale: FloatArray, n: int, end: int) -> bool:
@@ -193,9 +239,4 @@ def _opposite(a: Expression, b: Expression) -> bool:
 
 def tidy(expression: Expression) -> Expression:
     """A number where it is one, else as simple as sympy makes it."""
-    if expression.names:
-        try:
-            return simplified(expression)
-        except EadpError:
-            return expression
-    return constant(round(expression.at(), 12))
+    return simplified(expression) if expression.names else constant(round(expression.at(), 12))

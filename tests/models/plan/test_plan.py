@@ -83,14 +83,6 @@ def test_sense_and_kind():
     assert stage(path="y - sin(x)").kind == "curve"
 
 
-def test_names_looks_at_path_and_trigger():
-    one = stage(path="x - c1", trigger="c2, 0")
-    assert one.names("c1")
-    assert one.names("c2")
-    assert not one.names("c3")
-    assert not stage(path="x", trigger="0, 0").names("c1")
-
-
 def test_path_and_trigger_at_parameters():
     one = stage(path="(x - c1)^2 + y^2 - 25", trigger="c1 + 5, c2")
     assert one.path_at((3.0, 7.0))(8, 0)[0] == 0

@@ -65,3 +65,29 @@ STADIUM = """\
 -75, 200, {}
 """
 """Two lines and two half circles, to be formatted with the radii of their triggers [m]."""
+
+APPENDIX = """\
+0.0003; 90; (x+45)^2+(y-146)^2-4900{sign}c1
+-sqrt(4900+c1)-45, 146
+[-3*10^3, 0]
+[2, 10]
+0.05; 270; x+sqrt(4900+c1)+45
+-sqrt(4900+c1)-45, 11
+[-3*10^3, 0]
+[2, 10]
+0.0003; 90; (x+sqrt(4900+c1)-30)^2+(y-11)^2-5625
+-sqrt(4900+c1)+105, 11
+[-3*10^3, 0]
+[2, 10]
+0.05; 90; x+sqrt(4900+c1)-105
+-sqrt(4900+c1)+105, 147
+[-3*10^3, 0]
+[2, 10]
+0.0003; 90; {fifth}
+-3*sqrt(4900+c1)+105, 147
+[-3*10^3, 0]
+[0, 0]
+"""
+APPENDIX_RIGHT = APPENDIX.format(sign="-", fifth="(x+2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1")
+APPENDIX_PRINTED = APPENDIX.format(sign="+", fifth="(x-sqrt(4900+c1)+105)^2+(y-147)^2-4900+c1")
+"""Draft 002's Appendix II, as corrected and with its misprints."""

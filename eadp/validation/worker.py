@@ -1,0 +1,166 @@
+"""Computer algebra in another process, which ends by itself when an answer takes too long.
+
+sympy knows no limit of time: a text of a hundred characters can keep it busy for hours. Only a process can be ended at
+any moment, on every platform and from every thread. Its watchdog is a thread of C, which a long operation on a large
+number does not hold up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import IO, Any
+
+from eadp.core.expressions import algebra
+from eadp.core.expressions.algebra import SymbolicStage
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import Expression
+from eadp.errors import EadpError
+
+ANSWER_LIMIT_S = 2.0
+"""Time for one answer [s]."""
+
+MEMORY_LIMIT_BYTES = 2 << 30
+"""Memory of the other process, where the platform can limit it."""
+
+_READY = "ready"
+
+
+class AlgebraProcess:
+    """A process that computes with sympy: started by the first question, ended on leaving the context."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> AlgebraProcess:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._end()
+
+    def ask(self, question: str, *arguments: Any) -> Any:
+        """The answer to one of `QUESTIONS`; None where there is none within the limits of size, time and memory.
+
+        Raises
+        ------
+        EadpError
+            If sympy cannot be imported.
+        """
+        try:
+            process = self._process or self._started()
+            _write(process.stdin, [question, ANSWER_LIMIT_S, *arguments])
+            line = _read(process.stdout)
+        except OSError:  # no process can be started, or it has ended
+            line = ""
+        if not line:
+            self._end()
+            return None
+        return json.loads(line)
+
+    def _started(self) -> subprocess.Popen[str]:
+        if importlib.util.find_spec("sympy") is None:
+            algebra.load_sympy()
+        if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
+            raise OSError
+        code = "from eadp.validation.worker import serve; serve()"
+        self._process = process = subprocess.Popen(
+            [sys.executable, "-P", "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(part or os.getcwd() for part in sys.path)},
+            encoding="utf-8",
+        )
+        greeting = _read(process.stdout)
+        if greeting and json.loads(greeting) != _READY:
+            self._end()
+            raise EadpError(json.loads(greeting))
+        return process
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            with contextlib.suppress(OSError):
+                process.communicate()
+
+
+def _write(stream: IO[str] | None, message: Any) -> None:
+    assert stream is not None
+    stream.write(json.dumps(message) + "\n")
+    stream.flush()
+
+
+def _read(stream: IO[str] | None) -> str:
+    assert stream is not None
+    return stream.readline()
+
+
+# --- the other process ------------------------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Answer questions, one a line, until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks: it ends this one
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES, MEMORY_LIMIT_BYTES))
+    try:
+        algebra.load_sympy()
+    except EadpError as error:
+        _write(sys.stdout, str(error))
+        return
+    _write(sys.stdout, _READY)
+    for line in sys.stdin:
+        question, limit_s, *arguments = json.loads(line)
+        faulthandler.dump_traceback_later(limit_s, exit=True)
+        try:
+            answer = QUESTIONS[question](*arguments)
+        except Exception:  # whatever sympy raises, there is no answer
+            answer = None
+        faulthandler.cancel_dump_traceback_later()
+        _write(sys.stdout, answer)
+
+
+def _remainder(text: str, names: Sequence[str]) -> str | None:
+    return algebra.remainder(read_expression(text, names))
+
+
+def _same_direction(
+    here: Sequence[str],
+    there: Sequence[str],
+    names: Sequence[str],
+    sense: int,
+    ranges: Mapping[str, tuple[float, float]],
+) -> bool | None:
+    return algebra.same_direction(_stage(here, names), _stage(there, names), sense, ranges)
+
+
+def _lines(stage: Sequence[str], names: Sequence[str], index: int, style: str) -> list[str]:
+    return _stage(stage, names).lines(index, style)
+
+
+def _stage(texts: Sequence[str], names: Sequence[str]) -> SymbolicStage:
+    path, x, y = (read_expression(text, names) for text in texts)
+    return SymbolicStage.of(path, (x, y))
+
+
+QUESTIONS: Mapping[str, Callable[..., Any]] = {
+    "remainder": _remainder,
+    "same_direction": _same_direction,
+    "lines": _lines,
+}
+
+
+def texts_of(path: Expression, trigger: tuple[Expression, Expression]) -> list[str]:
+    """A stage as questions have it."""
+    return [path.text, trigger[0].text, trigger[1].text]
