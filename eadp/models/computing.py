@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
 
 from eadp.errors import EadpError, Infeasible
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
@@ -66,8 +67,10 @@ class Computing:
                 total_w += part.power_w_at([values[i] for i in chosen])
         return total_w
 
-    def extreme(self, plan: Plan, end: str) -> tuple[float, dict[str, float]]:
-        """Power [W] and values by name of the computations at an end of their sets, `lo` or `hi`.
+    def extreme(
+        self, plan: Plan, end: str, actual: Callable[[Vector], Vector] = tuple
+    ) -> tuple[float, dict[str, float]]:
+        """Power [W] and actual values by name of the computations at an end of their sets, `lo` or `hi`.
 
         Of stages with different sets, the one with the least power at `lo`, or the largest at `hi`; not of those on
         which no computation may run, unless that is all of them.
@@ -76,7 +79,7 @@ class Computing:
         running = [stage.sets for stage in plan.stages if not all(box.inhibited for box in stage.sets[rho:])]
         found = []
         for sets in dict.fromkeys(running or [plan.stages[0].sets]):
-            values = [float(getattr(box, end)) for box in sets]
+            values = actual(tuple(float(getattr(box, end)) for box in sets))
             found.append((self.power_w(values, sets), dict(zip(plan.names[rho:], values[rho:], strict=True))))
         return (min if end == "lo" else max)(found, key=lambda one: one[0])
 

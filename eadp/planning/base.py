@@ -341,9 +341,16 @@ class TrackingPlanner:
         self._computing_w = 0.0
 
     @classmethod
-    def faults(cls, own: Any, estimator: EstimatorSettings, mission: Mission) -> list[tuple[str, str, str]]:
+    def faults(
+        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
+    ) -> list[tuple[str, str, str]]:
         """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
-        return trade_off_faults(getattr(own, "trade_offs", ()), mission.plan)
+        return trade_off_faults(getattr(cls.own_of(settings), "trade_offs", ()), mission.plan)
+
+    @staticmethod
+    def own_of(settings: PlannerSettings) -> Any:
+        """The planner's own section of the settings; None without one."""
+        return getattr(settings, settings.name, None)
 
     @property
     def period_s(self) -> float | None:

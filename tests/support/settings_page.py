@@ -84,12 +84,13 @@ def values(node: dict[str, Any], rows: list[Any]) -> str:
     if rows:
         one = "by name: a section" if "patternProperties" in node else "a section"
         return "a list" if node.get("type") == "array" else one
-    members = [member for member in node.get("anyOf", [node]) if member.get("type") != "null"]
-    return " or ".join(one_of(member) for member in members)
+    return one_of(node)
 
 
 def one_of(node: dict[str, Any]) -> str:
-    """The values of one kind that a key may take."""
+    """The values that a key or a part of it may take."""
+    if "anyOf" in node:
+        return " or ".join(one_of(member) for member in node["anyOf"] if member.get("type") != "null")
     if "const" in node or "enum" in node:
         return ", ".join(f"`{value}`" for value in node.get("enum", [node.get("const")]))
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}

@@ -104,8 +104,8 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     assert log is not None
     computing_w = log.computing_j / duration_s
     motion_w = outcome.totals.energy_j / duration_s - computing_w
-    means = {name: log.mean(i) for i, name in enumerate(world.plan.names) if i >= rho}
-    low, high = (world.computing.extreme(world.plan, end) for end in ("lo", "hi"))
+    means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
+    low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
     result: dict[str, Any] = {"motion_w": motion_w}
     for name, (own_w, values) in {"lowest": low, "flown": (computing_w, means), "highest": high}.items():
         power_w = motion_w + own_w

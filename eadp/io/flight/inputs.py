@@ -269,7 +269,9 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
     settings = scenario.planner
     own = getattr(settings, settings.name, None)
     named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
-    named |= {f"planner.{settings.name}.delta.{name}": name for name in getattr(own, "delta", ())}
+    named |= {
+        f"planner.{settings.name}.{key}.{name}": name for key in ("delta", "gains") for name in getattr(own, key, ())
+    }
     for i, row in enumerate(getattr(own, "trade_offs", ())):
         named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
     faults = [
@@ -284,10 +286,8 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
 def _check_planner(scenario: Scenario, mission: Mission) -> None:
     """The planner's own settings fit the mission."""
     name = scenario.planner.name
-    if (own := getattr(scenario.planner, name, None)) is not None:
-        found = planner_class(name).faults(own, scenario.estimator, mission)
-        if found:
-            raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
+    if found := planner_class(name).faults(scenario.planner, scenario.estimator, mission):
+        raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 
 
 def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:

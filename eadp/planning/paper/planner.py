@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -48,7 +48,7 @@ Weight = NotNegative | Matrix
 LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
 MAX_STEPS = 400
-"""Maximum number of steps of a horizon; a longer one ends there."""
+"""Maximum number of steps of a horizon; a longer period is planned for in part."""
 
 MAX_LOWERED = 1000
 """Maximum number of δ by which path parameters are lowered at once."""
@@ -153,9 +153,16 @@ class PaperPlanner(TrackingPlanner):
         self._instants_s: FloatArray = np.zeros(0)
 
     @classmethod
-    def faults(cls, own: Any, estimator: EstimatorSettings, mission: Mission) -> list[tuple[str, str, str]]:
+    def faults(
+        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
+    ) -> list[tuple[str, str, str]]:
         """Settings that the mission contradicts; see `TrackingPlanner.faults`."""
-        found = super().faults(own, estimator, mission)
+        found, own = super().faults(settings, estimator, mission), cls.own_of(settings)
+        if own.horizon_s != "period" and own.horizon_s > MAX_STEPS * settings.every_s:
+            message = f"more than {MAX_STEPS} steps of {settings.every_s:g} s in {own.horizon_s:g} s"
+            found.append(
+                ("horizon_s", message, f"at most {MAX_STEPS * settings.every_s:g} s, or a larger planner.every_s")
+            )
         sizes = (2 * estimator.order + 1, len(mission.plan.names))
         for i, (name, weight, size) in enumerate(zip("QR", own.cost_weights, sizes, strict=True)):
             problem = "" if isinstance(weight, float | int) else _matrix_fault(weight, size)
