@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Le, Lt
 from pydantic import Field, TypeAdapter
 
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
@@ -160,13 +160,13 @@ class ScenarioFile:
     planner: PlannerSection = field(default_factory=PlannerSection)
     """The planner and its settings; sections of planners that do not fly are checked and unused."""
 
-    step_s: Annotated[float, Gt(0), Le(1)] = 0.01
+    step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
     """Time step of the simulation [s]."""
 
     log_every_s: Duration = 0.1
     """Time between rows of flight.csv [s]."""
 
-    time_limit_s: Duration = 7200.0
+    time_limit_s: Annotated[float, Ge(1e-3), Le(1e9)] = 7200.0
     """Time after which the flight is ended [s]."""
 
     seed: Annotated[int, Ge(0), Lt(2**63)] = 0
