@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from eadp.cli.output import aligned, emit
+from eadp.cli.output import aligned, emit, json_text
 from eadp.errors import printable
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
@@ -97,7 +97,7 @@ def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> b
 
 
 def _print_line(document: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n")
+    emit(json_text(document))
 
 
 # --- summaries
