@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -91,8 +90,7 @@ def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> b
     failed = False
     for index, row in zip(indices, results.rows(summaries=True), strict=True):
         failed |= row["error"] is not None
-        summary = None if row["summary"] is None else json.loads(row["summary"])
-        _print_line({**_head(sweep, index), "error": row["error"], "summary": summary})
+        _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
     return failed
 
 
