@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from eadp.errors import Fault, InputError
+from eadp.errors import Fault, InputError, first_faults
 
 
 def emit(text: str) -> None:
@@ -38,8 +38,8 @@ def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
 
 
 def warn(warnings: Iterable[Fault]) -> None:
-    """Print warnings on stderr."""
-    for warning in warnings:
+    """Print warnings on stderr: the first of them, and the number of the rest."""
+    for warning in first_faults(warnings):
         sys.stderr.write(f"{warning}\n")
 
 

@@ -150,7 +150,7 @@ def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | 
         if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
             continue
         degrees = np.stack([table["Lat"], longitude], axis=1)
-        fixed = np.isfinite(degrees).all(axis=1) & (degrees != 0).any(axis=1)
+        fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
         if not np.any(fixed):
             continue
         origin = (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))
