@@ -11,7 +11,7 @@ EadpError
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 
@@ -55,11 +55,24 @@ class Fault:
         return f"\n    {printable(window, 400)}\n    {' ' * len(before)}^"
 
 
+FAULTS_SHOWN = 20
+
+
+def first_faults(faults: Iterable[Fault]) -> list[Fault]:
+    """The first `FAULTS_SHOWN` faults by line; the rest are counted in one more."""
+    ordered = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
+    shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
+    if hidden:
+        count = f"{len(hidden)} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
+        shown.append(replace(hidden[0], message=count, expected="", source=""))
+    return shown
+
+
 class InputError(EadpError):
-    """A file or an option is wrong. Carries every fault that was found, first by line."""
+    """A file or an option is wrong. Carries the faults that were found: `first_faults`."""
 
     def __init__(self, *faults: Fault) -> None:
-        self.faults: Sequence[Fault] = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
+        self.faults: Sequence[Fault] = first_faults(faults)
         super().__init__("\n".join(str(fault) for fault in self.faults))
 
     @classmethod
@@ -68,23 +81,10 @@ class InputError(EadpError):
         return cls(Fault(file, line, column, message, expected, source))
 
 
-FAULTS_SHOWN = 20
-
-
-def capped(faults: Sequence[Fault]) -> InputError:
-    """An error of the first `FAULTS_SHOWN` faults by line; the rest are counted."""
-    ordered = sorted(faults, key=lambda fault: (fault.line, fault.column))
-    shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
-    if hidden:
-        count = f"{len(hidden)} more faults from here on"
-        shown.append(replace(hidden[0], message=count, expected="", source=""))
-    return InputError(*shown)
-
-
 def refuse(faults: Sequence[Fault]) -> None:
-    """Raise the error of the faults, if there are any; see `capped`."""
+    """Raise the error of the faults, if there are any."""
     if faults:
-        raise capped(faults)
+        raise InputError(*faults)
 
 
 class ExpressionError(EadpError):

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable
-from types import FrameType
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
 from eadp import __version__
 from eadp.cli import cover, fit, plan, profile, replan, schema, simulate, sweep
-from eadp.errors import EadpError, InputError
+from eadp.errors import EadpError, InputError, printable
 
 # The matrices here are small: threads of the linear algebra cost more than they give, and on a busy machine twentyfold.
 # Set before numpy is first imported; a user's own setting stays.
@@ -90,40 +89,69 @@ def _options(
 _UsageFault = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
-def run() -> NoReturn:
-    """Run the command line of this process and exit with its code."""
-    signal.signal(signal.SIGTERM, _terminate)
-    sys.exit(main(sys.argv[1:]))
-
-
 def main(arguments: list[str]) -> int:
     """Run one command line; return its exit code (0 yes, 1 no, 2 bad input, 70 a bug, 130 interrupted)."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # what a terminal cannot show is escaped
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         result = app(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
+        if result == INTERRUPTED:  # typer's own answer, outside of a command
+            return _interrupted()
         return result if isinstance(result, int) else YES
     except typer.Exit as stop:
         return stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
-        print("eadp: interrupted", file=sys.stderr)  # noqa: T201
-        return INTERRUPTED
+        return _interrupted()
     except EadpError as error:
         _debug()
         print(error if isinstance(error, InputError) else f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
         return BAD_INPUT
     except (BrokenPipeError, _Closed):
-        # the reader has seen enough; nothing more may be written, not even by the interpreter's last flush
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()  # the reader has seen enough
         return YES
+    except (OSError, MemoryError) as error:
+        _debug()
+        return _exhausted(error)
     except Exception as error:
         _debug()
         if isinstance(error, _UsageFault):
             return _usage(error)
+        if _follows_interrupt(error):
+            return _interrupted()
         what = f"{type(error).__name__}: {error}"
         print(  # noqa: T201
             f"eadp: this is a bug in eadp, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
         )
         return BUG
+
+
+def _interrupted() -> int:
+    print("eadp: interrupted", file=sys.stderr)  # noqa: T201
+    return INTERRUPTED
+
+
+def _follows_interrupt(error: BaseException | None) -> bool:
+    """Whether an error came of an interrupt, as of one within the import of a compiled module."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _exhausted(error: OSError | MemoryError) -> int:
+    """Something that the machine does not have or do: space on the device of standard output, memory."""
+    what = f"not enough memory: {error}" if isinstance(error, MemoryError) else f"cannot be written: {error.strerror}"
+    if isinstance(error, OSError):
+        _drop_output()
+    name = getattr(error, "filename", None) or "standard output"
+    where = "" if isinstance(error, MemoryError) else f"{printable(str(name))} "
+    print(f"eadp: error: {where}{what}", file=sys.stderr)  # noqa: T201
+    return BAD_INPUT
+
+
+def _drop_output() -> None:
+    """Nothing more may be written, not even by the interpreter's last flush."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _usage(error: Exception) -> int:
@@ -134,11 +162,6 @@ def _usage(error: Exception) -> int:
         return YES
     print(f"eadp: error: {message}", file=sys.stderr)  # noqa: T201
     return BAD_INPUT
-
-
-def _terminate(_number: int, _frame: FrameType | None) -> None:
-    """SIGTERM ends a command as Ctrl-C does, so that half-written files are removed."""
-    raise KeyboardInterrupt
 
 
 def _debug() -> None:

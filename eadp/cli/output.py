@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from eadp.errors import Fault, InputError
+from eadp.errors import Fault, InputError, first_faults
 
 
 def emit(text: str) -> None:
@@ -18,7 +18,13 @@ def emit(text: str) -> None:
 
 def emit_json(document: dict[str, Any]) -> None:
     """Print one JSON document; NaN and infinities are refused, as JSON has none."""
-    emit(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    emit(json_text(document, indent=2))
+
+
+def json_text(document: Any, indent: int | None = None) -> str:
+    """A JSON document in the characters that standard output has; raises ValueError as `emit_json`."""
+    plain = not (getattr(sys.stdout, "encoding", None) or "utf-8").lower().startswith("utf")
+    return json.dumps(document, indent=indent, ensure_ascii=plain, allow_nan=False)
 
 
 def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
@@ -32,8 +38,8 @@ def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
 
 
 def warn(warnings: Iterable[Fault]) -> None:
-    """Print warnings on stderr."""
-    for warning in warnings:
+    """Print warnings on stderr: the first of them, and the number of the rest."""
+    for warning in first_faults(warnings):
         sys.stderr.write(f"{warning}\n")
 
 

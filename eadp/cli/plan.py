@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -68,8 +69,10 @@ def command(
     from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
 
-    if trace is not None and not trace > 0:
-        raise usage_fault("--trace", f"{trace:g}", "a step that is not above 0", "metres, as in --trace 1")
+    if trace is not None and not 0 < trace < math.inf:
+        raise usage_fault(
+            "--trace", f"{trace:g}", "a step that is not above 0, or not finite", "metres, as in --trace 1"
+        )
     if machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)

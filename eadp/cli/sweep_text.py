@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from eadp.cli.output import aligned, emit
+from eadp.cli.output import aligned, emit, json_text
 from eadp.errors import printable
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
@@ -91,13 +90,12 @@ def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> b
     failed = False
     for index, row in zip(indices, results.rows(summaries=True), strict=True):
         failed |= row["error"] is not None
-        summary = None if row["summary"] is None else json.loads(row["summary"])
-        _print_line({**_head(sweep, index), "error": row["error"], "summary": summary})
+        _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
     return failed
 
 
 def _print_line(document: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n")
+    emit(json_text(document))
 
 
 # --- summaries

@@ -284,8 +284,13 @@ class Profile:
             raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
 
-    def findings(self) -> tuple[ProfileFinding, ...]:
+    def findings(self, *, measured: bool = True) -> tuple[ProfileFinding, ...]:
         """Power that is not monotone in a parameter, the others held; few samples. Nothing is repaired.
+
+        Parameters
+        ----------
+        measured : bool, optional
+            Whether the samples are new: those of a model were few when it was made, too.
 
         Returns
         -------
@@ -293,7 +298,7 @@ class Profile:
             At most one for each parameter, at its first turning point; then at most one of few independent samples.
         """
         turns = (self._first_turn(axis) for axis in range(len(self.names)))
-        return (*filter(None, turns), *self._few())
+        return (*filter(None, turns), *(self._few() if measured else ()))
 
     def _few(self) -> list[ProfileFinding]:
         if self.samples.max() <= 1:  # averages, of which nothing more is known

@@ -229,7 +229,10 @@ class InnerLoop:
         self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
-        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room for readings end."""
+        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room for readings end.
+
+        At least one step, unless it is `full`.
+        """
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
                 self._noise = self._numbers(self._rng.standard_normal(NOISE).tolist())
@@ -269,6 +272,11 @@ class InnerLoop:
         flat = self._readings[: READING * count]
         values: list[float] = flat.tolist() if self._compiled else flat
         return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no room for another reading: no step is flown until they are taken."""
+        return bool(self._s[READINGS] >= MAX_READINGS)
 
     def variable(self, index: int) -> float:
         """A variable of the state."""

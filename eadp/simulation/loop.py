@@ -157,6 +157,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             bridge.ingest(k)
             last_logged = k
             yield logged()
+        elif inner_loop.full:
+            bridge.ingest(k)
         try:
             changed = executor.handle(events, variable(X), variable(Y)) if events else False
             if executor.complete:

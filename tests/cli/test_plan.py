@@ -309,3 +309,19 @@ def test_what_is_refused(eadp, arguments, word):
     assert answer.code == 2
     assert answer.out == ""
     assert word in answer.err
+
+
+def test_warnings_beyond_the_first_are_counted(eadp, tmp_path):
+    path = tmp_path / "a.plan"
+    path.write_text("%: nosuch 1\n" * 500 + "0.05; 90; y\n100, 0\n")
+    answer = eadp("plan", path)
+    assert answer.code == 0
+    assert answer.err.splitlines()[-1] == f"{path}:21:3: warning: 480 more warnings from here on"
+    assert answer.err.count("unknown header") == 20
+
+
+@pytest.mark.parametrize("step", ["inf", "nan", "0", "-1"])
+def test_a_step_of_the_trace_that_is_none(eadp, step):
+    answer = eadp("plan", "plans/survey.plan", "--trace", step)
+    assert (answer.code, answer.out) == (2, "")
+    assert "--trace:1:1: error" in answer.err

@@ -349,3 +349,10 @@ def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
     assert (code, out) == (2, "")
     known = "profile, energy, scenario, vehicle, sweep, telemetry, decision"
     assert err.startswith(f"NAME:1:1: error: no such file format; expected {known}\n")
+
+
+@pytest.mark.parametrize("name", ["x y", "fps,frame-rate", "1a", "ä"])
+def test_names_that_no_plan_has_are_refused(eadp, name):
+    answer = eadp("profile", "profiles/pednet-jetson-nano.csv", "--names", name)
+    assert (answer.code, answer.out) == (2, "")
+    assert "is no name; expected a name as a plan has it" in answer.err

@@ -244,11 +244,14 @@ def test_the_log_of_other_inputs_is_refused(replan, tmp_path, changed):
     assert log.read_bytes() == before
 
 
-def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path):
+@pytest.mark.parametrize(
+    "line", [b"garbage\n", b'{"kind": "telemetry", "time_s": NaN}\n', b'{"kind": 1e999}\n', b"[[[\n"]
+)
+def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path, line):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:5]), "--log", log)
     lines = log.read_bytes().splitlines(keepends=True)
-    log.write_bytes(b"".join([*lines[:3], b"garbage\n", *lines[3:]]))
+    log.write_bytes(b"".join([*lines[:3], line, *lines[3:]]))
     code, advice, err = replan(b"".join(LINES[5:9]), "--log", log)
     assert (code, advice) == (2, [])
     assert err.startswith(f"{log}:4:1: error: is no line of a log; expected")

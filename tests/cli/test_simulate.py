@@ -409,3 +409,37 @@ def test_a_vehicle_file_is_flown_and_copied(eadp, line_plan, tmp_path):
     assert json.loads((out / "summary.json").read_text())["duration_s"] == pytest.approx(80 / 20, abs=0.02)
     assert (out / "inputs" / "s.yaml").read_text() == scenario.read_text(), "names of copies are kept apart"
     assert "airspeed_mps: 20" in (out / "inputs" / "vehicle-s.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("wind.speed_mps=15", "a wind of 15 m/s, at an airspeed of 15 m/s; expected a wind below the airspeed"),
+        ("guidance.k_d=-1", "guidance.k_d is negative: the aircraft turns away from its path; expected 0 or more, but"),
+        ("time_limit_s=1e-300", "time_limit_s cannot be 1e-300; expected greater than or equal to 0.001"),
+        ("step_s=1e-9", "step_s cannot be 1e-09; expected greater than or equal to 0.0001"),
+        ("battery.capacity_ah=1e-300", "battery.capacity_ah cannot be 1e-300"),
+        ("battery.voltage_v=1e300", "battery.voltage_v cannot be 1e+300"),
+        ("wind.gust_std_mps=1e300", "wind.gust_std_mps cannot be 1e+300"),
+    ],
+)
+def test_settings_that_no_flight_has(eadp, key, message):
+    answer = eadp("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", key)
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err
+
+
+def test_the_published_aircraft_may_turn_the_other_way(eadp):
+    keys = ("vehicle.airframe.model=paper", "guidance.k_d=-1", "time_limit_s=1")
+    sets = [word for key in keys for word in ("--set", key)]
+    answer = eadp("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", *sets)
+    assert answer.code == 1
+
+
+def test_too_little_memory_is_exit_2(eadp, monkeypatch):
+    def hungry(*_args, **_options):
+        raise MemoryError("Unable to allocate 7.28 TiB")
+
+    monkeypatch.setattr("eadp.api.simulate", hungry)
+    answer = eadp("simulate", "plans/survey.plan")
+    assert (answer.code, answer.err) == (2, "eadp: error: not enough memory: Unable to allocate 7.28 TiB\n")

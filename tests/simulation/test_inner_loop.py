@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from common import ROOT
 from common.plans import PARTS
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
+from eadp.simulation import loop
+from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, fly, step_at
 
 SURVEY, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
@@ -161,6 +167,38 @@ def test_what_is_logged_does_not_change_the_flight():
     assert every[0].totals == never[0].totals
     assert every[0].stage_times_s == never[0].stage_times_s
     assert every[1][-1] == never[1][-1]
+
+
+@given(
+    planner=st.sampled_from(["static", "paper", "joint"]),
+    every_s=st.sampled_from([0.05, 0.1, 0.5]),
+    update_s=st.sampled_from([0.5, 1.0, 40.0]),
+    log_every_s=st.sampled_from([0.1, 5.0, 30.0, 100.0, 1e9]),
+    length_m=st.integers(60, 3000),
+)
+@example("static", 0.1, 1.0, 100.0, 3000)
+@settings(deadline=None, max_examples=25)
+def test_time_always_advances(planner, every_s, update_s, log_every_s, length_m):
+    class Advancing(InnerLoop):
+        def run(self, k, end):
+            after = super().run(k, end)
+            assert after[0] > k
+            return after
+
+    overrides = {
+        "planner.name": planner,
+        "planner.every_s": update_s,
+        "estimator.every_s": every_s,
+        "log_every_s": log_every_s,
+        "step_s": 0.05,
+        "time_limit_s": 230.0,
+    }
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "InnerLoop", Advancing)
+        path = Path(folder, "lines.plan")
+        path.write_text(f"0.05; 90; y\n-{length_m}, 0\n[2, 10]\n0.05; 90; y - 90\n-{2 * length_m}, 90\n[2, 10]\n")
+        outcome, _ = flown(overrides, str(path))
+    assert outcome.reason
 
 
 def test_a_path_without_a_value_ends_the_flight(tmp_path):

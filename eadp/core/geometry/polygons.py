@@ -93,6 +93,30 @@ def tidy(ring: Sequence[Point]) -> CleanedRing:
     return CleanedRing(tuple(i for i in range(n) if kept[i]), **counts)
 
 
+def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
+    """Indices of the vertices that keep a ring's line within a tolerance.
+
+    Parameters
+    ----------
+    ring : sequence of (float, float)
+        Vertices [m].
+    tolerance_m : float
+        How far from the new line a vertex that is dropped may lie [m].
+
+    Returns
+    -------
+    list of int
+        In order; the first vertex is kept. By Douglas and Peucker's algorithm.
+    """
+    kept = iter(shapely.LineString([*ring, ring[0]]).simplify(tolerance_m, preserve_topology=False).coords)
+    wanted, indices = next(kept), []
+    for i, vertex in enumerate(ring):
+        if vertex == wanted:
+            indices.append(i)
+            wanted = next(kept, wanted)
+    return indices
+
+
 def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
     """Why the vertex `v` between `p` and `q` may go, or ''."""
     if math.dist(p, v) < TOLERANCE_M:

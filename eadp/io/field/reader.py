@@ -37,6 +37,11 @@ LARGEST_M = 1e8
 SMALLEST_M2 = 1.0
 """Smallest area of a field [m²]."""
 
+RING_LIMIT = 1000
+"""Most vertices of a ring: the time to find a path grows with their number."""
+_TOLERANCES_M = (0.01, 0.03, 0.1, 0.3, 1.0)
+"""Tolerances within which a ring of more vertices is simplified [m]."""
+
 _DEGREES = "longitude within ±180 and latitude within ±90 degrees"
 
 
@@ -104,6 +109,7 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     else:
         _check_metres(rings, draft, source)
     _check_extent(rings, draft, source)
+    rings = _simplified(rings, source, notes)
     rings = _repaired(rings, draft, source, notes)
     _check_shape(rings, origin_deg, source)
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
@@ -122,6 +128,26 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     if holes := sum(counter_clockwise[1:]):
         notes.append(f"winding of {counted(holes, 'hole', 'holes')} reversed")
     return result, notes
+
+
+def _simplified(rings: list[list[Vertex]], source: SourceText, notes: list[str]) -> list[list[Vertex]]:
+    """The rings, each of more than `RING_LIMIT` vertices within the smallest tolerance that is enough."""
+    from eadp.core.geometry.polygons import simplified
+
+    result = list(rings)
+    for i, ring in enumerate(rings):
+        if len(ring) <= RING_LIMIT:
+            continue
+        for tolerance_m in _TOLERANCES_M:
+            kept = simplified([(vertex.x, vertex.y) for vertex in ring], tolerance_m)
+            if len(kept) <= RING_LIMIT:
+                break
+        else:
+            what = f"{_title(i)} has {len(ring)} vertices, and needs {len(kept)} to be right within {tolerance_m:g} m"
+            raise source.error(ring[0].location, what, f"at most {RING_LIMIT}")
+        result[i] = [ring[j] for j in kept]
+        notes.append(f"{_title(i)} simplified within {tolerance_m:g} m: {len(kept)} of {len(ring)} vertices")
+    return result
 
 
 def _check_counts(draft: FieldDraft, source: SourceText) -> None:

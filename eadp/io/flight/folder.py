@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import os
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -27,6 +28,9 @@ from eadp.planning.joint.preflight import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"
+OVERRIDES = "overrides.txt"
+LONGEST_NAME = 200
+"""Longest name of an input [bytes] before which its kind is written."""
 
 
 def summarise(
@@ -253,8 +257,10 @@ def _copy_inputs(folder: Path, texts: Mapping[str, Text], overrides: Sequence[st
     folder.mkdir()
     for kind, text in texts.items():
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        if (folder / name).exists():
-            name = f"{kind}-{name}"
+        while (folder / name).exists() or name == OVERRIDES:
+            # with another file's name, its kind comes first, and stands alone where the name would be too long
+            name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
         (folder / name).write_text(text.body, encoding="utf-8")
     if overrides:
-        (folder / "overrides.txt").write_text("".join(f"{line}\n" for line in overrides), encoding="utf-8")
+        lines = "".join(f"{line}\n" for line in overrides)
+        (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

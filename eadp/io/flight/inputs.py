@@ -151,6 +151,9 @@ def load_flight(
     if faults := vehicle.faults():
         expected = "an aeroplane that can fly so"
         raise InputError(*(scenario.fault("vehicle.airframe", fault, expected) for fault in faults))
+    if keys.wind.speed_mps >= vehicle.airspeed_mps:
+        message = f"a wind of {keys.wind.speed_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
+        raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
     battery = keys.battery
     try:
         battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))

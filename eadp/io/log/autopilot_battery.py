@@ -18,6 +18,8 @@ _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
 _CURRENT = ("current_a", "current_filtered_a", "current_average_a", "Curr")
 _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
+ULOG_TOPICS = ("battery_status", "vehicle_local_position")
+DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
 _INSTANCE = ("Instance", "Inst", "I")
 
 
@@ -52,7 +54,7 @@ def battery_table(
     name : str
         The file, for messages.
     tables : Tables
-        The log's messages of `ULOG_KINDS` or `DATAFLASH_KINDS`.
+        The log's messages of `ULOG_TOPICS` or `DATAFLASH_TOPICS`.
     instance : int, optional
         Which battery. Default: the one with the most readings of a voltage and a current, the first of equals.
     voltage, current : str
@@ -93,11 +95,7 @@ def battery_table(
     if instance is None and len(batteries) > 1:
         others = ", ".join(str(other) for other in sorted(batteries) if other != number)
         notes.append(f"battery {number} of several is read; --instance takes another: {others}")
-    if tables.cut:
-        notes.append("the log ends in the middle of a message")
-    if tables.skipped_bytes:
-        notes.append(f"{tables.skipped_bytes} bytes that are no message skipped")
-    return _time_us(name, batteries[number]), found[number], notes
+    return _time_us(name, batteries[number]), found[number], [*notes, *tables.notes]
 
 
 def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
@@ -152,7 +150,7 @@ def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | 
         if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
             continue
         degrees = np.stack([table["Lat"], longitude], axis=1)
-        fixed = np.isfinite(degrees).all(axis=1) & (degrees != 0).any(axis=1)
+        fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
         if not np.any(fixed):
             continue
         origin = (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))

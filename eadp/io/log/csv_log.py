@@ -18,10 +18,12 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_warning
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
 from eadp.io.text.streams import Text
 
 LARGEST_S = 1e12
+SHORTEST_STEP_S, LONGEST_STEP_S = 5e-3, 60.0
+"""Shortest and longest time between the rows of a log whose unit of time is not given [s]."""
 
 # in units to a second, a watt, a volt, an ampere: a division keeps the digits that a product with 0.001 would not
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
@@ -52,12 +54,16 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     InputError
         With the faults of the file or of `columns`.
     """
-    rows = read_rows(text.name, text.body)
+    if columns.instance is not None:
+        raise InputError.at("--instance", 1, 1, "a table has no batteries", "none of it", str(columns.instance))
+    rows = read_rows(text.name, text.body, None)
     first = next(rows, None)
     if first is None:
         raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
     layout = _layout(None if columns.names else first, columns)
     readings, warnings, counts = _readings(text.name, chain([first], rows) if columns.names else rows, layout)
+    if layout.guessed and len(readings.raw) > 1:
+        _check_step(first, layout, float(np.median(np.abs(np.diff(readings.raw)))) / layout.per[0])
     return in_order(text.name, readings, layout.per[0], warnings, counts, position=layout.position, also=layout.also)
 
 
@@ -78,6 +84,8 @@ class _Layout:
     degrees: bool = False
     also: tuple[str, ...] = ()
     warnings: list[Fault] = field(default_factory=list)
+    guessed: bool = False
+    """Whether the unit of the times stands neither in their name nor in an option."""
 
 
 def _layout(header: Row | None, columns: Columns) -> _Layout:
@@ -86,8 +94,7 @@ def _layout(header: Row | None, columns: Columns) -> _Layout:
     elif all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
         message = "the first row has numbers, not the names of columns"
         raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}, or --columns {_EXAMPLE}"))
-    twice = [i for i, name in enumerate(header.fields) if name and name in header.fields[:i]]
-    if twice:
+    if twice := repeated(header.fields):
         message = f"the name {printable(header.fields[twice[0]], 80)} stands twice"
         raise InputError(header.fault(twice[0], message, "each column under a name of its own"))
     layout = _Layout([], [], 0 if columns.names else len(header.fields))
@@ -95,7 +102,16 @@ def _layout(header: Row | None, columns: Columns) -> _Layout:
         index = _find(header, role, getattr(columns, role))
         layout.index.append(index)
         layout.per.append(_per_unit(header, index, role, columns, layout.warnings))
-    return _with_others(layout, header, columns)
+    guessed = not columns.time_unit and not _stem_and_unit(header.fields[layout.index[0]], "time")[1]
+    return _with_others(replace(layout, guessed=guessed), header, columns)
+
+
+def _check_step(header: Row, layout: _Layout, step_s: float) -> None:
+    """Refuse rows that are nearer or farther apart than a log's, if the times are in the unit that was guessed."""
+    if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S and step_s > 0:
+        message = f"a row every {step_s:.3g} s, if {printable(header.fields[layout.index[0]], 80)} is in µs"
+        units = "|".join(filter(str.isascii, _PER_SECOND))
+        raise InputError(header.fault(layout.index[0], message, f"--time-unit {units}"))
 
 
 def _with_others(layout: _Layout, header: Row, columns: Columns) -> _Layout:
@@ -225,7 +241,7 @@ def _readings(
     table = np.array(values).reshape(len(values), len(columns))
     rest = np.array(others).reshape(len(values), len(layout.others))
     if layout.degrees and len(rest):
-        rest[:, :2] = _metres(rest[:, :2])
+        rest[:, :2] = _metres(name, rest[:, :2], lines)
     readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
     return readings, layout.warnings + warnings, counts
 
@@ -254,12 +270,19 @@ def _optional(fields: Sequence[str], index: int) -> float:
     return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
 
 
-def _metres(degrees: FloatArray) -> FloatArray:
+def _metres(name: str, degrees: FloatArray, lines: Sequence[int]) -> FloatArray:
     """Latitude and longitude [°] as east and north of the first [m]; numbers as large as autopilots' are 1e-7 °."""
     known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
     if not len(known):
         return degrees
     scaled = degrees * (1e-7 if np.nanmax(np.abs(degrees)) > 1000 else 1.0)
+    beyond = known[(np.abs(scaled[known]) > (90, 180)).any(axis=1)]
+    if len(beyond):
+        latitude, longitude = scaled[beyond[0]]
+        message = f"a latitude of {latitude:.7g} and a longitude of {longitude:.7g}"
+        swapped = ": they seem to be swapped" if abs(latitude) <= 180 and abs(longitude) <= 90 else ""
+        expected = "latitude within ±90 and longitude within ±180 degrees"
+        raise InputError.at(name, lines[beyond[0]], 1, f"{message}{swapped}", expected)
     origin = (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
     result = np.full_like(degrees, np.nan)
     for i in known:

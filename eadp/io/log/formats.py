@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import re
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
-from eadp.errors import InputError
-from eadp.io.log import dataflash, ulog
-from eadp.io.log.autopilot_battery import battery_log
+from eadp.io.log.autopilot_battery import DATAFLASH_TOPICS, ULOG_TOPICS, battery_log
 from eadp.io.log.csv_log import read_csv_log
+from eadp.io.log.messages import read_tables
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.text.streams import Text, read_text
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
-LIMIT_BYTES = 2_000_000_000
-"""Largest binary log."""
 
 
 @dataclass
@@ -42,14 +41,6 @@ class LogSource:
         """The content as a text."""
         return read_text(self.name)
 
-    @property
-    def data(self) -> bytes:
-        """The content as bytes."""
-        if os.path.getsize(self.name) > LIMIT_BYTES:
-            raise InputError.at(self.name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
-        with open(self.name, "rb") as stream:
-            return stream.read()
-
 
 @dataclass(frozen=True)
 class LogFormat:
@@ -60,23 +51,34 @@ class LogFormat:
     read: Callable[[LogSource, Columns], PowerLog]
 
 
-def _read_ulog(source: LogSource, columns: Columns) -> PowerLog:
-    return battery_log(source.name, ulog.read_ulog(source.name, source.data, ulog.KINDS), columns)
+def is_dataflash_text(head: bytes) -> bool:
+    """Whether a text is a DataFlash log, by its first characters: it starts with the formats of its messages."""
+    text = head.decode("utf-8-sig", "replace")
+    return bool(re.match(r"\s*(?:PARM|MSG|FMT)U?, *\d+, *[^,\n]+, *[^,\n]+", text)) and "FMT," in text
 
 
-def _read_dataflash(source: LogSource, columns: Columns) -> PowerLog:
-    return battery_log(source.name, dataflash.read_dataflash(source.name, source.data, dataflash.KINDS), columns)
+def _autopilot(form: str, topics: Sequence[str], source: LogSource, columns: Columns) -> PowerLog:
+    return battery_log(source.name, read_tables(source.name, source.name, form, topics), columns)
 
 
-def _read_dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
-    name, body = source.text.name, source.text.body
-    return battery_log(name, dataflash.read_dataflash_text(name, body, dataflash.KINDS), columns)
+def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
+    """As `_autopilot`, through a file with line ends of one kind: pymavlink reads no pipe."""
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".log") as copy:
+        copy.write(source.text.body)
+        copy.flush()
+        return battery_log(
+            source.text.name, read_tables(source.text.name, copy.name, "dataflash-text", DATAFLASH_TOPICS), columns
+        )
 
 
 FORMATS = (
-    LogFormat("PX4 ULog", ulog.is_ulog, _read_ulog),
-    LogFormat("ArduPilot DataFlash", dataflash.is_dataflash, _read_dataflash),
-    LogFormat("ArduPilot DataFlash as text", dataflash.is_dataflash_text, _read_dataflash_text),
+    LogFormat("PX4 ULog", lambda head: head.startswith(b"ULog"), partial(_autopilot, "ulog", ULOG_TOPICS)),
+    LogFormat(
+        "ArduPilot DataFlash",
+        lambda head: head.startswith(b"\xa3\x95"),
+        partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
+    ),
+    LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
 )
 """Formats of power logs; the first that recognises a file reads it."""

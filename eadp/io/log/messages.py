@@ -1,54 +1,76 @@
-"""Messages of autopilots' logs as tables of numbers.
-
-Only the kinds asked for are read: a log of an hour holds millions of messages of other kinds. A file that ends in the
-middle of a message, as after a crash, is read up to there; bytes that are no message are skipped. Both are counted.
-"""
+"""Messages of autopilots' logs as tables of numbers: only the topics asked for, read by `autopilot_process`."""
 
 from __future__ import annotations
 
+import importlib.util
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import InputError, printable
 
-LIMIT_MESSAGE = 65_535
-"""Bytes of the longest message."""
+LIMIT_BYTES = 2_000_000_000
+"""Largest log of an autopilot."""
+_PROCESS = Path(__file__).with_name("autopilot_process.py")
 
 
 @dataclass
 class Tables:
-    """Messages by kind: columns by name, one row for each message.
+    """Messages by topic: columns by name, one row for each message.
 
     Attributes
     ----------
     columns : dict of str to dict of str to array, shape (n,)
-        Kinds are named as in the log; of a ULog, `battery_status 0`, with the instance.
-    skipped_bytes : int
-        How much of the file was no message.
-    cut : bool
-        Whether the file ends in the middle of a message.
+        Topics are named as in the log; of a ULog, `battery_status 0`, with the instance.
+    notes : list of str
+        What was left out of the log.
     """
 
     columns: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
-    skipped_bytes: int = 0
-    cut: bool = False
+    notes: list[str] = field(default_factory=list)
 
 
-def message_dtype(name: str, kind: str, layout: list[tuple[str, str]]) -> np.dtype[np.void]:
-    """The layout of a message, checked."""
-    labels = {label for label, _ in layout}
-    widths = [int(code[1:]) if code[0] == "V" else 8 for _, code in layout]
-    if not layout or len(labels) < len(layout) or "" in labels or sum(widths) > LIMIT_MESSAGE:
-        raise InputError.at(name, 1, 1, f"the format of {printable(kind, 60)} cannot be read", "fields with names")
-    return np.dtype(layout)
+def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Tables:
+    """Messages of a log.
 
+    Parameters
+    ----------
+    name, path : str
+        The file, for messages; and where it is.
+    form : str
+        `ulog`, `dataflash` or `dataflash-text`.
+    topics : sequence of str
+        Topics to read.
 
-def message_columns(rows: list[bytes], dtype: np.dtype[np.void], per: dict[str, float]) -> dict[str, FloatArray]:
-    """Numbers of the plain fields; rows that are cut off are filled up, as trailing padding is not in the log."""
-    size = dtype.itemsize
-    table = np.frombuffer(b"".join(row[:size].ljust(size, b"\0") for row in rows), dtype)
-    plain = [label for label in dtype.names or () if dtype[label].kind != "V"]
-    with np.errstate(invalid="ignore"):  # rubbish may be a signalling NaN
-        return {label: table[label].astype(float) / per.get(label, 1.0) for label in plain}
+    Raises
+    ------
+    InputError
+        If the library that reads the format is not installed, or the log is too large, cannot be read, or takes more
+        memory or time than a log of its size.
+    """
+    library, title = ("pyulog", "a PX4 ULog") if form == "ulog" else ("pymavlink", "an ArduPilot DataFlash log")
+    if importlib.util.find_spec(library) is None:
+        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", "pip install 'eadp[logs]'")
+    if os.path.getsize(path) > LIMIT_BYTES:
+        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
+    command = [sys.executable, "-P", str(_PROCESS), form, path, ",".join(topics)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        ended = done.stderr.decode(errors="replace") or "takes more memory or time than a log of its size"
+        raise InputError.at(name, 1, 1, f"cannot be read by {library}: {printable(ended)}", title)
+    tables = Tables()
+    with np.load(io.BytesIO(done.stdout)) as columns:
+        for key, values in columns.items():
+            topic, _, label = key.partition("/")
+            if label:
+                tables.columns.setdefault(topic, {})[label] = values.astype(float)
+            else:
+                tables.notes += [str(note) for note in values]
+    return tables

@@ -39,6 +39,8 @@ _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
+LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
+"""Longest plan, in characters and in stages: a survey has hundreds of stages."""
 
 STAGE_EXPECTED = "gain; rotation; path, as in 0.05; 270; x+115"
 
@@ -104,6 +106,8 @@ def read_plan(text: Text) -> tuple[Plan, list[Finding]]:
     InputError
         With every fault of the file.
     """
+    if len(text.body) > LIMIT_CHARACTERS:
+        raise InputError.at(text.name, 1, 1, "is too large for a plan", f"at most {LIMIT_CHARACTERS} characters")
     return _Reader(text).plan()
 
 
@@ -132,6 +136,8 @@ class _Reader:
             line = self._unnumbered(number, raw)
             if line is not None and line.text.strip():
                 self._read_line(line)
+            if len(self._drafts) > LIMIT_STAGES:
+                raise self._source.error((number, 1), f"more than {LIMIT_STAGES} stages", "as many or fewer")
         if not self._drafts and not self._faults:
             self._fault(_START, 0, "no stage", STAGE_EXPECTED)
         self._finish_stages()

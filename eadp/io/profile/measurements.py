@@ -14,7 +14,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
 from eadp.models.profile import MIN_EFFECTIVE_SAMPLES, Profile, configuration_text
 
@@ -263,7 +263,7 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")
         for i, heading in enumerate(headings)
-        if heading.name and i != power and i not in parameters and (parameters or heading.per_watt)
+        if heading.name and i != power and not _is_parameter(heading) and (parameters or heading.per_watt)
     ]
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
@@ -278,12 +278,9 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
 
 
 def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
-    faults = []
-    for i, heading in enumerate(headings):
-        if heading.problem:
-            faults.append(row.fault(i, heading.problem, _A_HEADER))
-        elif heading.name and heading.name in [before.name for before in headings[:i]]:
-            faults.append(row.fault(i, f"the column {heading.name} stands twice", "each once"))
+    faults = [row.fault(i, heading.problem, _A_HEADER) for i, heading in enumerate(headings) if heading.problem]
+    twice = repeated([heading.name for heading in headings])
+    faults += [row.fault(i, f"the column {headings[i].name} stands twice", "each once") for i in twice]
     refuse(faults)
 
 

@@ -162,7 +162,7 @@ def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = Fal
     if not _is_model(text):
         return _measured([Trace(text)], names, nameless=nameless)
     parts = _read_model(text)
-    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
+    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations, measured=False)]
     try:
         profile = added([profile for profile, _ in parts])
     except Infeasible as error:
@@ -174,17 +174,17 @@ def _measured(
     files: Sequence[Trace], names: Sequence[str], *, nameless: bool, device: str = ""
 ) -> tuple[AnyProfile, list[Fault]]:
     profile, locations, warnings = read_measurements(files, names, nameless=nameless, device=device)
-    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
+    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations, measured=True)
     return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
+def _warnings(profile: Profile, locations: PointFaults, *, measured: bool) -> list[Fault]:
     """The findings of a profile at their locations, first by line."""
     warnings = [
         replace(
             locations[tuple(profile.configurations[found.point].tolist())], severity="warning", message=found.message
         )
-        for found in profile.findings()
+        for found in profile.findings(measured=measured)
     ]
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
@@ -216,9 +216,10 @@ def _is_model(text: Text) -> bool:
 
 def _check_names(names: Sequence[str]) -> None:
     for name in names:
-        if not NAME.match(name):
+        if not re.fullmatch(r"[A-Za-z]\w{0,63}", name, re.ASCII):
             shown = printable(name, 80) or "an empty text"
-            raise InputError.at("--names", 1, 1, f"{shown} is no name", A_NAME)
+            expected = "a name as a plan has it: letters, digits and _; commas between names"
+            raise InputError.at("--names", 1, 1, f"{shown} is no name", expected)
     if len(set(names)) < len(names):
         raise InputError.at("--names", 1, 1, f"a name stands twice in {','.join(names)}", "each once")
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Le, Lt
 from pydantic import Field, TypeAdapter
 
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
 from eadp.core.geometry.bearings import heading_rad
-from eadp.errors import Fault, InputError, capped, printable
+from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -30,7 +30,7 @@ from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.stage import Box
 from eadp.models.sensors import Sensors
-from eadp.models.vehicle import Guidance
+from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Wind
 from eadp.planning.base import PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
@@ -164,13 +164,13 @@ class ScenarioFile:
     planner: PlannerSection = field(default_factory=PlannerSection)
     """The planner and its settings; sections of planners that do not fly are checked and unused."""
 
-    step_s: Annotated[float, Gt(0), Le(1)] = 0.01
+    step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
     """Time step of the simulation [s]."""
 
     log_every_s: Duration = 0.1
     """Time between rows of flight.csv [s]."""
 
-    time_limit_s: Duration = 7200.0
+    time_limit_s: Annotated[float, Ge(1e-3), Le(1e9)] = 7200.0
     """Time after which the flight is ended [s]."""
 
     seed: Annotated[int, Ge(0), Lt(2**63)] = 0
@@ -281,13 +281,11 @@ def scenario_of(
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
     own, value = document.value.get("battery"), without_nulls(document.value)
-    if faults := _raw_faults(value, document):
-        raise capped(faults)
+    refuse(_raw_faults(value, document))
     keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
     # null restores a default, which is what the key has in a battery of its own
     battery = replace(keys.vehicle.battery, **{key: getattr(keys.battery, key) for key in own or ()})
-    if faults := battery_faults(document, battery):
-        raise capped(faults)
+    refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
 
 
@@ -389,6 +387,9 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     """What the schema alone cannot express."""
     faults = []
+    if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
+        message = "guidance.k_d is negative: the aircraft turns away from its path"
+        faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
     if keys.planner.name not in PLANNERS:
         message = f"unknown planner {printable(keys.planner.name, 60)}"
         faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))

@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 from eadp import __version__
 from eadp.errors import InputError
+from eadp.io.text.streams import output_file
 from eadp.simulation.sweep.design import Result, Run
 
 APPLICATION_ID = 0x65616470
@@ -49,6 +50,8 @@ CREATE TABLE sessions (
 );
 """
 COLUMNS = ("completed", "reason", "duration_s", "soc_final", "quality")
+_KINDS = {"completed": int, "reason": str, "error": str, "summary": str}
+"""Types of the columns that hold no number."""
 
 
 class Results:
@@ -58,7 +61,9 @@ class Results:
     """
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
-        self._path = path or "the temporary results"
+        self._path = "the temporary results"
+        if path is not None:  # whole, as SQLite has names of its own for what is no file
+            path = self._path = str(output_file(path))
         self._connection = _connect(path, self._path, read_only)
         self._lock: int | None = None
         self._session = 0
@@ -155,17 +160,24 @@ class Results:
             return [place for (place,) in self._connection.execute(query)]
 
     def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
-        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures."""
+        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures.
+
+        Raises
+        ------
+        InputError
+            At a row that is damaged.
+        """
         columns = "summary, error" if summaries else ", ".join((*COLUMNS, "error"))
         query = f"SELECT {columns} FROM wanted JOIN runs USING (key) ORDER BY place"
         with self._sqlite_errors():
             cursor = self._connection.execute(query)
             names = [column[0] for column in cursor.description]
-            for values in cursor:
-                row = dict(zip(names, values, strict=True))
-                if row.get("completed") is not None:
-                    row["completed"] = bool(row["completed"])
-                yield row
+            try:
+                for values in cursor:
+                    yield _checked(dict(zip(names, values, strict=True)))
+            except ValueError:  # a text that is no UTF-8 is one, too
+                message = "a result is damaged"
+                raise InputError.at(self._path, 1, 1, message, "a copy of the file, or a new one") from None
 
     # --- the ledger of `simulation.sweep`
 
@@ -264,7 +276,7 @@ class Results:
         """SQLite's errors as faults of the file."""
         try:
             yield
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes a damaged file in its own errors
             raise _fault(self._path, error) from None
 
 
@@ -281,6 +293,18 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise _fault(name, error) from None
 
 
+def _checked(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of `Results.rows`; raises ValueError if it is none that was stored."""
+    if any(value is not None and type(value) is not _KINDS.get(name, float) for name, value in row.items()):
+        raise ValueError
+    if row.get("completed") is not None:
+        row["completed"] = bool(row["completed"])
+    if row.get("summary") is not None:
+        row["summary"] = json.loads(row["summary"])
+        json.dumps(row["summary"], allow_nan=False)
+    return row
+
+
 def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
     """Whether a database has our tables; another application's is refused."""
     keys = ("application_id", "user_version")
@@ -291,7 +315,7 @@ def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
     return bool(tables)
 
 
-def _fault(path: str, error: sqlite3.Error) -> InputError:
+def _fault(path: str, error: Exception) -> InputError:
     name = getattr(error, "sqlite_errorname", "") or ""
     if name.startswith("SQLITE_FULL") or name == "SQLITE_IOERR_WRITE":
         what = "the disk is full, or a limit reached"

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from eadp import __version__
-from eadp.errors import Fault, InputError, capped, printable
+from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
@@ -312,7 +312,7 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
         for _, value, location in named
         if not isinstance(value, str)
     ]:
-        raise capped(faults)
+        raise InputError(*faults)
     return [(kind, beside(document.name, value), location) for kind, value, location in named]
 
 
@@ -325,8 +325,7 @@ def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept:
         except InputError as error:
             fault = error.faults[0]
             faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
-    if faults:
-        raise capped(faults)
+    refuse(faults)
 
 
 def _scenarios(paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]) -> dict[str, Scenario]:
@@ -356,8 +355,7 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
             sweep.kept.scenario(scenario, {**sweep.overrides, full_key(name): value})
         except InputError as error:
             faults += [document.fault(location, fault.message, fault.expected) for fault in error.faults]
-    if faults:
-        raise capped(list(dict.fromkeys(faults)))
+    refuse(list(dict.fromkeys(faults)))
 
 
 def _read_all(paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:

@@ -150,15 +150,15 @@ class ReplanLog:
         expected = "a JSON object with the kind telemetry or decision"
         try:
             line = json.loads(raw)
-        except (ValueError, RecursionError):  # includes UnicodeDecodeError
-            line = None
-        kind = line.get("kind") if isinstance(line, dict) else None
+            kind = line.pop("kind", None) if isinstance(line, dict) else None
+            telemetry = _encoded(line)
+        except (ValueError, RecursionError):  # includes UnicodeDecodeError, and a number that is not finite
+            kind = None
         if kind == DECISION:
             return None, None
         if kind != TELEMETRY:
             return None, Fault(self._path, number, 1, "is no line of a log", expected)
-        del line["kind"]
-        sample, _, faults = reader.read(number, _encoded(line))
+        sample, _, faults = reader.read(number, telemetry)
         if sample is None:
             return None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
         return sample, None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 
 from eadp.errors import Fault, printable
@@ -24,7 +25,7 @@ class Row:
     fields: list[str]
     mark: str = ","
 
-    @property
+    @cached_property
     def columns(self) -> list[int]:
         """The columns, from 1, where the fields start."""
         if not self.mark:
@@ -41,6 +42,12 @@ class Row:
         columns = self.columns
         column = columns[index] if index < len(columns) else len(self.source) + 1
         return Fault(self.file, self.line, column, message, expected, self.source)
+
+
+def repeated(names: Sequence[str]) -> list[int]:
+    """Positions of the names that have stood before; an empty one is no name."""
+    first: dict[str, int] = {}
+    return [i for i, name in enumerate(names) if name and first.setdefault(name, i) != i]
 
 
 def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
@@ -92,4 +99,6 @@ def number_fault(raw: str, largest: float = math.inf) -> tuple[str, str] | None:
         return f"{shown} is too large", expected
     if NOT_FINITE.match(raw):
         return f"{shown} is not finite", "a finite number"
+    if re.match(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
+        return f"{shown} is a date", "a number, of a time in seconds"
     return f"{shown} is not a number", "a number"

@@ -10,11 +10,12 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import chain, repeat
 from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from eadp.errors import Fault, InputError, capped, printable
+from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
 
@@ -35,6 +36,8 @@ _EXPECTED = {
     "mapping_type": "a mapping of keys",
     "dataclass_type": "a mapping of keys",
 }
+SUGGESTIONS = 100
+"""Most unknown keys for which known ones are searched."""
 _INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
 
 
@@ -103,11 +106,11 @@ def validated(
         # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
         content: Model = _adapter(schema).validate_json(json.dumps(value))
     except ValidationError as error:
-        found = [_schema_fault(document, problem, model, value, renamed or {}) for problem in error.errors()]
-        raise capped(_merged(found)) from None
+        names = chain(repeat(renamed or {}, SUGGESTIONS), repeat(None))
+        found = [_schema_fault(document, each, model, value, new) for each, new in zip(error.errors(), names)]  # noqa: B905
+        raise InputError(*_merged(found)) from None
     faults = check(content) if check is not None else []
-    if faults:
-        raise capped(faults)
+    refuse(faults)
     return content
 
 
@@ -122,15 +125,16 @@ def _merged(faults: list[Fault]) -> list[Fault]:
     return list(merged.values())
 
 
-def _schema_fault(document: Document, problem: Any, model: Any, value: Any, renamed: Mapping[str, str]) -> Fault:
-    """One of pydantic's complaints about a value."""
+def _schema_fault(document: Document, problem: Any, model: Any, value: Any, renamed: Mapping[str, str] | None) -> Fault:
+    """One of pydantic's complaints about a value; without `renamed` there is no suggestion for an unknown key."""
     kind, wrong = problem["type"], problem["input"]
     path = _path_in(value, problem["loc"])
     key = ".".join(printable(str(part), 80) for part in path)
     if kind in ("missing", "missing_argument"):
         return document.fault(path, f"the key {key} is missing")
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return document.fault(path, f"unknown key {key}", _instead(model, path, renamed))
+        suggestion = "" if renamed is None else _instead(model, path, renamed)
+        return document.fault(path, f"unknown key {key}", suggestion)
     message = printable(str(problem["msg"]).removeprefix("Value error, "))
     if kind == "value_error":
         return document.fault(path, f"{key}: {message}" if key else message)

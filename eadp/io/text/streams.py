@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -74,24 +76,62 @@ def write_text(path: str, body: str) -> None:
         write_bytes(path, body.encode("utf-8"))
 
 
-def write_bytes(path: str, body: bytes) -> None:
-    """Write a file whole or not at all.
+def output_file(path: str) -> Path:
+    """The regular file that an output goes to: a link is followed to its end.
 
     Raises
     ------
     InputError
-        If the location cannot be written to.
+        If the name is empty, or something that is no regular file has it: a folder, a device, a pipe.
     """
-    target = Path(path)
+    mode = _mode(path)
+    if mode is not None and (not stat.S_ISREG(mode) or os.path.dirname(os.path.abspath(path)) in _STREAMS):
+        what = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise InputError.at(path, 1, 1, f"cannot be written: {what}", "a file; - is standard output")
+    return Path(os.path.realpath(path))
+
+
+_STREAMS = ("/dev", "/dev/fd", f"/proc/{os.getpid()}/fd", "/proc/self/fd")
+"""Folders whose regular files are open streams."""
+_PREFIX = ".eadp."
+"""Start of temporary names, whatever the length of the name that they become."""
+
+
+def _mode(path: str) -> int | None:
+    """Kind and permissions of what has a name; None if nothing has it. Raises InputError."""
+    try:
+        if not path:
+            raise ValueError("the name is empty")
+        return os.stat(path).st_mode
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        if getattr(error, "errno", None) == errno.ENOENT:
+            return None
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: str, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError.at(path, 1, 1, f"cannot be written: {reason}", "a writable location")
+
+
+def write_bytes(path: str, body: bytes) -> None:
+    """Write a file whole or not at all, through a link to it.
+
+    Raises
+    ------
+    InputError
+        If the location cannot be written to, or is no regular file.
+    """
+    target = output_file(path)
     temporary = ""
     try:
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as stream:
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=_PREFIX, delete=False) as stream:
             temporary = stream.name
             stream.write(body)
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, target)
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
+        raise _unwritable(path, error) from None
     finally:
         if temporary and os.path.exists(temporary):
             os.unlink(temporary)
@@ -108,14 +148,14 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
     InputError
         If the name is taken and `force` is not set, or the place cannot be written to.
     """
-    target = Path(path)
     check_new_folder(path, force=force)
+    target = Path(os.path.realpath(path))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=_PREFIX))
         os.chmod(temporary, 0o777 & ~_umask())
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
+        raise _unwritable(path, error) from None
     try:
         yield temporary
         if target.exists():
@@ -123,7 +163,7 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
         else:
             temporary.rename(target)
     except OSError as error:
-        raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
+        raise _unwritable(path, error) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -136,16 +176,16 @@ def check_new_folder(path: str, *, force: bool) -> None:
     InputError
         If something stands there and is not a folder, or is a folder and `force` is not set.
     """
-    target = Path(path)
-    if target.is_dir() and not force:
-        raise InputError.at(path, 1, 1, "exists already", "a new folder, or --force to replace it")
-    if target.exists() and not target.is_dir():
+    mode = _mode(path)
+    if mode is not None and not stat.S_ISDIR(mode):
         raise InputError.at(path, 1, 1, "is a file", "a folder")
+    if mode is not None and not force:
+        raise InputError.at(path, 1, 1, "exists already", "a new folder, or --force to replace it")
 
 
 def _swap(new: Path, target: Path) -> None:
     """Put `new` where `target` stands; a crash between the two renames leaves both on disk."""
-    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.old."))
+    old = Path(tempfile.mkdtemp(dir=target.parent, prefix=f"{_PREFIX}old."))
     target.rename(old / "replaced")
     new.rename(target)
     shutil.rmtree(old, ignore_errors=True)

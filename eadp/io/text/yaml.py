@@ -17,6 +17,7 @@ from eadp.io.text.streams import Text
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
 DIGITS_LIMIT = 50
+LIMIT_CHARACTERS = 1_000_000
 
 _INT = re.compile(r"[-+]?[0-9]+\Z|0o[0-7]+\Z|0x[0-9a-fA-F]+\Z")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
@@ -61,10 +62,13 @@ def read_yaml(text: Text) -> Document:
     ------
     InputError
         On anything YAML's core schema does not allow, and on aliases, anchors, tags, duplicate keys, keys that are
-        not strings, NaN and infinities, more than 50 levels, and numbers of more than 50 digits.
+        not strings, NaN and infinities, more than 50 levels, numbers of more than 50 digits, and more than
+        `LIMIT_CHARACTERS`.
     """
     source = SourceText(text)
     document = Document(source)
+    if len(text.body) > LIMIT_CHARACTERS:
+        raise source.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
     try:
         _refuse_references(source)
         node = yaml.compose(text.body, Loader=_Loader)

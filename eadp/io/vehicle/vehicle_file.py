@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Discriminator, Tag
 
-from eadp.errors import Fault, capped, printable
+from eadp.errors import Fault, printable, refuse
 from eadp.io.text.schema_faults import STRICT, schema_of, validated, without_nulls
 from eadp.io.text.yaml import Document, Path
 from eadp.models.battery import Battery
@@ -74,8 +74,7 @@ def vehicle_of(document: Document) -> VehicleFile:
         With every fault found.
     """
     value = without_nulls(document.value)
-    if faults := airframe_faults(document, value):
-        raise capped(faults)
+    refuse(airframe_faults(document, value))
     return validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery), RENAMED)
 
 

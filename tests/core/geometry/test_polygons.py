@@ -9,7 +9,7 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import TOLERANCE_M, flaws, signed_area_m2, tidy
+from eadp.core.geometry.polygons import TOLERANCE_M, flaws, signed_area_m2, simplified, tidy
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -30,6 +30,28 @@ def stars(draw, spread_m=200.0):
 
 def square(x, y, side):
     return ((x, y), (x + side, y), (x + side, y + side), (x, y + side))
+
+
+# --- simplification within a tolerance --------------------------------------------------------------------------------
+
+
+@given(stars(), st.floats(0.1, 50.0))
+def test_vertices_that_are_dropped_lie_within_the_tolerance(ring, tolerance_m):
+    kept = simplified(ring, tolerance_m)
+    assert kept[0] == 0
+    assert kept == sorted(set(kept))
+    for i, vertex in enumerate(ring):
+        before, after = max(k for k in kept if k <= i), min((k for k in kept if k >= i), default=0)
+        edge = shapely.LineString([ring[before], ring[after]])
+        assert edge.distance(shapely.Point(vertex)) <= tolerance_m * (1 + 1e-9)
+
+
+def test_a_circle_keeps_few_vertices():
+    n, radius_m, tolerance_m = 5000, 100.0, 0.1
+    ring = [(radius_m * math.cos(2 * math.pi * i / n), radius_m * math.sin(2 * math.pi * i / n)) for i in range(n)]
+    # a chord whose sagitta is the tolerance spans √(8 r s): no ring of fewer chords is as near
+    fewest = 2 * math.pi * radius_m / math.sqrt(8 * radius_m * tolerance_m)
+    assert fewest <= len(simplified(ring, tolerance_m)) <= 3 * fewest
 
 
 # --- area -------------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import signed_area_m2, tidy
 from eadp.errors import FAULTS_SHOWN, InputError
 from eadp.io.field.draft import VERTICES_LIMIT
-from eadp.io.field.reader import HOLES_LIMIT, read_field
+from eadp.io.field.reader import HOLES_LIMIT, RING_LIMIT, read_field
 from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
@@ -667,14 +667,24 @@ def ring_of(n):
 
 def test_as_many_vertices_as_allowed_and_one_more():
     ring = ring_of(VERTICES_LIMIT)
-    field, _ = read(table(ring))
-    assert field.area_m2 == pytest.approx(math.pi * 5000**2, rel=1e-6)
+    field, repaired = read(table(ring))
+    # a chord's height is at most the tolerance: 0.1 m of 5 km
+    assert field.area_m2 == pytest.approx(math.pi * 5000**2, rel=2 * 0.1 / 5000)
+    assert f"the outline simplified within 0.1 m: {len(field.outline)} of {VERTICES_LIMIT} vertices" in repaired
+    assert len(field.outline) <= RING_LIMIT
     expected = f"more than {VERTICES_LIMIT} vertices; expected at most {VERTICES_LIMIT}: a simpler outline"
     assert fault_of(table([*ring, ring[0]])) == f"20002:1: error: {expected}"
     assert fault_of(polygon([*ring, ring[0]], units="m")) == f"20002:1: error: {expected}"
     words = "1,2\n" * (VERTICES_LIMIT + 100)
     body = kml(placemark(around(BOX))).replace("<coordinates>\n", f"<coordinates>\n{words}")
     assert fault_of(body) == f"20005:1: error: {expected}"
+
+
+def test_a_ring_that_needs_too_many_vertices():
+    saw = [*[(x, 40 * (x % 2)) for x in range(RING_LIMIT - 1)], (RING_LIMIT, 900), (0, 900)]
+    assert len(field_of(table(saw[1:])).outline) == RING_LIMIT
+    what = f"the outline has {len(saw)} vertices, and needs {len(saw)} to be right within 1 m"
+    assert fault_of(table(saw)) == f"2:1: error: {what}; expected at most {RING_LIMIT}"
 
 
 def test_as_many_holes_as_allowed_and_one_more():

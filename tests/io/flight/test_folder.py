@@ -9,8 +9,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from eadp.io.flight.folder import fly_flight, record_row
+from eadp.io.flight.folder import _copy_inputs, fly_flight, record_row
 from eadp.io.flight.inputs import load_flight
+from eadp.io.text.streams import Text
 from eadp.planning.base import DecisionRecord
 from eadp.planning.estimation.estimator import PowerEstimate
 
@@ -53,6 +54,16 @@ def test_a_row_keeps_what_is_not_known_as_null(written):
     row = record_row(record, ("c1", "c2"))
     assert (row["home_reachable"], row["point_of_no_return_s"]) == (None, None)
     assert json.loads(json.dumps(row, allow_nan=False))["home_reachable"] is None
+
+
+def test_inputs_of_one_name_are_all_kept(tmp_path):
+    names = [f"{folder}/{'n' * 240}" for folder in "abc"] + ["d/overrides.txt", "e/plan", "f/kind5-x", "<stdin>"]
+    kinds = ["plan", "scenario", "profile", *[f"kind{i}" for i in range(3, 7)]]
+    texts = {kind: Text(name, kind) for kind, name in zip(kinds, names, strict=True)}
+    _copy_inputs(tmp_path / "inputs", texts, ["vehicle.name=\udcff"])
+    files = {path.name: path.read_bytes().decode("ascii", "ignore") for path in (tmp_path / "inputs").iterdir()}
+    assert files.pop("overrides.txt") == "vehicle.name=\n"
+    assert sorted(files.values()) == sorted(kinds)
 
 
 def test_a_planner_without_records_has_no_file_of_them(written):

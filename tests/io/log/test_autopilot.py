@@ -1,26 +1,24 @@
-"""Autopilots' logs, made byte by byte here; pyulog and pymavlink, where installed, read the same from them."""
+"""Autopilots' logs, made byte by byte here, as pyulog and pymavlink read them in a process with limits."""
 
 from __future__ import annotations
 
+import importlib.util
+import random
 import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.log.autopilot_battery import battery_table
-from eadp.io.log.dataflash import KINDS as DATAFLASH_KINDS
-from eadp.io.log.dataflash import is_dataflash_text, read_dataflash, read_dataflash_text
-from eadp.io.log.formats import read_power_log
+from eadp.io.log import messages
+from eadp.io.log.formats import is_dataflash_text, read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
-from eadp.io.log.ulog import KINDS as ULOG_KINDS
-from eadp.io.log.ulog import read_ulog
+
+pytest.importorskip("pyulog")
+pytest.importorskip("pymavlink")
 
 N = 40
-unhurried = settings(deadline=None, max_examples=60)  # no test depends on the clock
 
 
 # a ULog
@@ -36,11 +34,11 @@ STATUS = (
 )
 
 
-def ulog(instances: int = 1, unknown: tuple[int, ...] = (), current: float = 2.0) -> bytes:
+def ulog(instances: int = 1, unknown: tuple[int, ...] = (), current: float = 2.0, status: str = STATUS) -> bytes:
     parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)]
     parts.append(message("B", bytes(40)))
     parts.append(message("F", b"cell:float volt;uint16_t[2] id;"))
-    parts.append(message("F", STATUS.encode()))
+    parts.append(message("F", status.encode()))
     parts.append(
         message("F", b"vehicle_local_position:uint64_t timestamp;float x;float y;bool ok;uint8_t[7] _padding0;")
     )
@@ -112,33 +110,35 @@ def test_ulog_fields_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lost", [1, 5, 30])
 def test_ulog_cut_off(tmp_path: Path, lost: int) -> None:
-    log = read_power_log(stored(tmp_path, "flight.ulg", ulog()[:-lost]))
-    assert len(log.times_s) >= N - 1
-    assert [fault.message for fault in log.warnings] == ["the log ends in the middle of a message"]
+    assert len(read_power_log(stored(tmp_path, "flight.ulg", ulog()[:-lost])).times_s) >= N - 1
 
 
-def test_ulog_as_pyulog_reads_it(tmp_path: Path) -> None:
-    pyulog = pytest.importorskip("pyulog")
-    data = ulog(instances=2)
-    theirs = pyulog.ULog(stored(tmp_path, "flight.ulg", data))
-    ours = read_ulog("flight.ulg", data, ULOG_KINDS).columns
-    assert len(theirs.data_list) == len(ours) == 3
-    for dataset in theirs.data_list:
-        table = ours[f"{dataset.name} {dataset.multi_id}"]
-        for label, values in table.items():
-            np.testing.assert_array_equal(values, dataset.data[label].astype(float))
+HEAD = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1)
+
+
+def nested(depth: int, times: int) -> bytes:
+    parts = [f"level{i}:level{i + 1}[{times}] a;level{i + 1}[{times}] b;" for i in range(depth)]
+    parts += [f"level{depth}:uint8_t x;", "battery_status:uint64_t timestamp;float voltage_v;level0 a;"]
+    subscription = message("A", struct.pack("<BH", 0, 3) + b"battery_status")
+    return HEAD + b"".join(message("F", part.encode()) for part in parts) + subscription
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message_"),
+    ("data", "said"),
     [
-        (b"float voltage_v", b"fl@at voltage_v", "the format of battery_status cannot be read"),
-        (b"cell cells", b"sell cells", "the type sell is not described"),
+        (nested(10, 60), "level0 has 619173642240000000000 fields; at most 10000 are read"),
+        (nested(0, 1).replace(b"uint8_t x", b"level0 xy"), "RecursionError"),
+        (b"ULog", "Invalid file format"),
     ],
 )
-def test_ulog_that_describes_itself_badly(tmp_path: Path, old: bytes, new: bytes, message_: str) -> None:
-    with pytest.raises(InputError, match=message_):
-        read_power_log(stored(tmp_path, "flight.ulg", ulog().replace(old, new, 1)))
+def test_ulog_that_declares_what_no_log_has(tmp_path: Path, data: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=f"cannot be read by pyulog: .*{said}.*; expected a PX4 ULog"):
+        read_power_log(stored(tmp_path, "flight.ulg", data))
+
+
+def test_ulog_messages_shorter_than_declared_are_left_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no messages of a battery"):
+        read_power_log(stored(tmp_path, "flight.ulg", ulog(status=f"{STATUS}uint8_t[9000] b;")))
 
 
 # a DataFlash log
@@ -186,40 +186,36 @@ def test_dataflash(tmp_path: Path) -> None:
 def test_dataflash_with_bytes_that_are_no_message(tmp_path: Path) -> None:
     data = dataflash()
     place = data.index(b"\xa3\x95\x82", 400)
-    log = read_power_log(stored(tmp_path, "flight.bin", data[:place] + b"rubbish" + data[place:-4]))
+    log = read_power_log(stored(tmp_path, "flight.bin", data[:place] + b"rubbish" + data[place:]))
     assert len(log.times_s) == N
-    assert [fault.message for fault in log.warnings] == [
-        "the log ends in the middle of a message",
-        "7 bytes that are no message skipped",
-    ]
+    assert [fault.message for fault in log.warnings] == ["7 bytes that are no message skipped"]
+    assert len(read_power_log(stored(tmp_path, "cut.bin", data[:-4])).times_s) == N
 
 
-def test_dataflash_values_are_scaled_as_the_format_says() -> None:
-    table = read_dataflash("flight.bin", dataflash(), DATAFLASH_KINDS).columns["BAT"]
-    assert table["Res"][0] == 2.5
-    assert table["Temp"][0] == 30
+def test_dataflash_fields_that_are_no_numbers_and_that_are_scaled(tmp_path: Path) -> None:
+    tables = messages.read_tables("f", stored(tmp_path, "flight.bin", dataflash()), "dataflash", ["BAT", "MSG"])
+    battery = tables.columns["BAT"]
+    assert (battery["Res"][0], battery["Temp"][0], len(battery["Volt"])) == (2.5, 30, N)
+    assert np.isnan(tables.columns["MSG"]["Message"]).all()
 
 
-def test_dataflash_as_pymavlink_reads_it(tmp_path: Path) -> None:
-    reader = pytest.importorskip("pymavlink.DFReader")
-    data = dataflash(instances=2)
-    theirs = reader.DFReader_binary(stored(tmp_path, "flight.bin", data))
-    ours = read_dataflash("flight.bin", data, DATAFLASH_KINDS).columns
-    seen = {"BAT": 0, "POS": 0}
-    while (found := theirs.recv_msg()) is not None:
-        if found.get_type() in seen:
-            i = seen[found.get_type()]
-            seen[found.get_type()] += 1
-            for label, values in ours[found.get_type()].items():
-                assert values[i] == pytest.approx(getattr(found, label), abs=1e-9)
-    theirs.filehandle.close()
-    assert seen == {"BAT": 2 * N, "POS": N}
+def test_dataflash_messages_shorter_than_declared(tmp_path: Path) -> None:
+    head = b"".join(row(0x80, n, 5, name.encode(), f.encode(), c.encode()) for n, (name, f, c) in FORMATS.items())
+    with pytest.raises(InputError, match=r"cannot be read by pymavlink: .*; expected an ArduPilot DataFlash log"):
+        read_power_log(stored(tmp_path, "flight.bin", head + 2000 * b"\xa3\x95\x81ab"))
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3])
+def test_dataflash_messages_without_a_length(tmp_path: Path, length: int) -> None:
+    head = b"".join(row(0x80, n, length, name.encode(), f.encode(), b"A") for n, (name, f, _) in FORMATS.items())
+    with pytest.raises(InputError, match=r"cannot be read by pymavlink|no messages of a battery"):
+        read_power_log(stored(tmp_path, "flight.bin", head + 100 * b"\xa3\x95\x81ab"))
 
 
 def text_log(kind: str = "BAT", labels: str = "TimeUS,Instance,Volt,Curr,CurrTot", lead: str = "0, ") -> str:
     head = [
         "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
-        f"FMT, 129, 30, {kind}, QBfff, {labels}",
+        f"FMT, 129, 30, {kind}, {'QBfff'[-len(labels.split(',')) :]}, {labels}",
         "FMT, 131, 75, MSG, QZ, TimeUS,Message",
         "MSG, 4000000, ArduPlane V4.5",
     ]
@@ -232,7 +228,7 @@ def text_log(kind: str = "BAT", labels: str = "TimeUS,Instance,Volt,Curr,CurrTot
 def test_dataflash_text(tmp_path: Path, end: str) -> None:
     log = read_power_log(stored(tmp_path, "flight.log", text_log().replace("\n", end)))
     assert_read(log)
-    assert [fault.message for fault in log.warnings] == ["10 bytes that are no message skipped"]
+    assert log.warnings == []  # the line that is too short is skipped
 
 
 def test_dataflash_of_older_versions(tmp_path: Path) -> None:
@@ -246,21 +242,49 @@ def test_dataflash_text_is_told_from_a_table() -> None:
     assert not is_dataflash_text(b"FMT,power_w\n1,2\n")
 
 
-def test_no_battery_and_no_time() -> None:
-    tables = read_dataflash_text("f.log", text_log("XYZ"), DATAFLASH_KINDS)
+def test_no_battery_and_no_time(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no messages of a battery; expected battery_status, BAT or CURR"):
-        battery_table("f.log", tables)
-    tables = read_dataflash_text("f.log", text_log(labels="When,Instance,Volt,Curr,CurrTot"), DATAFLASH_KINDS)
+        read_power_log(stored(tmp_path, "f.log", text_log("XYZ")))
     with pytest.raises(InputError, match="messages of the battery have no time"):
-        battery_table("f.log", tables)
+        read_power_log(stored(tmp_path, "f.log", text_log(labels="When,Instance,Volt,Curr,CurrTot")))
 
 
-@unhurried
-@given(st.integers(0, 2000), st.binary(max_size=60))
-def test_damaged_logs_are_read_or_refused(place: int, rubbish: bytes) -> None:
-    for read, data, kinds in ((read_ulog, ulog(), ULOG_KINDS), (read_dataflash, dataflash(), DATAFLASH_KINDS)):
-        damaged = data[:place] + rubbish + data[place + len(rubbish) :]
+@pytest.mark.parametrize("seed", range(6))
+def test_damaged_logs_are_read_or_refused(tmp_path: Path, seed: int) -> None:
+    random_ = random.Random(seed)
+    for name, data in (("f.ulg", bytearray(ulog())), ("f.bin", bytearray(dataflash()))):
+        for _ in range(10):
+            data[random_.randrange(4, len(data))] = random_.randrange(256)
         try:
-            battery_table("f", read("f", damaged, kinds))
+            read_power_log(stored(tmp_path, name, bytes(data)))
         except InputError:
             continue
+
+
+def test_memory_and_time_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = Path(messages.__file__).with_name("autopilot_process.py").read_text(encoding="utf-8")
+
+    def changed(*changes: tuple[str, str]) -> None:
+        text = source
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        monkeypatch.setattr(messages, "_PROCESS", Path(stored(tmp_path, "process.py", text)))
+
+    file = stored(tmp_path, "flight.ulg", ulog())
+    changed(("400_000_000", "20_000_000"))
+    with pytest.raises(InputError, match="cannot be read by pyulog"):
+        read_power_log(file)
+    changed(
+        ("CPU_S, BYTES_PER_S = 10", "CPU_S, BYTES_PER_S = 1"),
+        ("    from pyulog", "    while True:\n        pass\n    from pyulog"),
+    )
+    with pytest.raises(InputError, match="more memory or time than a log of its size"):
+        read_power_log(file)
+
+
+def test_without_the_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    for name, data in (("f.ulg", ulog()), ("f.bin", dataflash()), ("f.log", text_log())):
+        with pytest.raises(InputError, match=r"is missing; expected pip install 'eadp\[logs\]'"):
+            read_power_log(stored(tmp_path, name, data))

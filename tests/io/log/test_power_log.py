@@ -113,8 +113,47 @@ def test_a_unit_by_option_beats_the_names() -> None:
 
 
 def test_dates_in_microseconds_keep_their_digits() -> None:
-    log = parse(table("timestamp,power_w", "17000000000000{i}", 0) + table("", "17321000000{i:02d}001,5"))
-    np.testing.assert_array_equal(log.times_s, np.arange(N) / 1000)
+    log = parse(table("timestamp,power_w", "17000000000000{i}", 0) + table("", "173210000{i:02d}000001,5"))
+    np.testing.assert_array_equal(log.times_s, np.arange(N))
+
+
+@pytest.mark.parametrize(
+    ("step", "refused"), [(100, True), (4_000, True), (5_000, False), (50_000_000, False), (10**8, True)]
+)
+def test_times_whose_unit_is_guessed_have_the_steps_of_a_log(step: int, refused: bool) -> None:
+    body = "timestamp,power_w\n" + "".join(f"{10**12 + step * i},{5 + i % 3}\n" for i in range(N))
+    parse(body, time_unit="us")
+    if not refused:
+        parse(body)
+        return
+    with pytest.raises(
+        InputError, match=r"log.csv:1:1: error: a row every .* s, if timestamp is in µs; expected --time-unit"
+    ):
+        parse(body)
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_other_separators(mark: str) -> None:
+    body = "time_s,power_w\n" + "".join(f"{i},{5 + i % 3}\n" for i in range(N))
+    np.testing.assert_array_equal(parse(body.replace(",", mark)).power_w, parse(body).power_w)
+
+
+def test_a_date_is_named() -> None:
+    with pytest.raises(InputError, match="2024-05-01T12:00:00Z is a date; expected a number, of a time in seconds"):
+        parse("time_s,power_w\n2024-05-01T12:00:00Z,5\n" * 1)
+
+
+def test_a_table_has_no_batteries() -> None:
+    with pytest.raises(InputError, match="--instance:1:1: error: a table has no batteries"):
+        parse("time_s,power_w\n1,5\n", instance=0)
+
+
+def test_latitude_and_longitude_that_are_swapped() -> None:
+    rows = "".join(f"{i},{5 + i % 3},{120 + i / 1e4},10\n" for i in range(N))
+    with pytest.raises(InputError, match=r"log.csv:2:1: error: a latitude of 120 and .* 10: they seem to be swapped"):
+        parse(f"time_s,power_w,lat,lon\n{rows}")
+    with pytest.raises(InputError, match=r"a latitude of 120 and a longitude of 200; expected latitude within"):
+        parse(f"time_s,power_w,lat,lon\n{rows}".replace(",10\n", ",200\n"))
 
 
 @pytest.mark.parametrize(
@@ -316,3 +355,14 @@ def test_any_text_is_read_or_refused(body: str) -> None:
         except InputError:
             continue
         assert np.all(np.diff(log.times_s) > 0)
+
+
+def test_a_header_of_many_columns(tmp_path: Path) -> None:
+    names = [f"c{i}" for i in range(40_000)]
+    rows = "".join(f"{i},{40 + i % 3}\n" for i in range(30))
+    path = tmp_path / "log.csv"
+    path.write_text(f"time_s,power_w,{','.join(names)}\n{rows}")
+    assert len(read_power_log(str(path)).times_s) == 30
+    path.write_text(f"time_s,power_w,{','.join(names)},c17,c17\n{rows}")
+    with pytest.raises(InputError, match="the name c17 stands twice"):
+        read_power_log(str(path))

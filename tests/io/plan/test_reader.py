@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
-from eadp.io.plan.reader import read_plan
+from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan
@@ -720,3 +720,13 @@ def test_constants_that_coordinates_make_are_checked(path):
 def test_values_beyond_a_float_are_no_warning():
     stage = "1; 90; (1e300*x + 1)*(1e10*x)*(1e10*y)\n{}, 0\n"
     read_or_refuse(stage.format(50) + stage.format(60))
+
+
+def test_a_plan_that_is_too_long():
+    stage = "0.05; 90; y\n30, 0\n"
+    assert len(read_plan(Text("a.plan", stage * LIMIT_STAGES))[0].stages) == LIMIT_STAGES
+    line = 2 * LIMIT_STAGES + 1
+    with pytest.raises(InputError, match=f"a.plan:{line}:1: error: more than {LIMIT_STAGES} stages"):
+        read_plan(Text("a.plan", stage * (LIMIT_STAGES + 100)))
+    with pytest.raises(InputError, match=f"too large for a plan; expected at most {LIMIT_CHARACTERS} characters"):
+        read_plan(Text("a.plan", stage + " " * LIMIT_CHARACTERS))

@@ -337,10 +337,7 @@ def test_parts_of_a_model() -> None:
     assert profile.names == ("fps", "rate")
     assert profile.power_w_at((4, 2)) == 8.5
     assert profile_yaml(profile) == PARTS
-    assert [first_line(fault) for fault in warnings] == [
-        "m.yaml:9:9: warning: fewer than 10 independent samples: 1 of 1 at fps=4, 1 of 1 at fps=8; their standard "
-        "errors are rough"
-    ]
+    assert warnings == []  # that samples are few is known since the model was made
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import sqlite3
 import subprocess
 import sys
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -74,6 +76,44 @@ def test_results_are_kept_in_order_of_what_is_expected(path):
         assert [row["error"] for row in results.rows(summaries=True)] == ["cannot", None]
         results.forget_failures()
         assert results.missing() == [0, 1, 2, 3, 5]
+
+
+@pytest.mark.parametrize(
+    "damage", ["duration_s = 'long'", "summary = '{'", "summary = '{\"a\": 1e999}'", "reason = CAST(x'ff' AS TEXT)"]
+)
+def test_a_damaged_result_is_refused(path, damage):
+    with closing(expecting(Results(path))) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"UPDATE runs SET {damage}")
+        connection.commit()
+    with closing(expecting(Results(path))) as results, pytest.raises(InputError, match=r"damaged|cannot be used"):
+        [*results.rows(), *results.rows(summaries=True)]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_file_with_a_flipped_bit_is_read_or_refused(path, seed):
+    with closing(expecting(Results(path))) as results:
+        results.store([(run, Result(SUMMARY)) for run in RUNS])
+    damaged = bytearray(Path(path).read_bytes())
+    bit = random.Random(seed).randrange(8 * len(damaged))
+    damaged[bit // 8] ^= 1 << bit % 8
+    Path(path).write_bytes(damaged)
+    try:
+        with closing(expecting(Results(path))) as results:
+            assert len([*results.rows(), *results.rows(summaries=True)]) <= 2 * len(RUNS)
+    except InputError:
+        pass
+
+
+def test_a_name_that_sqlite_takes_for_no_file_is_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with closing(expecting(Results(":memory:"))) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    with closing(expecting(Results(":memory:", read_only=True))) as results:
+        assert len(list(results.rows())) == 1
+    with pytest.raises(InputError, match="the name is empty"):
+        Results("")
 
 
 def test_a_run_that_is_expected_twice_is_missing_once():

@@ -209,6 +209,40 @@ def test_places_that_cannot_be_written_to(tmp_path):
     assert not os.listdir(tmp_path)
 
 
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/stdout", "a\0b", "x" * 300, ""])
+def test_what_is_no_regular_file_is_refused(path):
+    assert fault_of(write_text, path, "x").message.startswith("cannot be written: ")
+    assert not os.path.isfile("/dev/null")
+
+
+def test_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    assert fault_of(write_text, str(tmp_path / "pipe"), "x").message == "cannot be written: no regular file"
+
+
+def test_a_link_is_written_through(tmp_path):
+    for name, content in (("old.txt", "old"), ("new.txt", None)):
+        target, link = tmp_path / "deep" / name, tmp_path / f"link-{name}"
+        target.parent.mkdir(exist_ok=True)
+        if content is not None:
+            target.write_text(content)
+        link.symlink_to(target)
+        write_text(str(link), "written")
+        assert (link.is_symlink(), target.read_text()) == (True, "written")
+
+
+@pytest.mark.parametrize("length", [200, 255])
+def test_names_as_long_as_a_file_may_have(tmp_path, length):
+    write_text(str(tmp_path / ("a" * length)), "x")
+    with new_folder(str(tmp_path / ("b" * length)), force=False):
+        pass
+    with new_folder(str(tmp_path / ("b" * length)), force=True) as folder:
+        (folder / "file").touch()
+    assert sorted(map(len, os.listdir(tmp_path))) == [length, length]
+    fault = fault_of(check_new_folder, str(tmp_path / ("b" * 256)), force=False)
+    assert fault.message == "cannot be written: File name too long"
+
+
 # --- folders ----------------------------------------------------------------------------------------------------------
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import DIGITS_LIMIT, NESTING_LIMIT, Document, read_yaml
+from eadp.io.text.yaml import DIGITS_LIMIT, LIMIT_CHARACTERS, NESTING_LIMIT, Document, read_yaml
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 
@@ -335,3 +335,11 @@ def only_plain(value):
     if isinstance(value, float):
         return math.isfinite(value)
     return value is None or isinstance(value, bool | int | str)
+
+
+def test_a_document_that_is_too_long():
+    assert read_yaml(Text("f", "a: 1\n" + " " * 1000)).value == {"a": 1}
+    with pytest.raises(
+        InputError, match=f"f:1:1: error: is too large for YAML; expected at most {LIMIT_CHARACTERS} char"
+    ):
+        read_yaml(Text("f", "a: 1\n" + " " * LIMIT_CHARACTERS))
