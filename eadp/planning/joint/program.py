@@ -55,6 +55,9 @@ OUTDONE, KEPT_GAP = 1e-6, 1e-7
 """Gain of the closed form from which it is taken instead of the QP's solution, and largest gain that the last
 solution's multiplier may leave open for it to be kept."""
 
+TIE = 1e-3
+"""Relative difference of gain per charge to the multiplier within which a QP's shares are kept."""
+
 RECENTRED = 2
 """Maximum number of QPs with a proximal term around the last one's solution, where the gap is larger."""
 
@@ -263,7 +266,7 @@ class MissionProgram:
             x = np.full(len(increments.use), 0.5) if centre is None else centre.x
             for _ in range(1 + RECENTRED):
                 x, multiplier, iterations = self._solved(increments.gain, increments.use, spare, x, (), ())
-                found = _Allocated(_within(increments, np.clip(x, 0.0, 1.0), available), multiplier, iterations)
+                found = _Allocated(_fitted(increments, x, multiplier, available), multiplier, iterations)
                 if found.open_gain(increments, spare) <= OUTDONE:
                     break
         assert found is not None
@@ -281,7 +284,7 @@ class MissionProgram:
             except _NoSlope:
                 break
             shares = np.array(candidate.shares)
-            moved, _, iterations = self._solved(
+            moved, multiplier, iterations = self._solved(
                 np.concatenate((slopes[:, 0], candidate.increments.gain)),
                 np.concatenate((slopes[:, 1], candidate.increments.use)),
                 candidate.available - candidate.increments.base_use,
@@ -290,7 +293,7 @@ class MissionProgram:
                 np.minimum(reach, 1.0 - shares).tolist(),
             )
             there = tuple(np.clip(shares + moved[:d], 0.0, 1.0).tolist())
-            trial = self._evaluated(candidate_at, there, np.clip(moved[d:], 0.0, 1.0), best, iterations)
+            trial = self._evaluated(candidate_at, there, _Allocated(moved[d:], multiplier, iterations), best)
             if trial is None or trial.value <= best.value:
                 reach /= 4
                 if reach < MIN_REACH:
@@ -354,34 +357,38 @@ class MissionProgram:
             return (b.value - a.value) / step, use / step
         raise _NoSlope
 
-    def _evaluated(
-        self, candidate_at: CandidateAt, shares: Shares, x: FloatArray, at: Solution, iterations: int
-    ) -> Solution | None:
+    def _evaluated(self, candidate_at: CandidateAt, shares: Shares, found: _Allocated, at: Solution) -> Solution | None:
         """A QP's solution, made feasible at its path parameters; None if they lie on another step."""
         candidate = candidate_at(shares)
         if candidate is None or candidate.shape != at.candidate.shape:
             return None
-        if candidate.increments.base_use > candidate.available + FULL or len(x) != len(candidate.increments.use):
+        increments, available = candidate.increments, candidate.available
+        if increments.base_use > available + FULL or len(found.x) != len(increments.use):
             return None
-        own = allocation_of(candidate.increments, _within(candidate.increments, x, candidate.available))
-        return Solution(candidate, own, SOLVED, iterations)
+        own = allocation_of(increments, _fitted(increments, found.x, found.multiplier, available))
+        return Solution(candidate, own, SOLVED, found.iterations)
 
 
-def _within(increments: Increments, x: FloatArray, available: float) -> FloatArray:
-    """Shares reduced until they are feasible, in ascending order of gain per charge."""
-    excess = increments.base_use + float(increments.use @ x) - available
-    if excess <= 0:
-        return x
-    x = x.copy()
-    for i in np.argsort(increments.efficiency, kind="stable"):
-        taken = float(increments.use[i] * x[i])
-        if taken <= 0:
-            continue
-        if taken >= excess:
-            x[i] -= excess / float(increments.use[i])
+def _fitted(increments: Increments, x: FloatArray, multiplier: float, available: float) -> FloatArray:
+    """A QP's shares without its tolerance, within the charge.
+
+    Increments that gain more than the multiplier for their charge are taken in full, those that gain less not at all;
+    those within `TIE` of it as the QP mixes them. What that leaves of the charge goes to these, or is taken from the
+    least efficient increments.
+    """
+    net, price = increments.gain - multiplier * increments.use, multiplier * increments.use
+    ties = np.abs(net) <= TIE * price
+    x = np.where(ties, np.clip(x, 0.0, 1.0), net > 0)
+    spare = available - increments.base_use - float(increments.use @ x)
+    order = np.argsort(increments.efficiency, kind="stable")
+    if spare > 0:
+        order = order[::-1][ties[order[::-1]]]
+    for i in order.tolist():
+        if abs(spare) <= 0:
             break
-        x[i] = 0.0
-        excess -= taken
+        moved = min(1.0, max(0.0, x[i] + spare / float(increments.use[i]))) if increments.use[i] > 0 else x[i]
+        spare -= float(increments.use[i]) * (moved - x[i])
+        x[i] = moved
     return x
 
 
