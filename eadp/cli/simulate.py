@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from eadp.simulation.loop import Step
 
 
-FigureName = enum.StrEnum("FigureName", ["paper"])
+class FigureName(enum.StrEnum):
+    """Figures of `--figure`."""
+
+    paper = enum.auto()
 
 
 def command(

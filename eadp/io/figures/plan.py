@@ -124,8 +124,8 @@ def _name_stages(axes: Axes, legs: Sequence[Leg]) -> None:
     """φ_i on the paths, and p_Γi at the triggers, of the first lap, but for short stages."""
     style: dict[str, Any] = {"fontsize": 9, "textcoords": "offset points", "zorder": 6}
     back = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-    least_m = max(leg.distance_m for leg in legs) / 10
-    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > least_m][:NAMED]:
+    named_m = max(leg.distance_m for leg in legs) / 10
+    for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > named_m][:NAMED]:
         middle = _points(leg, leg.distance_m / 2)[1]
         colour = COLOURS[(leg.stage.index - 1) % len(COLOURS)]
         name = f"$\\varphi_{{{leg.stage.index}}}$"

@@ -220,7 +220,7 @@ class Flight:
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
             if paper_figure:
-                write_paper_figure(target / "paper", world, self.steps, self.estimates)
+                write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
             _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
 

@@ -134,3 +134,11 @@ def test_forecasts_are_at_parts_of_the_horizon():
     estimate = PowerEstimate(5.0, 40.0, np.array([30.0, 3.0, 4.0, 0.0, 0.0]), 1.0, 9.0, 20.0)
     angle = 2 * np.pi / 40 * np.arange(13) * 20 / 12
     assert estimate.horizon_w() == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))
+
+
+def test_the_published_filter_follows_at_the_default_rate(root):
+    overrides = {"estimator.kind": "published", "time_limit_s": 90}
+    scenario = str(root / "scenarios/survey.yaml")
+    inputs = load_flight(str(root / "plans/survey.plan"), scenario_path=scenario, overrides=overrides)
+    columns = fly_flight(inputs).columns
+    assert np.median(np.abs(columns["power_forecast_w"] - columns["power_w"])) < 0.2
