@@ -175,7 +175,7 @@ def _expressions(plan: Plan, file: str, style: str) -> list[str]:
             names = [q.name for q in stage.segment.variables] if stage.segment else []
             printed = process.ask("lines", texts_of(stage.path, stage.trigger), names, stage.index, style)
             if printed is None:
-                message = f"stage {stage.index} is too large for sympy"
+                message = f"sympy gives no expressions of stage {stage.index}"
                 expected = f"expressions of at most {SIZE_LIMIT} parts, printed within {ANSWER_LIMIT_S:g} s"
                 raise InputError.at(file, stage.line, 1, message, expected)
             lines += printed

@@ -140,7 +140,7 @@ def _expansion(node: Node) -> tuple[float, float]:
     """Bounds of the number of terms of a tree multiplied out, and of the powers in them.
 
     A function counts as its argument, as powers of a root bring it out; functions whose arguments sympy compares with
-    one another at length count four times.
+    one another at length count 16 times.
     """
     parts = []
     for part in tree.children(node):  # a plain loop: a comprehension would double the depth of the stack
@@ -153,7 +153,7 @@ def _expansion(node: Node) -> tuple[float, float]:
     if isinstance(node, tree.Power):
         power = _power(node)
         return math.exp(min(power * math.log(terms[0]), 700.0)), degrees[0] * power
-    times = 4 if isinstance(node, tree.Call) and node.function in _COMPARED else 1
+    times = 16 if isinstance(node, tree.Call) and node.function in _COMPARED else 1
     return times * sum(terms), max(degrees)
 
 

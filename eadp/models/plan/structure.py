@@ -5,6 +5,7 @@ Source: letter, Def. II.5 and Eq. 2; draft 004, Eq. 1. The rank test of draft 00
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,8 +35,8 @@ OFFSETS_M = (
 )
 """Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
-SYMBOLIC_STAGES, SYMBOLIC_SIZE = 200, 20_000
-"""Most stages of a plan whose structure is shown symbolically, and most nodes of their expressions for sympy."""
+SYMBOLIC_STAGES, SYMBOLIC_LIMIT_S = 200, 1.0
+"""Most stages of a plan whose structure is shown symbolically, and the time for it [s], looked at after each step."""
 
 TOLERANCE = 1e-9
 SMALL_STEP_M = 0.1
@@ -80,11 +81,14 @@ def find_structure(plan: Plan) -> Structure | None:
 def structure_proven(plan: Plan) -> bool:
     """Whether every stage is shown symbolically to be the one n before it, moved by d(c): e_j = 0 for all x, y and c.
 
-    False where the structure is known by value alone: in plans of segments, and beyond the limits above.
+    False where the structure is known by value alone: in plans of segments, with functions that are not smooth, which
+    keep sympy busy for long, and beyond the limits above.
 
     Source: letter, Eq. 2.
     """
     if plan.shift is None or plan.segments or len(plan.stages) > SYMBOLIC_STAGES:
+        return False
+    if any(part.non_smooth for stage in plan.stages for part in (stage.path, *stage.trigger)):
         return False
     dx, dy = plan.shift
     moved = {"x": total(_symbol("x"), dx), "y": total(_symbol("y"), dy)}
@@ -95,8 +99,8 @@ def structure_proven(plan: Plan) -> bool:
             gaps += [difference(later_x, total(x, dx)), difference(later_y, total(y, dy))]
     except ExpressionError:  # too large when substituted
         return False
-    gaps = [gap for gap in gaps if not is_zero_polynomial(gap)]
-    return sum(gap.size for gap in gaps) <= SYMBOLIC_SIZE and all(map(cancels, gaps))
+    end_s = time.monotonic() + SYMBOLIC_LIMIT_S
+    return all(is_zero_polynomial(gap) or (time.monotonic() < end_s and cancels(gap)) for gap in gaps)
 
 
 def _symbol(name: str) -> Expression:

@@ -170,6 +170,9 @@ def test_structure_is_not_proven_where_the_stages_differ_by_less_than_the_sampli
     found = plan(slightly)[0]
     assert found.primitive_stages == 4
     assert not structure_proven(found)
+    kinks = "".join(f"0.1; 90; x - {i}*abs(c1)\n{i}*abs(c1), 200\n" for i in range(4))
+    assert plan(kinks)[0].primitive_stages == 1
+    assert not structure_proven(plan(kinks)[0])
 
 
 def test_structure_of_the_short_form_holds_in_every_lap():
@@ -181,8 +184,8 @@ def test_structure_of_the_short_form_holds_in_every_lap():
     assert not structure_proven(later)
 
 
-@pytest.mark.parametrize("limit", ["SYMBOLIC_STAGES", "SYMBOLIC_SIZE"])
+@pytest.mark.parametrize("limit", ["SYMBOLIC_STAGES", "SYMBOLIC_LIMIT_S"])
 def test_beyond_the_limits_structure_is_known_by_value(monkeypatch, limit):
     found = plan(survey(2))[0]
-    monkeypatch.setattr(structure, limit, 7)
+    monkeypatch.setattr(structure, limit, -1)
     assert not structure_proven(found)
