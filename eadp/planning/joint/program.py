@@ -48,8 +48,11 @@ the search's smallest step. More parameters are scanned one after the other."""
 MAX_QPS, FIRST_REACH, MIN_REACH = 6, 0.1, 1e-5
 DIFFERENCE, MIN_COLUMN = 1e-3, 1e-6
 MIN_GAIN = 1e-7
-PROXIMAL, TOLERANCE = 1e-3, 1e-7
-"""Weight of the proximal term, for a gradient scaled to 1, and tolerance of OSQP."""
+PROXIMAL = (1e-4, 1e-3)
+"""Weight of the proximal term, for a gradient scaled to 1: with the path kept, and with path parameters free."""
+
+TOLERANCE = 1e-7
+"""Tolerance of OSQP."""
 
 OUTDONE, KEPT_GAP = 1e-6, 1e-7
 """Gain of the closed form from which it is taken instead of the QP's solution, and largest gain that the last
@@ -152,7 +155,7 @@ class MissionProgram:
     def __init__(self, dimensions: int, report: SolverReport | None = None) -> None:
         self.dimensions = dimensions
         self.report = report or SolverReport()
-        self._programs: dict[int, QuadraticProgram] = {}
+        self._programs: dict[tuple[int, int], QuadraticProgram] = {}
         self._last: _Allocated | None = None
 
     def solve(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
@@ -329,15 +332,18 @@ class MissionProgram:
         scaled = gain / column
         largest = float(np.abs(scaled).max()) or 1.0
         count = len(gain)
-        if count not in self._programs:
+        if (count, paths) not in self._programs:
             filled = np.vstack([np.ones((1, count), dtype=bool), np.eye(count, dtype=bool)])
-            self._programs[count] = QuadraticProgram(filled, PROXIMAL, self.report, TOLERANCE)
+            self._programs[count, paths] = QuadraticProgram(filled, PROXIMAL[paths > 0], self.report, TOLERANCE)
         matrix = np.vstack([use / (use_size * column), np.eye(count)])
-        solution = self._programs[count].solve(
+        # a row that cannot bind would only slow OSQP down
+        most = float(np.maximum(use * upper, use * lower).sum())
+        room = UNBOUNDED if spare >= most else max(spare, 0.0) / use_size
+        solution = self._programs[count, paths].solve(
             -scaled / largest,
             matrix,
             np.concatenate(([-UNBOUNDED], lower * column)),
-            np.concatenate(([max(spare, 0.0) / use_size], upper * column)),
+            np.concatenate(([room], upper * column)),
             np.clip(now, lower, upper) * column,
         )
         return solution.x / column, max(float(solution.multipliers[0]), 0.0) * largest / use_size, solution.iterations
