@@ -57,7 +57,7 @@ def test_a_scenario_that_names_another_file(eadp, tmp_path, root, key):
     answer = eadp("simulate", "plans/survey.plan", "--scenario", scenario)
     assert (answer.code, answer.out) == (2, "")
     assert answer.err.startswith(f"{scenario}:2:1: error: {tmp_path}/secrets is none of eadp's files")
-    assert "root" not in answer.err
+    assert "bash" not in answer.err
 
 
 @pytest.mark.parametrize("key", ["plan", "profile", "scenario"])
@@ -69,4 +69,4 @@ def test_a_sweep_that_names_another_file(eadp, tmp_path, root, key):
     answer = eadp("sweep", sweep, "--dry-run")
     assert (answer.code, answer.out) == (2, "")
     assert "none of eadp's files" in answer.err
-    assert "root:" not in answer.err
+    assert "bash" not in answer.err
