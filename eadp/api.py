@@ -19,6 +19,7 @@ from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.plan import reader, writer
 from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
+from eadp.io.text.named import parse_named
 from eadp.io.text.streams import Text, read_text
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
@@ -205,7 +206,10 @@ def cover(
     from eadp.io.field.coverage import plan_coverage
 
     setting = read_scenario(None if scenario is None else str(scenario))
-    profile = profile or setting.profile_path
+    if profile is None and setting.profile_path is not None:
+        reference = setting.fault("profile", "")
+        profile, found = parse_named(read_text(setting.profile_path), model_file.parse_profile, reference)
+        warn(found)
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
     if options.turns_off and profile is None:

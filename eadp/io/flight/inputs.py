@@ -15,6 +15,7 @@ from eadp.io.energy.model_file import parse_energy
 from eadp.io.plan.reader import read_plan
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
@@ -62,17 +63,19 @@ class Files:
             self.texts[path] = read_text(path)
         return self.texts[path]
 
-    def read(self, path: str, parse: Callable[[Text], Content]) -> tuple[Text, Content]:
-        """A file's text and content."""
+    def read(self, path: str, parse: Callable[[Text], Content], reference: Fault | None = None) -> tuple[Text, Content]:
+        """A file's text and content; `reference` is where another file names it."""
         text = self.text(path)
         if (path, parse) not in self._contents:
-            self._contents[path, parse] = parse(text)
+            self._contents[path, parse] = parse_named(text, parse, reference)
         content: Content = self._contents[path, parse]
         return text, content
 
-    def document(self, path: str | None) -> Document:
+    def document(self, path: str | None, reference: Fault | None = None) -> Document:
         """A scenario's document, or that of the defaults."""
-        return Document(SourceText(Text("scenario", "")), {}) if path is None else self.read(path, scenario_document)[1]
+        if path is None:
+            return Document(SourceText(Text("scenario", "")), {})
+        return self.read(path, scenario_document, reference)[1]
 
     def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
         """A scenario with some keys overridden."""
@@ -137,9 +140,10 @@ def load_flight(
         texts["vehicle"] = scenario.vehicle_text
     plan = _with_sets(plan, plan_text, scenario).laps()
     profile, energy = None, None
+    reference = None if profile_path else scenario.fault("profile", "")
     profile_path = profile_path or scenario.profile_path
     if profile_path is not None:
-        texts["profile"], (profile, found) = files.read(profile_path, profile_of)
+        texts["profile"], (profile, found) = files.read(profile_path, profile_of, reference)
         warnings += found
     computing = _computing(plan, plan_text, profile, profile_path)
     if energy_path is not None:

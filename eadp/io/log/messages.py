@@ -66,7 +66,8 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
         ended = done.stderr.decode(errors="replace") or "takes more memory or time than a log of its size"
         raise InputError.at(name, 1, 1, f"cannot be read by {library}: {printable(ended)}", title)
     tables = Tables()
-    with np.load(io.BytesIO(done.stdout)) as columns:
+    # rubbish may be a signalling NaN
+    with np.load(io.BytesIO(done.stdout)) as columns, np.errstate(invalid="ignore"):
         for key, values in columns.items():
             topic, _, label = key.partition("/")
             if label:

@@ -467,7 +467,9 @@ class _Reader:
         except ValueError:
             latitude = longitude = math.nan
         if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
-            self._fault(line, 0, "no origin", "a latitude and a longitude in degrees, like 55.37 10.43")
+            swapped = 90 < abs(latitude) <= 180 and abs(longitude) <= 90
+            what = "no origin: latitude and longitude seem to be swapped" if swapped else "no origin"
+            self._fault(line, 0, what, "a latitude and a longitude in degrees, like 55.37 10.43")
             return None
         return latitude, longitude
 

@@ -18,6 +18,7 @@ from pydantic import Field, TypeAdapter
 from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
 from eadp.core.geometry.bearings import heading_rad
 from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.named import parse_named
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -275,9 +276,7 @@ def scenario_of(
         _put(document, "vehicle", overrides.pop("vehicle"))
     if path is not None:
         vehicle_text = _vehicle_text(document, path, text)
-        found = keys_document(vehicle_text, VEHICLE_SCHEMA)
-        vehicle_of(found)
-        document.value["vehicle"] = copy.deepcopy(found.value)
+        document.value["vehicle"] = parse_named(vehicle_text, _vehicle_keys, document.fault(("vehicle",), ""))
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
     own, value = document.value.get("battery"), without_nulls(document.value)
@@ -287,6 +286,12 @@ def scenario_of(
     battery = replace(keys.vehicle.battery, **{key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
+
+
+def _vehicle_keys(text: Text) -> Any:
+    document = keys_document(text, VEHICLE_SCHEMA)
+    vehicle_of(document)
+    return copy.deepcopy(document.value)
 
 
 def _vehicle_text(document: Document, path: str, text: TextSource) -> Text:

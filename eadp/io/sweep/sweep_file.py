@@ -183,10 +183,10 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     paths, kept = _paths(document, keys), Files()
     _read_texts(document, paths, kept)
     files = {kind: path for kind, path, location in paths if location == (kind,)}
-    scenarios = _scenarios(paths, kept, overrides)
+    scenarios = _scenarios(document, paths, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
     _check_values(document, keys, sweep)
-    return replace(sweep, warnings=_read_all(paths, sweep))
+    return replace(sweep, warnings=_read_all(document, paths, sweep))
 
 
 # --- the design, and checks beyond the schema
@@ -328,10 +328,14 @@ def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept:
     refuse(faults)
 
 
-def _scenarios(paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]) -> dict[str, Scenario]:
+def _scenarios(
+    document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]
+) -> dict[str, Scenario]:
     """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
     # a varied scenario comes after the one of all runs, and replaces it
     named = [(path, location) for kind, path, location in paths if kind == "scenario"]
+    for path, location in named:
+        kept.document(path, document.fault(location, ""))
     flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
     scenarios = {path: kept.scenario(path, overrides) for path in flown}
     if not any(kind == "profile" for kind, *_ in paths):
@@ -358,12 +362,12 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
     refuse(list(dict.fromkeys(faults)))
 
 
-def _read_all(paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
+def _read_all(document: Document, paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
-    for kind, path, _ in paths:
+    for kind, path, location in paths:
         if kind in parsers:
-            sweep.kept.read(path, parsers[kind])
+            sweep.kept.read(path, parsers[kind], document.fault(location, ""))
     try:
         return sweep.kept.load(sweep.run(0)).warnings
     except InputError:

@@ -80,6 +80,11 @@ def test_ulog(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.position_m[3], [-3, 30])
 
 
+def test_ulog_with_a_signalling_nan(tmp_path: Path) -> None:
+    data = ulog().replace(struct.pack("<f", 15.0 + 1 / 8), b"\x01\x00\x80\x7f", 1)
+    assert len(read_power_log(stored(tmp_path, "flight.ulg", data)).times_s) == N - 1
+
+
 def test_ulog_of_several_batteries(tmp_path: Path) -> None:
     file = stored(tmp_path, "flight.ulg", ulog(instances=2))
     log = read_power_log(file)

@@ -730,3 +730,10 @@ def test_a_plan_that_is_too_long():
         read_plan(Text("a.plan", stage * (LIMIT_STAGES + 100)))
     with pytest.raises(InputError, match=f"too large for a plan; expected at most {LIMIT_CHARACTERS} characters"):
         read_plan(Text("a.plan", stage + " " * LIMIT_CHARACTERS))
+
+
+@pytest.mark.parametrize(("origin", "swapped"), [("120 10", True), ("-91, 0", True), ("120 100", False), ("1", False)])
+def test_an_origin_whose_coordinates_are_swapped(origin, swapped):
+    with pytest.raises(InputError, match=r"a.plan:1:\d+: error: no origin") as caught:
+        read_plan(Text("a.plan", f"%: origin {origin}\n0.05; 90; y\n30, 0\n"))
+    assert ("seem to be swapped" in str(caught.value)) == swapped

@@ -109,7 +109,7 @@ def test_faults_of_a_vehicle_file_stand_in_it(scenario, tmp_path):
     (tmp_path / "v.yaml").write_text("schema: eadp.vehicle/1\nairframe: {mass_kg: 0}\n")
     with pytest.raises(InputError, match=r"v\.yaml:2:12: error: airframe\.mass_kg cannot be 0"):
         scenario()
-    (tmp_path / "v.yaml").write_text("name: x\n")
+    (tmp_path / "v.yaml").write_text("airframe: {mass_kg: 1}\n")
     with pytest.raises(InputError, match=r"v\.yaml:1:1: error: has no key schema"):
         scenario()
     (tmp_path / "v.yaml").unlink()
