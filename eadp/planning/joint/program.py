@@ -269,7 +269,12 @@ class MissionProgram:
             x = np.full(len(increments.use), 0.5) if centre is None else centre.x
             for _ in range(1 + RECENTRED):
                 x, multiplier, iterations = self._solved(increments.gain, increments.use, spare, x, (), ())
-                found = _Allocated(_fitted(increments, x, multiplier, available), multiplier, iterations)
+                fitted = _fitted(increments, x, multiplier, available)
+                # an increment taken in part is worth the multiplier
+                mixed = np.flatnonzero((fitted > 0.0) & (fitted < 1.0))
+                if len(mixed):
+                    multiplier = float(increments.efficiency[mixed[0]])
+                found = _Allocated(fitted, multiplier, iterations)
                 if found.open_gain(increments, spare) <= OUTDONE:
                     break
         assert found is not None
