@@ -93,7 +93,6 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
     overrides = {
         "step_s": STEP_S,
         "log_every_s": STEP_S,
-        "battery.letter_crate_per_h": 1000,
         "time_limit_s": 20_000,
         **keys,
         **more,

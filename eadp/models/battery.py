@@ -12,7 +12,16 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.bounds import Efficiency, Seconds, Share
-from eadp.core.flight.battery import current_a, drains_per_s, soc_rate_per_s
+from eadp.core.flight.battery import current_a, drains_per_s, max_power_w, soc_rate_per_s, undeliverable
+
+LETTER, CURRENT, CUT_OFF, DELIVERABLE = "letter", "current", "cut-off voltage", "deliverable power"
+LIMITS = {
+    LETTER: "the letter's limit of power",
+    CURRENT: "the battery's current limit",
+    CUT_OFF: "the battery's cut-off voltage",
+    DELIVERABLE: "the battery's deliverable power",
+}
+"""Limits of power, and their names in words."""
 
 VOLTAGE_STEP_V = 0.05
 ENDURANCE_STEPS = 1000
@@ -37,8 +46,9 @@ class Battery:
     soc: Efficiency = 1.0
     """State of charge at take-off, as a share of the full charge."""
 
-    letter_crate_per_h: Annotated[float, Gt(0), Le(1e12)] = 10.0
-    """Limit of the power to b Q_c V times this, at a state of charge b [1/h]: the letter's Def. III.3."""
+    letter_crate_per_h: Annotated[float, Gt(0), Le(1e12)] | None = None
+    """Limit of the power to b Q_c V times this, at a state of charge b, for the papers' flights; none by default [1/h]:
+    the letter's Def. III.3."""
 
     prescribed: Annotated[tuple[tuple[Seconds, Share], ...], MinLen(1)] = ()
     """A trace [[time in s, state of charge], …] that is replayed instead: linear between points, held at its ends."""
@@ -46,11 +56,20 @@ class Battery:
     voltage_empty_v: Annotated[float, Gt(0), Le(1e4)] | None = None
     """Open-circuit voltage of the empty battery; the voltage is linear in the charge then [V]."""
 
+    max_c_rate: Annotated[float, Ge(1e-6), Le(1e6)] | None = None
+    """Largest discharge current as a multiple of the capacity, at every charge; none by default [1/h]."""
+
+    cutoff_voltage_v: Annotated[float, Gt(0), Le(1e4)] | None = None
+    """Voltage under load below which the battery counts as empty; none by default [V]."""
+
     def faults(self) -> list[tuple[str, str]]:
         """Settings that contradict each other: the key, and what is wrong."""
         found = []
         if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
             found.append(("voltage_empty_v", f"voltage_empty_v: {self.voltage_empty_v:g} V is above voltage_v"))
+        if self.cutoff_voltage_v is not None and self.cutoff_voltage_v >= self.voltage_v:
+            message = f"cutoff_voltage_v: {self.cutoff_voltage_v:g} V is not below voltage_v"
+            found.append(("cutoff_voltage_v", message))
         if any(later < earlier for (earlier, _), (later, _) in itertools.pairwise(self.prescribed)):
             found.append(("prescribed", "prescribed: times that go back"))
         return found
@@ -72,7 +91,7 @@ class Battery:
         """
         soc, empty_v = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS, self.voltage_at(0.0)
         voltage_v = empty_v + (self.voltage_v - empty_v) * soc
-        voltage_v = voltage_v[voltage_v**2 >= 4 * self.resistance_ohm * power_w]
+        voltage_v = voltage_v[self.max_power_w(voltage_v) >= power_w]
         # ∫ db / −ḃ, by the midpoint rule
         return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) / ENDURANCE_STEPS
 
@@ -100,6 +119,40 @@ class Battery:
         volts = math.floor(self.voltage_at(soc) / VOLTAGE_STEP_V) * VOLTAGE_STEP_V
         return replace(self, voltage_v=max(volts, VOLTAGE_STEP_V), voltage_empty_v=None)
 
+    @property
+    def max_current_a(self) -> float:
+        """Largest discharge current [A]; infinite without `max_c_rate`."""
+        return math.inf if self.max_c_rate is None else self.max_c_rate * self.capacity_ah
+
+    def max_power_w(self, voltage_v: Any) -> Any:
+        """Largest power [W] that it delivers at open-circuit voltages [V], a number or an array; the letter's aside."""
+        return max_power_w(voltage_v, self.resistance_ohm, self.max_current_a, self.cutoff_voltage_v or 0.0)
+
+    def power_limit_w(self, soc: float) -> float:
+        """Largest power [W] allowed at a state of charge: that it delivers, and the letter's limit; may be infinite."""
+        delivered = float(self.max_power_w(self.voltage_at(soc)))
+        return (
+            delivered
+            if self.letter_crate_per_h is None
+            else min(delivered, self.energy_wh(soc) * self.letter_crate_per_h)
+        )
+
+    def limit_at(self, voltage_v: float) -> str:
+        """Which limit is the `max_power_w` at an open-circuit voltage [V]."""
+        r, cutoff_v = self.resistance_ohm, self.cutoff_voltage_v or 0.0
+        if r * self.max_current_a < min(voltage_v / 2, voltage_v - cutoff_v):
+            return CURRENT
+        return CUT_OFF if voltage_v - cutoff_v < voltage_v / 2 else DELIVERABLE
+
+    def undeliverable(self, power_w: float, soc: float) -> str:
+        """Message for a power [W] above what it delivers at a state of charge, the letter's limit aside."""
+        volts, limit = self.voltage_at(soc), self.limit_at(self.voltage_at(soc))
+        if limit == DELIVERABLE:
+            return undeliverable(power_w, volts, self.resistance_ohm)
+        bound = f"{self.max_current_a:g} A" if limit == CURRENT else f"{self.cutoff_voltage_v:g} V under load"
+        most = f"the {float(self.max_power_w(volts)):.1f} W that {LIMITS[limit]} ({bound}) allows at {volts:.4g} V"
+        return f"{power_w:.1f} W exceeds {most}"
+
     def current_a(self, power_w: float) -> float:
         """Current [A] that delivers a power [W] at full charge. Raises Infeasible where it cannot."""
         return current_a(power_w, self.voltage_v, self.resistance_ohm)
@@ -110,8 +163,8 @@ class Battery:
 
     @property
     def power_per_soc_w(self) -> float:
-        """Q_c V crate [W]: times b, the largest power allowed."""
-        return self.capacity_ah * self.voltage_v * self.letter_crate_per_h
+        """Q_c V crate [W]: times b, the largest power that the letter allows; infinite without its limit."""
+        return self.capacity_ah * self.voltage_v * (self.letter_crate_per_h or math.inf)
 
     def prescribed_soc(self, time_s: float) -> float:
         """The replayed state of charge: linear between points, the last of two at one time, held at the ends."""

@@ -16,7 +16,7 @@ from annotated_types import Ge, Le, Len
 from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
-from eadp.models.battery import Battery
+from eadp.models.battery import LIMITS, Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
@@ -139,6 +139,8 @@ class DecisionRecord:
         Relative distance of the solution to a bound that no solution exceeds; for `joint`, in units of U.
     reason : str
         The decision and its reason, in words.
+    battery_limit : str or None
+        Limit of the battery's power that binds: `letter`, `current`, `cut-off voltage` or `deliverable power`.
     remaining_s, remaining_std_s : float or None
         Time to the end of the mission with them, and its standard deviation [s].
     energy_wh, energy_std_wh : float or None
@@ -169,6 +171,7 @@ class DecisionRecord:
     iterations: int
     gap: float | None
     reason: str
+    battery_limit: str | None = None
     remaining_s: float | None = None
     remaining_std_s: float | None = None
     energy_wh: float | None = None
@@ -182,6 +185,11 @@ class DecisionRecord:
     wind_mps: Point | None = None
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
+
+
+def with_limit(reason: str, battery_limit: str | None) -> str:
+    """A decision's reason, and the limit of the battery that binds."""
+    return reason if battery_limit is None else f"{reason}; {LIMITS[battery_limit]} binds"
 
 
 @dataclass(frozen=True)

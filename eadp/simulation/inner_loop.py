@@ -47,9 +47,12 @@ STATE = AIRCRAFT_STATE + 8
 """State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]; the step of
 the next reading, number of readings."""
 
-EMPTY_V, RISE_V, FOUR_R, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE = range(AIRCRAFT_CONSTANTS, AIRCRAFT_CONSTANTS + 8)
-Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(AIRCRAFT_CONSTANTS + 8, AIRCRAFT_CONSTANTS + 19)
-CONSTANTS = AIRCRAFT_CONSTANTS + 19
+BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 10
+EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE = range(
+    AIRCRAFT_CONSTANTS, BATTERY_CONSTANTS
+)
+Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(BATTERY_CONSTANTS, BATTERY_CONSTANTS + 11)
+CONSTANTS = BATTERY_CONSTANTS + 11
 """Constants of the battery and the sensors, then of the stage: closed form of its path, offset [m], gain, sense, power
 of the computations [W]."""
 
@@ -143,10 +146,13 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[floa
     discriminant = volts * volts - c[FOUR_R] * power_w
     if discriminant < 0:
         return SAGS
+    twice_v = volts + math.sqrt(discriminant)  # at the terminals
+    if twice_v < 2 * c[CUTOFF_V] or 2 * power_w > c[MAX_A] * twice_v:
+        return SAGS
     if replay is not None:
         s[SOC] = replay(k * c[STEP_S])
     else:
-        s[SOC] -= c[DRAIN] * power_w / (volts + math.sqrt(discriminant))
+        s[SOC] -= c[DRAIN] * power_w / twice_v
         if k == c[FAULT_AT]:
             s[SOC] -= c[DROP]
     if s[SOC] <= 0:
@@ -175,7 +181,8 @@ def drain_constants(battery: Battery, step_s: float) -> list[float]:
     """A battery's constants, from `EMPTY_V` on."""
     empty_v = battery.voltage_at(0.0)
     rise_v = battery.voltage_v - empty_v
-    return [empty_v, rise_v, 4 * battery.resistance_ohm, 2 * battery.k_b_per_s * step_s / battery.capacity_ah]
+    limits = 4 * battery.resistance_ohm, battery.max_current_a, battery.cutoff_voltage_v or 0.0
+    return [empty_v, rise_v, *limits, 2 * battery.k_b_per_s * step_s / battery.capacity_ah]
 
 
 class InnerLoop:

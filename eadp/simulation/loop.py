@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.flight.battery import undeliverable
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.battery import Battery, BatteryFault
+from eadp.models.battery import CUT_OFF, Battery, BatteryFault
 from eadp.models.computing import ComputationRate, Computing
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
@@ -93,6 +93,8 @@ class Outcome:
     reason: str = ""
     duration_s: float = 0.0
     soc_final: float = 0.0
+    battery_limit: str | None = None
+    """Limit of the battery that ended the flight, or else the one that bound in most re-plannings."""
     totals: FlightTotals = field(default_factory=FlightTotals)
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
@@ -149,6 +151,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         time_s = k * step_s
         if events & (LOST | EMPTY | SAGS):
             reason = _failure(events, world, inner_loop, stage.index, k)
+            if events & SAGS:
+                outcome.battery_limit = world.battery.limit_at(world.battery.voltage_at(variable(SOC)))
             break
         due = k >= next_update or k == alarm
         if due:
@@ -188,6 +192,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
     log.close(k * step_s)
     outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, variable(SOC)
+    bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
+    outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
 
 class _SensorBridge:
@@ -272,9 +278,10 @@ def _failure(events: int, world: World, inner_loop: InnerLoop, stage: int, k: in
     if events & EMPTY:
         return BATTERY_EMPTY
     if events & SAGS:
-        volts = world.battery.voltage_at(inner_loop.variable(SOC))
-        power_w = inner_loop.variable(POWER)
-        return "the battery cannot deliver: " + undeliverable(power_w, volts, world.battery.resistance_ohm)
+        soc, battery = inner_loop.variable(SOC), world.battery
+        empty = battery.limit_at(battery.voltage_at(soc)) == CUT_OFF
+        what = BATTERY_EMPTY if empty else "the battery cannot deliver"
+        return f"{what}: {battery.undeliverable(inner_loop.variable(POWER), soc)}"
     if k == 1:
         x, y = world.start_m
         raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")

@@ -325,6 +325,20 @@ def test_a_battery_that_cannot_deliver_is_refused_with_its_place(eadp):
     assert refused(answer, "level flight", "exceeds the 11.0 W")
 
 
+@pytest.mark.parametrize(
+    ("setting", "limit"),
+    [
+        ("max_c_rate=0.5", "the 23.6 W that the battery's current limit (1.6 A)"),
+        ("cutoff_voltage_v=14.7", "the 29.4 W"),
+    ],
+)
+def test_a_limit_of_the_battery_below_level_flight_is_refused_with_its_key(eadp, setting, limit):
+    answer = eadp(
+        "simulate", PLAN, "--scenario", SCENARIO, "--set", f"battery.{setting}", *("--set", "battery.capacity_ah=3.2", "--set", "battery.resistance_ohm=0.05")
+    )
+    assert refused(answer, f"battery.{setting.split('=')[0]}", "level flight", limit)
+
+
 def test_a_battery_that_fails_in_flight_ends_it(eadp, line_plan):
     # the climb of 2.5 m/s from 20 m to 25 m takes more than the 45 W that this battery can give at most
     plane = FixedWing()

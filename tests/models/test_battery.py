@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eadp.models.battery import VOLTAGE_STEP_V, Battery
+from eadp.models.battery import CURRENT, CUT_OFF, DELIVERABLE, VOLTAGE_STEP_V, Battery
 
 TRACE = Battery(prescribed=((0, 1.0), (10, 0.9), (10, 0.8), (20, 0.4)))
 
@@ -74,3 +74,41 @@ def test_endurance_ends_where_the_power_can_no_longer_be_delivered():
 def test_the_energy_is_charge_times_capacity_times_voltage():
     assert Battery(voltage_v=14.8, capacity_ah=3.2).energy_wh(0.5) == pytest.approx(23.68)
     assert Battery(voltage_v=16.0, voltage_empty_v=12.0, capacity_ah=2.0).energy_wh(0.5) == pytest.approx(14.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "limit", "max_w", "words"),
+    [
+        ({}, DELIVERABLE, 14.8**2 / 0.2, "14.8 V through 0.05 Ω can deliver"),
+        ({"max_c_rate": 5.0}, CURRENT, 10 * (14.8 - 0.5), "the battery's current limit (10 A) allows at 14.8 V"),
+        (
+            {"cutoff_voltage_v": 13.0},
+            CUT_OFF,
+            13 * 1.8 / 0.05,
+            "the battery's cut-off voltage (13 V under load) allows",
+        ),
+        ({"max_c_rate": 5.0, "cutoff_voltage_v": 14.5}, CUT_OFF, 14.5 * 6, "cut-off voltage"),
+        ({"max_c_rate": 5.0, "cutoff_voltage_v": 14.0}, CURRENT, 143, "current limit"),
+        ({"max_c_rate": 100.0}, DELIVERABLE, 14.8**2 / 0.2, "can deliver"),
+        ({"cutoff_voltage_v": 5.0}, DELIVERABLE, 14.8**2 / 0.2, "can deliver"),
+    ],
+)
+def test_the_limit_that_is_the_largest_power_is_named(keys, limit, max_w, words):
+    battery = Battery(capacity_ah=2.0, **keys)
+    assert battery.limit_at(14.8) == limit
+    assert battery.max_power_w(14.8) == pytest.approx(max_w)
+    assert words in battery.undeliverable(2000.0, 1.0)
+    assert f"exceeds the {max_w:.1f} W" in battery.undeliverable(2000.0, 1.0)
+
+
+def test_the_letters_limit_shrinks_with_the_charge_and_is_off_by_default():
+    lettered = Battery(capacity_ah=2.0, letter_crate_per_h=10.0)
+    assert lettered.power_limit_w(0.5) == pytest.approx(0.5 * 2.0 * 14.8 * 10.0)
+    assert Battery(capacity_ah=2.0).power_limit_w(0.5) == pytest.approx(14.8**2 / 0.2)
+    assert Battery(resistance_ohm=0.0).power_limit_w(0.5) == Battery().power_per_soc_w == math.inf
+
+
+def test_endurance_ends_at_the_cut_off_voltage():
+    battery = Battery(voltage_v=16.0, voltage_empty_v=12.0, resistance_ohm=0.5, cutoff_voltage_v=13.0)
+    power_w = 13.0 * (14.0 - 13.0) / 0.5  # at half the charge
+    assert soc_at_end(battery, power_w, battery.endurance_s(power_w)) == pytest.approx(0.5, abs=0.01)

@@ -67,6 +67,15 @@ def test_a_battery_that_sags_below_what_is_drawn_says_so():
     assert battery.voltage_at(soc) == pytest.approx(math.sqrt(200), abs=0.01)
 
 
+@pytest.mark.parametrize("keys", [{"max_c_rate": 8.0}, {"cutoff_voltage_v": 14.0}])
+def test_a_limit_of_the_power_ends_the_flight(keys):
+    battery = Battery(voltage_v=16.0, voltage_empty_v=12.0, resistance_ohm=0.2, capacity_ah=0.5, **keys)
+    soc, failed = drained(battery, lambda _t: 56.0, 600)
+    assert failed == SAGS
+    # 56 W are 4 A at 14 V, both limits at once
+    assert battery.voltage_at(soc) == pytest.approx(14.0 + 0.2 * 4.0, abs=0.01)
+
+
 def test_a_loss_of_charge_and_the_end():
     battery = Battery(capacity_ah=1.0)
     before, after = (drained(battery, lambda _t: 30.0, 100, fault)[0] for fault in ((0, 0.0), (500, 0.3)))

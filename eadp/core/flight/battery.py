@@ -94,6 +94,40 @@ def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float)
     return 1.0 / np.sqrt(discriminant)
 
 
+def max_power_w(voltage_v: Any, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> Any:
+    """Largest power that a battery delivers at the terminals.
+
+    Parameters
+    ----------
+    voltage_v : float or array
+        Open-circuit voltage [V].
+    resistance_ohm : float
+        Inner resistance [Ω].
+    max_current_a : float
+        Largest discharge current [A]; infinite for none.
+    cutoff_v : float
+        Least voltage at the terminals [V]; 0 for none.
+
+    Returns
+    -------
+    float or array
+        V I − R I² at the largest current [W]: `max_current_a`, the one of the cut-off voltage (V − V_cut)/R, or V/(2R),
+        where the power is greatest.
+    """
+    drop_v = np.maximum(np.minimum(voltage_v / 2, voltage_v - cutoff_v), 0.0)
+    if resistance_ohm == 0:
+        return np.where(drop_v > 0, voltage_v * max_current_a, 0.0)
+    current = np.minimum(drop_v / resistance_ohm, max_current_a)
+    return current * (voltage_v - resistance_ohm * current)
+
+
+def min_voltage_v(power_w: Any, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> Any:
+    """Open-circuit voltage below which a power above 0 [W] is not delivered [V]: the inverse of `max_power_w`."""
+    # V = U + R I at I = y/U, where U is at least V_cut, y/I_max and V/2, which is √(R y)
+    terminal_v = np.maximum(np.maximum(power_w / max_current_a, cutoff_v), np.sqrt(resistance_ohm * power_w))
+    return terminal_v + resistance_ohm * power_w / np.maximum(terminal_v, 1e-12)
+
+
 def soc_rate_per_s(
     power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
 ) -> float:
@@ -105,6 +139,6 @@ def soc_rate_per_s(
 
 
 def undeliverable(power_w: float, voltage_v: float, resistance_ohm: float) -> str:
-    """Message for a power that the battery cannot deliver."""
+    """Message for a power beyond V²/(4R)."""
     max_w = voltage_v**2 / (4 * resistance_ohm)
     return f"{power_w:.1f} W exceeds the {max_w:.1f} W that {voltage_v:g} V through {resistance_ohm:g} Ω can deliver"

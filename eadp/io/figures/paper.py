@@ -101,11 +101,13 @@ def _draw_period(axes: Axes, time: FloatArray, estimates: Sequence[PowerEstimate
 def _draw_battery(axes: Axes, world: World, steps: Sequence[Step], estimates: Sequence[PowerEstimate]) -> None:
     """State of charge, and the letter's output constraint beside the largest power of each horizon."""
     time, battery = [step.time_s for step in steps], world.battery
-    limit = [battery.energy_wh(step.soc) * battery.letter_crate_per_h for step in steps]
-    axes.plot(time, limit, color=COLOURS[6], linewidth=4.0, alpha=0.4, label="limit b Q_c V")
+    limit = np.array([battery.power_limit_w(step.soc) for step in steps])
+    limit[np.isinf(limit)] = np.nan
+    label = "largest power" if battery.letter_crate_per_h is None else "limit b Q_c V"
+    axes.plot(time, limit, color=COLOURS[6], linewidth=4.0, alpha=0.4, label=label)
     largest = [float(one.horizon_w().max()) for one in estimates]
     axes.plot([one.time_s for one in estimates], largest, color=COLOURS[1], linewidth=0.9, label="largest ŷ")
-    axes.set_ylim(0, 1.08 * max(limit))
+    axes.set_ylim(0, 1.08 * np.nanmax([*limit, *largest]))
     axes.set_xlabel("time [s]")
     axes.set_ylabel("power [W]")
     axes.set_title("Battery and horizon")

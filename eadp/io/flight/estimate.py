@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from eadp.models.battery import Battery
@@ -25,7 +26,7 @@ def estimate_rows(
         if one.time_s == last_s:
             continue
         last_s, battery_wh = one.time_s, battery.energy_wh(step.soc)
-        limits = one.computing_w, battery_wh, battery_wh * battery.letter_crate_per_h
+        limits = one.computing_w, battery_wh, battery.power_limit_w(step.soc)
         values = [*one.state[:size].tolist(), *limits, one.horizon_s, *one.horizon_w().tolist()]
         period = "" if one.period_s is None else round(one.period_s, DIGITS)
-        yield [round(one.time_s, 9), period, *(round(value, DIGITS) for value in values)]
+        yield [round(one.time_s, 9), period, *("" if value == math.inf else round(value, DIGITS) for value in values)]

@@ -65,6 +65,7 @@ def summarise(
         "completed": outcome.completed,
         "reserve_kept": outcome.completed and outcome.soc_final >= settings.reserve_soc,
         "reason": outcome.reason,
+        "battery_limit": outcome.battery_limit,
         "planner": settings.name,
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,

@@ -19,6 +19,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
+from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
@@ -159,12 +160,13 @@ def load_flight(
         message = f"a wind of {keys.wind.speed_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
     battery = keys.battery
-    try:
-        battery.current_a(vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets))
-    except Infeasible as error:
-        raise InputError(
-            scenario.fault("battery.resistance_ohm", f"level flight: {error}", "a battery that can")
-        ) from None
+    power_w = vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets)
+    if power_w > battery.max_power_w(battery.voltage_v):
+        key = {CURRENT: "max_c_rate", CUT_OFF: "cutoff_voltage_v"}.get(
+            battery.limit_at(battery.voltage_v), "resistance_ohm"
+        )
+        message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
+        raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
     altitude, rates = keys.start.altitude_m, keys.computations
     world = World(
         plan=plan,

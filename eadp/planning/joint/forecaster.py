@@ -61,17 +61,18 @@ class Forecast(NamedTuple):
     soc_end: float
     soc_end_std: float
     reserve_soc: float
+    empty_soc: float
     stages: dict[int, tuple[float, float]]
 
     @property
     def completes_probability(self) -> float:
         """Probability that the battery is not empty before the end."""
-        return NormalDist().cdf(self.soc_end / max(self.soc_end_std, MIN_STD))
+        return NormalDist().cdf((self.soc_end - self.empty_soc) / max(self.soc_end_std, MIN_STD))
 
     @property
     def reserve_probability(self) -> float:
         """Probability that the reserve is kept."""
-        return NormalDist().cdf((self.soc_end - self.reserve_soc) / max(self.soc_end_std, MIN_STD))
+        return NormalDist().cdf((self.soc_end - max(self.reserve_soc, self.empty_soc)) / max(self.soc_end_std, MIN_STD))
 
 
 class Forecaster:
@@ -388,6 +389,7 @@ class Forecaster:
             soc_end=self.soc - solution.allocation.use,
             soc_end_std=self._soc_std(terms, load),
             reserve_soc=self._settings.reserve_soc,
+            empty_soc=max(terms.delivered_soc, 0.0),
             stages=stages,
         )
 

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from eadp.errors import Infeasible
+from eadp.models.battery import LETTER
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
 from eadp.planning.base import (
@@ -33,6 +34,7 @@ from eadp.planning.base import (
     Readings,
     TrackingPlanner,
     next_multiple,
+    with_limit,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.forecaster import Forecaster, ripple_w
@@ -42,6 +44,9 @@ from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 
 UPDATE_EVERY_S = 1.0
 """Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans."""
+
+FULL_SHARE = 1 - 1e-6
+"""Share above which an increment of the knapsack counts as taken."""
 
 WARM_UP_S = 5.0
 """No decision before this time [s]: the variance of wind and power is still large."""
@@ -138,7 +143,9 @@ class JointPlanner(TrackingPlanner):
         path = forecaster.parameters_of(shares)[: self._rho]
         remaining_s = float(load.times_s.sum())
         chosen = (*path, *self._computations(o, forecaster.route(shares), terms, solution, remaining_s))
-        reason = self._reason(o, solution, terms, chosen, searched=searched)
+        reason = with_limit(
+            self._reason(o, solution, terms, chosen, searched=searched), self._battery_limit(solution, terms)
+        )
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.decide(chosen, shares)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record)
@@ -255,6 +262,24 @@ class JointPlanner(TrackingPlanner):
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
 
+    def _battery_limit(self, solution: Solution, terms: KnapsackTerms) -> str | None:
+        """The limit of the battery's power without which there would be more computations, or a feasible plan."""
+        b, allocation = self._mission.battery, solution.allocation
+        if terms.beyond_w > 0:
+            return b.limit_at(b.voltage_at(self._forecaster.soc))
+        spare = solution.candidate.available - allocation.use
+        if spare <= solution.candidate.tolerance and terms.min_soc > self._settings.reserve_soc:
+            by_letter = terms.letter_soc >= terms.delivered_soc
+            return LETTER if by_letter else b.limit_at(b.voltage_at(terms.delivered_soc))
+        if not allocation.feasible:
+            return None
+        full = terms.truncated.copy()  # and every configuration below flown
+        full[terms.increments.segment[allocation.shares < FULL_SHARE]] = False
+        if not full.any():
+            return None
+        first = int(full.argmax())
+        return LETTER if terms.by_letter[first] else b.limit_at(float(terms.volts[first]))
+
     def _record(
         self, o: Observation, cause: str, chosen: Vector, solution: Solution, reason: str, calls: int
     ) -> DecisionRecord:
@@ -273,6 +298,7 @@ class JointPlanner(TrackingPlanner):
             iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
+            battery_limit=self._battery_limit(solution, terms),
             remaining_s=forecast.remaining_s,
             remaining_std_s=forecast.remaining_std_s,
             energy_wh=forecast.energy_wh,

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.compiled import jitted
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drains_per_s, max_power_w, min_voltage_v
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
@@ -71,8 +71,13 @@ class KnapsackTerms:
         Mean power with the computations half way between minimum and maximum [W].
     beyond_w : float
         Excess of the minimum power over what the battery can deliver [W]; 0 where there is none.
-    min_soc : float
-        Final state of charge below which the minimum power exceeds b Q_c V crate somewhere on the route.
+    letter_soc, delivered_soc : float
+        Final states of charge below which the minimum power exceeds b Q_c V crate, or what the battery can deliver,
+        somewhere on the route.
+    volts : array, shape (segments,)
+        Open-circuit voltage [V].
+    truncated, by_letter : array of bool, shape (segments,)
+        Where the battery excludes configurations, and where b Q_c V crate is its least limit.
     """
 
     increments: Increments
@@ -81,7 +86,16 @@ class KnapsackTerms:
     soc_per_j: float
     mean_w: float
     beyond_w: float
-    min_soc: float
+    letter_soc: float
+    delivered_soc: float
+    volts: FloatArray
+    truncated: BoolArray
+    by_letter: BoolArray
+
+    @property
+    def min_soc(self) -> float:
+        """Final state of charge that the limits of power require."""
+        return max(self.letter_soc, self.delivered_soc)
 
     @property
     def envelopes(self) -> tuple[ConcaveEnvelope, ...]:
@@ -128,7 +142,8 @@ class TermBuilder:
         self._scale_s = 0.0
         b = mission.battery
         empty_v = b.voltage_at(0.0)
-        self._cell = (empty_v, b.voltage_at(1.0) - empty_v, b.resistance_ohm, b.drain_per_as, b.power_per_soc_w)
+        limits = b.power_per_soc_w, b.max_current_a, b.cutoff_voltage_v or 0.0
+        self._cell = (empty_v, b.voltage_at(1.0) - empty_v, b.resistance_ohm, b.drain_per_as, *limits)
 
     def terms(self, route: Route, load: RouteLoad, past: FlownShares, soc: float, reserve_soc: float) -> KnapsackTerms:
         """The terms of a route.
@@ -150,7 +165,8 @@ class TermBuilder:
             powers = self.configurations(route.legs[first].stage.sets, route.parameters[first])[1]
             base_w[members], max_w[members] = powers[0], powers[-1]
         # the reserve bounds the state of charge from below on the whole route
-        volts, room, beyond, min_soc = jitted(_power_limits, drains_per_s)(
+        power_limits = jitted(_power_limits, drains_per_s, max_power_w, min_voltage_v)
+        volts, room, by_letter, beyond, letter_soc, delivered_soc = power_limits(
             times, load.motion_w, load.peak_w, base_w, max_w, soc, min(reserve_soc, soc), self._cell
         )
         kinds: list[ConcaveEnvelope] = []
@@ -180,7 +196,10 @@ class TermBuilder:
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
         slope = b.drain_per_as / math.sqrt(discriminant)
         increments = Increments(segment, level, use, gain, base_use, base_value)
-        return KnapsackTerms(increments, tuple(kinds), kind_of, slope, mean_w, beyond, min_soc)
+        return KnapsackTerms(
+            *(increments, tuple(kinds), kind_of, slope, mean_w, beyond, letter_soc, delivered_soc),
+            *(volts, max_w > room, by_letter),
+        )
 
     # --- values
 
@@ -261,8 +280,9 @@ class TermBuilder:
 
 
 _EnvelopeIncrements = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
-_Cell = tuple[float, float, float, float, float]
-"""Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W]."""
+_Cell = tuple[float, float, float, float, float, float, float]
+"""Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
+cut-off voltage [V]."""
 
 
 # The functions below keep to what numba compiles, see `eadp.core.compiled`.
@@ -297,12 +317,17 @@ def _power_limits(
     soc: float,
     floor: float,
     cell: _Cell,
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Voltage of each segment, limit of its computations [W], and `beyond_w` and `min_soc` of `KnapsackTerms`.
+) -> tuple[FloatArray, FloatArray, BoolArray, float, float, float]:
+    """Voltage of each segment, limit of its computations [W], and attributes of `KnapsackTerms` from `by_letter` on.
 
-    The state of charge falls as computations of maximum power drain it, but not below `floor`.
+    The state of charge falls as computations of maximum power drain it, but not below `floor`, nor below what the
+    minimum power requires at the end of the route.
     """
-    empty_v, rise_v, resistance_ohm, per_as, per_soc_w = cell
+    empty_v, rise_v, resistance_ohm, per_as, per_soc_w, max_current_a, cutoff_v = cell
+    required = np.zeros(len(times_s))
+    if rise_v > 0.0:
+        required = (min_voltage_v(peak_w + base_w, resistance_ohm, max_current_a, cutoff_v) - empty_v) / rise_v
+        floor = max(floor, min(soc, required[-1]))
     volts = np.full(len(times_s), empty_v + rise_v * max(floor, 0.0))
     charge_end = volts
     for _ in range(3 if rise_v != 0.0 else 1):
@@ -310,16 +335,17 @@ def _power_limits(
         taken = taken * min(1.0, (soc - floor) / max(taken.sum(), 1e-12))
         charge_end = soc - np.cumsum(taken)
         volts = empty_v + rise_v * np.maximum(charge_end + taken / 2, 0.0)
-    room = np.maximum(charge_end, 0.0) * per_soc_w - peak_w
-    beyond = 0.0
-    if resistance_ohm > 0:
-        deliverable = volts**2 / (4 * resistance_ohm)
-        room = np.minimum(room, DELIVERABLE * deliverable - peak_w)
-        beyond = max((peak_w + base_w - deliverable).max(), 0.0)
-    # y ≤ b Q_c V crate at the end of each segment at minimum power, as a state of charge at the end of the route
+    deliverable = DELIVERABLE * max_power_w(volts, resistance_ohm, max_current_a, cutoff_v)
+    allowed = deliverable
+    if per_soc_w < np.inf:
+        allowed = np.minimum(deliverable, np.maximum(charge_end, 0.0) * per_soc_w)
+    max_v = np.full(len(times_s), empty_v + rise_v * soc)
+    beyond = (peak_w + base_w - max_power_w(max_v, resistance_ohm, max_current_a, cutoff_v)).max()
+    # at the end of each segment at minimum power, as states of charge at the end of the route
     base_use = times_s * drains_per_s(motion_w + base_w, volts, resistance_ohm, per_as)
-    min_soc = ((peak_w + base_w) / per_soc_w - (base_use.sum() - np.cumsum(base_use))).max()
-    return volts, room, beyond, min_soc
+    later_use = base_use.sum() - np.cumsum(base_use)
+    letter_soc, delivered_soc = ((peak_w + base_w) / per_soc_w - later_use).max(), (required - later_use).max()
+    return volts, allowed - peak_w, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
 
 
 def _increments(
@@ -332,7 +358,7 @@ def _increments(
     cell: _Cell,
 ) -> _EnvelopeIncrements:
     """Increments of segments that share an envelope, after their total time [s] and their use at minimum power."""
-    _, _, resistance_ohm, per_as, _ = cell
+    resistance_ohm, per_as = cell[2], cell[3]
     count = len(powers_w) - 1
     seconds = times_s[index]
     column = seconds.reshape(-1, 1)

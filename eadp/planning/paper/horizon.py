@@ -4,7 +4,7 @@ The periodic motion power is exogenous (B touches α0 only), so the states drop 
 levels of the computations at each step of the horizon, coupled by the state of charge:
 
     maximise   Σ_m l(q_m, c_m) + l_f(q_M)
-    subject to (h_m + g(c_m)) / (Q_c V crate) ≤ b_m              the output constraint, at each step
+    subject to (h_m + g(c_m)) / (Q_c V crate) ≤ b_m              the output constraint, or 0 ≤ b_m without a crate
                b_m = b_0 − Σ_{j≤m} k_b I(h̄_j + g(c_j)) Δ/Q_c     the battery
                R c_m − r ≥ 0                                     trade-offs
 
@@ -36,7 +36,7 @@ from eadp.core.flight.battery import drains_per_s
 from eadp.core.signals.harmonics import rotated
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
-from eadp.models.battery import Battery
+from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
@@ -149,6 +149,8 @@ class HorizonSolution(NamedTuple):
         Iterations of OSQP; 0 where the last solution was kept.
     kept : bool
         Whether the last solution was proven to be optimal still, and OSQP did not run.
+    battery_limit : str or None
+        Limit of the battery's power that excludes the next choice above at some step.
     """
 
     chosen: FloatArray
@@ -157,6 +159,7 @@ class HorizonSolution(NamedTuple):
     bound: float
     iterations: int
     kept: bool
+    battery_limit: str | None
 
     @property
     def gap(self) -> float:
@@ -306,8 +309,7 @@ class Horizon:
         """Value, use of charge and limit of every choice at every step."""
         b, p, motion = self._battery, self.powers_w, forecast.mean_motion_w[:, None]
         drop = drains_per_s(motion + p, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
-        if b.resistance_ohm > 0:
-            drop = np.where(motion + p > b.voltage_v**2 / (4 * b.resistance_ohm), UNDELIVERABLE, drop)
+        drop = np.where(motion + p > b.max_power_w(b.voltage_v), UNDELIVERABLE, drop)
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
         return _Table(self._values(forecast), drop, limit)
 
@@ -381,7 +383,21 @@ class Horizon:
         made = self._rounded(power_w, table, forecast.soc)
         objective = float(table.value[self._at, made].sum())
         bound = _bound(multipliers, table, forecast.soc)
-        return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None)
+        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
+        return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None, limit)
+
+    def battery_limit(self, forecast: HorizonForecast) -> str | None:
+        """Limit of the battery's power that the levels of minimum power exceed."""
+        lowest = np.zeros(self._steps, dtype=np.intp)
+        return self._battery_limit(lowest, lowest, self.table(forecast), forecast.soc)
+
+    def _battery_limit(self, above: IntArray, made: IntArray, table: _Table, soc: float) -> str | None:
+        """Limit that choices exceed at some step, each alone in place of those made."""
+        drop, taken = table.drop[self._at, above], table.drop[self._at, made]
+        if (drop >= UNDELIVERABLE).any():
+            return self._battery.limit_at(self._battery.voltage_v)
+        short = table.limit[self._at, above] > soc - (taken.cumsum() - taken + drop)
+        return LETTER if self._battery.letter_crate_per_h is not None and short.any() else None
 
     def _mixture(self, table: _Table) -> _Mixture:
         """The mixtures of the choices on the concave envelope of value over power at each step."""

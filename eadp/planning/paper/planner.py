@@ -38,6 +38,7 @@ from eadp.planning.base import (
     TradeOff,
     allowed_levels,
     next_multiple,
+    with_limit,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
@@ -119,6 +120,7 @@ class _Outcome(NamedTuple):
     reason: str
     iterations: int = 0
     gap: float | None = None
+    battery_limit: str | None = None
 
 
 class PaperPlanner(TrackingPlanner):
@@ -215,6 +217,7 @@ class PaperPlanner(TrackingPlanner):
             parameters = chosen
         report.replans += report.calls > calls
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
+        reason = with_limit(outcome.reason, outcome.battery_limit)
         record = DecisionRecord(
             time_s=o.time_s,
             cause=JUMPED if jumped else TIME,
@@ -225,9 +228,10 @@ class PaperPlanner(TrackingPlanner):
             calls=report.calls - calls,
             iterations=outcome.iterations,
             gap=outcome.gap,
-            reason=outcome.reason,
+            reason=reason,
+            battery_limit=outcome.battery_limit,
         )
-        self._decision = Decision(parameters, self._decision.power_forecast_w, outcome.reason, record)
+        self._decision = Decision(parameters, self._decision.power_forecast_w, reason, record)
 
     def _apply_gains(self, path: Vector) -> None:
         """Step the estimator's level by Ω (c − c⁻) where the path parameters have changed. Source: 002, Eq. 7."""
@@ -278,7 +282,8 @@ class PaperPlanner(TrackingPlanner):
             solution = horizon.solve(forecast)
         except Infeasible as error:
             report.infeasible += 1
-            return None, _Outcome(INFEASIBLE, f"infeasible: {error}")
+            limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
+            return None, _Outcome(INFEASIBLE, f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
             report.fallbacks += 1
             deltas = np.array([self._delta(i) for i in free])
@@ -290,7 +295,7 @@ class PaperPlanner(TrackingPlanner):
         report.gaps.append(solution.gap)
         report.skipped += solution.kept
         status = KEPT if solution.kept else SOLVED
-        return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap)
+        return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap, solution.battery_limit)
 
     def _steps(self) -> int:
         return min(max(1, round(self.horizon_s / self._settings.every_s)), MAX_STEPS)
@@ -469,6 +474,8 @@ class PaperPlanner(TrackingPlanner):
         computing = np.full(head + period, self._computing_plan_w[-1])
         early = np.repeat(self._computing_plan_w, repeat)[:head]
         computing[: len(early)] = early
+        if np.max(motion + computing) > b.max_power_w(b.voltage_v):
+            return 0.0
         try:
             current = currents_a(motion + computing, b.voltage_v, b.resistance_ohm)
         except Infeasible:

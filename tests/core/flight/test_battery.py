@@ -15,6 +15,8 @@ from eadp.core.flight.battery import (
     current_a,
     current_slope_a_per_w,
     currents_a,
+    max_power_w,
+    min_voltage_v,
     soc_rate_per_s,
     undeliverable,
 )
@@ -163,3 +165,36 @@ def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, pe
 def test_a_worse_battery_drains_faster():
     rates = [soc_rate_per_s(36.4, 14.8, resistance, 3.2, 1 / 3600) for resistance in (0.0, 0.05, 0.5, 1.4)]
     assert rates == sorted(rates, reverse=True)
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
+
+
+def is_delivered(power, voltage, resistance, max_current_a, cutoff_v):
+    """Whether a root of the circuit's equation R I² − V I + y = 0 keeps to the limits."""
+    roots = np.roots([resistance, -voltage, power])
+    roots = roots[np.abs(roots.imag) < 1e-9].real
+    return any(i <= max_current_a and voltage - resistance * i >= cutoff_v for i in roots)
+
+
+LIMITS = [(math.inf, 0.0), (10.0, 0.0), (math.inf, 12.0), (30.0, 13.0), (2.0, 13.0), (math.inf, 3.0), (1e4, 0.0)]
+
+
+@pytest.mark.parametrize(("max_current_a", "cutoff_v"), LIMITS)
+@pytest.mark.parametrize("resistance", [0.02, 0.3])
+def test_the_largest_power_is_at_the_edge_of_what_the_circuit_delivers(resistance, max_current_a, cutoff_v):
+    limits = resistance, max_current_a, cutoff_v
+    max_w = float(max_power_w(14.8, *limits))
+    assert is_delivered(max_w * (1 - 1e-6), 14.8, *limits)
+    assert not is_delivered(max_w * (1 + 1e-6), 14.8, *limits)
+    # the inverse
+    assert float(min_voltage_v(max_w, *limits)) == pytest.approx(14.8, rel=1e-9)
+
+
+def test_limits_of_an_array_and_without_resistance():
+    volts = np.array([11.0, 12.0, 16.0])
+    assert max_power_w(volts, 0.5, 4.0, 11.5).tolist() == pytest.approx([0.0, 1.0 * 11.5, 4.0 * 14.0])
+    assert max_power_w(volts, 0.0, 4.0, 11.5).tolist() == pytest.approx([0.0, 48.0, 64.0])
+    assert max_power_w(volts, 0.0, math.inf, 0.0).tolist() == [math.inf] * 3
+    assert float(min_voltage_v(48.0, 0.0, 4.0, 11.5)) == pytest.approx(12.0)
+    assert float(min_voltage_v(48.0, 0.0, math.inf, 0.0)) == 0.0

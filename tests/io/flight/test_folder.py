@@ -122,7 +122,7 @@ def test_the_estimate_follows_the_flight(written, planner):
         state = [row[f"q{i}_w"] for i in range(7)]
         assert row["computing_w"] == pytest.approx(4.75376 + (9.75462 - 4.75376) * (step["c2"] - 2) / 8, abs=1)
         assert row["battery_wh"] == pytest.approx(step["soc"] * battery.capacity_ah * battery.voltage_v, abs=1e-5)
-        assert row["power_limit_w"] == pytest.approx(row["battery_wh"] * battery.letter_crate_per_h, rel=1e-5)
+        assert row["power_limit_w"] == pytest.approx(battery.voltage_v**2 / (4 * battery.resistance_ohm), rel=1e-5)
         assert row["horizon_s"] == row["period_s"], "a planner without a horizon of its own looks one period ahead"
         assert row["forecast_12_w"] - row["forecast_0_w"] == pytest.approx(0, abs=1), "a period later it is the same"
         assert row["forecast_0_w"] == pytest.approx(sum(state[:1] + state[1::2]) + row["computing_w"], abs=1)

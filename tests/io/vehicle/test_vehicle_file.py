@@ -94,6 +94,8 @@ BAD = [
     ("battery: {crate_per_h: 3}", ":2:11: error: unknown key battery.crate_per_h; expected battery.letter_crate_per_h"),
     ("battery: {capacity_ah: 1e-300}", ":2:11: error: battery.capacity_ah cannot be 1e-300"),
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
+    ("battery: {cutoff_voltage_v: 15}", ":2:11: error: battery.cutoff_voltage_v: 15 V is not below voltage_v"),
+    ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
     ("wind: {}", ":2:1: error: unknown key wind"),
 ]
 

@@ -377,6 +377,51 @@ def test_the_least_charge_at_the_end_is_what_the_crate_asks_for_on_the_way(lette
     assert it.terms().min_soc == pytest.approx(high, abs=1e-8)
 
 
+@pytest.mark.parametrize(
+    "limits", [{"max_c_rate": 3.0}, {"cutoff_voltage_v": 14.0, "resistance_ohm": 0.25}, {"letter_crate_per_h": 3.0}]
+)
+def test_a_limit_of_power_truncates_the_configurations_and_says_where(limits):
+    it = case(battery=no_limit(**limits), soc=0.99, reserve=0.98)
+    max_w = {
+        "max_c_rate": module.DELIVERABLE * 3.0 * (14.8 - 0.05 * 3.0),
+        "cutoff_voltage_v": module.DELIVERABLE * 14.0 * 0.8 / 0.25,
+    }
+    terms, charges, truncated = it.terms(), it.charges(), 0
+    for i, envelope in enumerate(terms.envelopes):
+        powers = [power for _, power in it.choices(i)]
+        most_w = max_w.get(next(iter(limits)), charges[i][1] * 14.8 * 3.0)
+        within = [power for power in powers if power <= most_w - it.load.peak_w[i]]
+        assert envelope.powers_w[-1] == pytest.approx(max(within, default=powers[0]))
+        assert terms.truncated[i] == (len(within) < len(powers))
+        assert terms.by_letter[i] == ("letter_crate_per_h" in limits)
+        truncated += terms.truncated[i]
+    assert truncated > 0
+
+
+def test_the_cut_off_voltage_asks_for_charge_at_the_end():
+    """Found by trying: the lowest end from which minimum power, flown backwards, is delivered on every leg."""
+    it = case(battery=no_limit(voltage_empty_v=11.0, cutoff_voltage_v=12.0), soc=0.9, reserve=0.1)
+    b, terms = it.battery, it.terms()
+
+    def within(soc):
+        for i in reversed(range(len(it.route.legs))):
+            cheapest = it.choices(i)[0][1]
+            current = (it.load.peak_w[i] + cheapest) / 12.0
+            if b.voltage_at(soc) - 0.05 * current < 12.0:
+                return False
+            soc += it.use(i, cheapest)
+        return True
+
+    low, high = 0.0, 1.0
+    while high - low > 1e-6:
+        middle = (low + high) / 2
+        low, high = (low, middle) if within(middle) else (middle, high)
+    assert terms.min_soc == terms.delivered_soc == pytest.approx(high, abs=1e-3)
+    assert 0.25 < high < 0.4
+    assert terms.beyond_w == 0
+    assert terms.letter_soc < 0.1
+
+
 @pytest.mark.parametrize("max_w", [30.0, 41.0, 60.0])
 def test_power_that_the_battery_cannot_deliver_is_reported(max_w):
     # V²/4R is the most that comes out of it
