@@ -334,7 +334,13 @@ def test_a_battery_that_cannot_deliver_is_refused_with_its_place(eadp):
 )
 def test_a_limit_of_the_battery_below_level_flight_is_refused_with_its_key(eadp, setting, limit):
     answer = eadp(
-        "simulate", PLAN, "--scenario", SCENARIO, "--set", f"battery.{setting}", *("--set", "battery.capacity_ah=3.2", "--set", "battery.resistance_ohm=0.05")
+        "simulate",
+        PLAN,
+        "--scenario",
+        SCENARIO,
+        "--set",
+        f"battery.{setting}",
+        *("--set", "battery.capacity_ah=3.2", "--set", "battery.resistance_ohm=0.05"),
     )
     assert refused(answer, f"battery.{setting.split('=')[0]}", "level flight", limit)
 

@@ -152,7 +152,7 @@ def test_a_missing_sympy_is_named(monkeypatch):
 @pytest.mark.parametrize("options", [(), ("--check",), ("--format", "sympy"), ("--format", "latex")])
 def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
     (tmp_path / "sympy.py").write_text("raise ImportError('no such thing')\n")
-    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from eadp.cli.main import run; run()"
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from eadp.__main__ import run; run()"
     command = [sys.executable, "-c", code, "plan", "plans/survey.plan", *options]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
     assert (done.returncode, done.stdout) == (2, "")

@@ -271,7 +271,7 @@ class MissionProgram:
                 x, multiplier, iterations = self._solved(increments.gain, increments.use, spare, x, (), ())
                 fitted = _fitted(increments, x, multiplier, available)
                 # an increment taken in part is worth the multiplier
-                mixed = np.flatnonzero((fitted > 0.0) & (fitted < 1.0))
+                mixed = np.flatnonzero((fitted > 0.0) & (fitted < 1.0) & (increments.use > 0.0))
                 if len(mixed):
                     multiplier = float(increments.efficiency[mixed[0]])
                 found = _Allocated(fitted, multiplier, iterations)

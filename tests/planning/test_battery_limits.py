@@ -1,0 +1,84 @@
+"""Limits of the battery's power in flights: kept to, named, and absent by default."""
+
+from __future__ import annotations
+
+import pytest
+
+from eadp.io.flight.folder import fly_flight
+from eadp.io.flight.inputs import load_flight
+
+
+def flown(root, plan, **keys):
+    inputs = load_flight(
+        plan,
+        profile_path=str(root / "profiles/pednet-jetson-nano.yaml"),
+        overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys},
+    )
+    expected = inputs.preflight()
+    return fly_flight(inputs, expected), expected
+
+
+@pytest.fixture
+def field(eadp, tmp_path):
+    path = tmp_path / "field.plan"
+    flags = "--min-radius", 30, "--swath", 30, "--pattern", "zamboni", "-o", path
+    assert eadp("cover", "plans/meadow.geojson", *map(str, flags)).code == 0
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "quality"), [({"voltage_v": 22.2, "capacity_ah": 5}, 0.99), ({"capacity_ah": 0.7}, 0.6)]
+)
+def test_ordinary_packs_cover_a_field(root, field, keys, quality):
+    flight, expected = flown(root, field, **{f"battery.{key}": value for key, value in keys.items()})
+    assert expected.forecast.reserve_probability > 0.99
+    assert flight.summary["completed"]
+    assert flight.summary["reserve_kept"]
+    assert flight.summary["quality"] > quality
+    assert flight.summary["solver"]["infeasible"] == 0
+    assert flight.summary["battery_limit"] is None
+    assert not any(record.battery_limit for record in flight.decisions)
+
+
+SURVEY = {
+    "battery.capacity_ah": 1.0,
+    "wind.speed_mps": 0,
+    "planner.joint.start_after_s": 0,
+    "planner.paper.min_periods": 0,
+    "time_limit_s": 120,
+}
+BINDING = [
+    ({"max_c_rate": 3.6}, "current", "the battery's current limit binds"),
+    ({"cutoff_voltage_v": 14.5, "resistance_ohm": 0.083}, "cut-off voltage", "the battery's cut-off voltage binds"),
+    ({"resistance_ohm": 1.04}, "deliverable power", "the battery's deliverable power binds"),
+    ({"letter_crate_per_h": 3.7}, "letter", "the letter's limit of power binds"),
+]
+
+
+@pytest.mark.parametrize("planner", ["joint", "paper"])
+@pytest.mark.parametrize(("keys", "limit", "words"), BINDING)
+def test_a_limit_that_binds_is_named(root, planner, keys, limit, words):
+    battery = {f"battery.{key}": value for key, value in keys.items()}
+    flight, _ = flown(root, str(root / "plans/survey.plan"), **SURVEY, **battery, **{"planner.name": planner})
+    named = {record.battery_limit for record in flight.decisions}
+    assert limit in named
+    assert named <= {limit, None}
+    assert all(record.reason.endswith(words) == (record.battery_limit == limit) for record in flight.decisions)
+    assert flight.summary["battery_limit"] == limit
+
+
+def test_the_cut_off_voltage_is_an_empty_battery(root):
+    keys = {"voltage_v": 16.8, "voltage_empty_v": 12.8, "cutoff_voltage_v": 14.0, "capacity_ah": 0.2}
+    battery = {f"battery.{key}": value for key, value in keys.items()}
+    static = {"planner.name": "static", "wind.speed_mps": 0}
+    flight, expected = flown(root, str(root / "plans/survey.plan"), **battery, **static)
+    summary = flight.summary
+    assert not summary["completed"]
+    assert summary["reason"].startswith("battery empty: ")
+    assert "cut-off voltage (14 V under load)" in summary["reason"]
+    assert summary["battery_limit"] == "cut-off voltage"
+    # 14 V at the terminals and I = y/14 through 0.05 Ω
+    volts = 12.8 + 4.0 * summary["soc_final"]
+    assert volts - 0.05 * flight.columns["power_w"][-1] / 14.0 == pytest.approx(14.0, abs=0.02)
+    assert expected.forecast.completes_probability < 0.01
+    assert expected.forecast.soc_end < summary["soc_final"]
