@@ -51,7 +51,8 @@ OFF_PATH_S, MAX_OFF_PATH_M = 60.0, 10.0
 class Forecast(NamedTuple):
     """Forecast of the rest of a mission at given parameters, see `DecisionRecord`.
 
-    `stages` holds time [s] and energy [Wh] of each stage of the plan, over all its laps.
+    `stages` holds time [s] and energy [Wh] of each stage of the plan, over all its laps. At `empty_soc` the battery is
+    empty: the cut-off voltage is reached.
     """
 
     remaining_s: float
@@ -61,8 +62,8 @@ class Forecast(NamedTuple):
     soc_end: float
     soc_end_std: float
     reserve_soc: float
-    empty_soc: float
     stages: dict[int, tuple[float, float]]
+    empty_soc: float = 0.0
 
     @property
     def completes_probability(self) -> float:
@@ -389,8 +390,8 @@ class Forecaster:
             soc_end=self.soc - solution.allocation.use,
             soc_end_std=self._soc_std(terms, load),
             reserve_soc=self._settings.reserve_soc,
-            empty_soc=max(terms.delivered_soc, 0.0),
             stages=stages,
+            empty_soc=max(terms.delivered_soc, 0.0),
         )
 
     def _load(self, shares: Shares, route: Route) -> RouteLoad | None:

@@ -45,6 +45,9 @@ from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 UPDATE_EVERY_S = 1.0
 """Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans."""
 
+ROUNDING = 1e-9
+"""Charge that counts as rounding."""
+
 FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
 
@@ -268,7 +271,7 @@ class JointPlanner(TrackingPlanner):
         if terms.beyond_w > 0:
             return b.limit_at(b.voltage_at(self._forecaster.soc))
         spare = solution.candidate.available - allocation.use
-        if spare <= solution.candidate.tolerance and terms.min_soc > self._settings.reserve_soc:
+        if spare <= solution.candidate.tolerance and terms.min_soc > self._settings.reserve_soc + ROUNDING:
             by_letter = terms.letter_soc >= terms.delivered_soc
             return LETTER if by_letter else b.limit_at(b.voltage_at(terms.delivered_soc))
         if not allocation.feasible:

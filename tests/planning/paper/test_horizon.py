@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import osqp
@@ -68,10 +68,15 @@ class Case:
     def current_a(self, power_w):
         """The smaller root of R I² − V I + y = 0, inf where the battery cannot deliver y."""
         b = self.battery
-        if b.resistance_ohm == 0:
-            return power_w / b.voltage_v
         roots = np.roots([b.resistance_ohm, -b.voltage_v, power_w])
-        return float(roots.real.min()) if np.all(np.abs(roots.imag) < 1e-12) else np.inf
+        if np.any(np.abs(roots.imag) >= 1e-12):
+            return np.inf
+        current = float(roots.real.min())
+        within = current <= (b.max_c_rate or np.inf) * b.capacity_ah
+        return current if within and b.voltage_v - b.resistance_ohm * current >= (b.cutoff_voltage_v or 0.0) else np.inf
+
+    def powers_of_levels(self):
+        return np.array([self.power([level]) for level in self.computations.levels[0]])
 
     def drop(self, m, power_w):
         """What step m takes off the state of charge."""
@@ -80,6 +85,8 @@ class Case:
 
     def allowed_w(self, soc):
         b = self.battery
+        if b.letter_crate_per_h is None:
+            return np.where(soc >= 0, np.inf, -np.inf)
         return soc * b.capacity_ah * b.voltage_v * b.letter_crate_per_h
 
     def excess_w(self, plan):
@@ -217,6 +224,50 @@ def check_solution(found, plan):
     assert plan.gap >= -EXACT
     for k, levels in enumerate(found.computations.levels):
         assert set(plan.chosen[:, k].tolist()) <= set(levels)
+
+
+def test_limits_of_a_pack_without_the_letters_against_brute_force():
+    rng, named, infeasible = np.random.default_rng(5), set(), 0
+    for i in range(60):
+        found = case(rng, one_computation(rng, "convex", 5), 4, "control")
+        powers = found.powers_of_levels()
+        worst_w = float(rng.uniform(0.8, 1.2) * (found.forecast.mean_motion_w.max() + rng.uniform(*powers[[0, -1]])))
+        volts, keys = found.battery.voltage_v, {"resistance_ohm": 0.05, "letter_crate_per_h": None, "k_b_per_s": 0.001}
+        current = worst_w / (volts - 0.2)
+        if i % 2:
+            keys["max_c_rate"] = current / found.battery.capacity_ah
+        else:
+            keys["cutoff_voltage_v"] = volts - 0.05 * current
+        found.battery = replace(found.battery, **keys)
+        found.with_charge(0.5)
+        best = found.brute_force()
+        if best == -np.inf:
+            infeasible += 1
+            horizon = found.horizon()
+            with pytest.raises(Infeasible):
+                horizon.solve(found.forecast)
+            assert horizon.battery_limit(found.forecast) == ("current" if i % 2 else "cut-off voltage")
+            continue
+        plan = found.horizon().solve(found.forecast)
+        check_solution(found, plan)
+        assert plan.objective == pytest.approx(best, rel=EXACT), "charge is plenty: each step is as high as it may"
+        whole = plan.chosen[:, 0].min() == found.computations.high[0]
+        assert plan.battery_limit == (None if whole else "current" if i % 2 else "cut-off voltage")
+        named.add(plan.battery_limit)
+    assert named == {None, "current", "cut-off voltage"}
+    assert infeasible
+
+
+def test_without_the_letters_limit_the_charge_is_not_below_zero():
+    rng = np.random.default_rng(6)
+    found = case(rng, one_computation(rng, "linear", 5), 4, "control")
+    found.battery = replace(found.battery, letter_crate_per_h=None, resistance_ohm=0.05)
+    lowest = sum(found.drop(m, found.powers_of_levels()[0]) for m in range(4))
+    plan = found.with_charge(lowest + 1e-9).horizon().solve(found.forecast)
+    assert (plan.chosen == found.computations.low).all()
+    assert plan.battery_limit is None
+    with pytest.raises(Infeasible):
+        found.with_charge(lowest - 1e-9).horizon().solve(found.forecast)
 
 
 # --- levels
