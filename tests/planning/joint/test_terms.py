@@ -71,7 +71,7 @@ def both():
 
 
 def no_limit(**changes):
-    return replace(Battery(14.8, 0.05, 1.0, letter_crate_per_h=1e4), **changes)
+    return replace(Battery(14.8, 0.05, 1.0), **changes)
 
 
 @dataclass
@@ -222,7 +222,7 @@ CASES = {
     "below the reserve": lambda: case(soc=0.05, reserve=0.3),
     "no computations": lambda: case(NO_COMPUTATIONS),
     "bare": lambda: case(BARE),
-    "tiny battery": lambda: case(battery=no_limit(capacity_ah=1e-3, letter_crate_per_h=1e8)),
+    "tiny battery": lambda: case(battery=no_limit(capacity_ah=1e-3)),
 }
 
 
@@ -389,8 +389,8 @@ def test_a_limit_of_power_truncates_the_configurations_and_says_where(limits):
     terms, charges, truncated = it.terms(), it.charges(), 0
     for i, envelope in enumerate(terms.envelopes):
         powers = [power for _, power in it.choices(i)]
-        most_w = max_w.get(next(iter(limits)), charges[i][1] * 14.8 * 3.0)
-        within = [power for power in powers if power <= most_w - it.load.peak_w[i]]
+        limit_w = max_w.get(next(iter(limits)), charges[i][1] * 14.8 * 3.0)
+        within = [power for power in powers if power <= limit_w - it.load.peak_w[i]]
         assert envelope.powers_w[-1] == pytest.approx(max(within, default=powers[0]))
         assert terms.truncated[i] == (len(within) < len(powers))
         assert terms.by_letter[i] == ("letter_crate_per_h" in limits)
