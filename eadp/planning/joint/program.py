@@ -270,7 +270,7 @@ class MissionProgram:
             for _ in range(1 + RECENTRED):
                 x, multiplier, iterations = self._solved(increments.gain, increments.use, spare, x, (), ())
                 fitted = _fitted(increments, x, multiplier, available)
-                # an increment taken in part is worth the multiplier
+                # the efficiency of an increment taken in part is the multiplier
                 mixed = np.flatnonzero((fitted > 0.0) & (fitted < 1.0) & (increments.use > 0.0))
                 if len(mixed):
                     multiplier = float(increments.efficiency[mixed[0]])
