@@ -370,7 +370,9 @@ class Forecaster:
         std = self._soc_std(terms, load)
         available = self.soc - max(self._settings.reserve_soc, terms.min_soc) - self._z * std
         if terms.beyond_w > 0:
-            available = -math.inf
+            # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
+            excess_j = terms.beyond_w * float(load.times_s.sum())
+            available = min(available, terms.increments.base_use) - excess_j * terms.soc_per_j
         return Candidate(shares, self.route(shares).shape, terms.increments, available, ALIKE_STDS * std)
 
     def forecast(self, solution: Solution) -> Forecast:

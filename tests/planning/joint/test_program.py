@@ -11,11 +11,14 @@ import numpy as np
 import osqp
 import pytest
 from broken_osqp import BROKEN
+from common import ROOT
 from scipy.optimize import linprog
 
 from eadp.errors import Infeasible
+from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, KEPT, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.joint import program as module
+from eadp.planning.joint.forecaster import Forecaster
 from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from eadp.planning.joint.program import Candidate, MissionProgram, best_at
 
@@ -404,3 +407,18 @@ def test_a_search_for_what_pays_decides_as_one_for_the_best(compared):
             assert useful == pytest.approx(best, abs=MEDIAN_GAP)
     assert decided > 10
     assert searched[True] < searched[False]
+
+
+def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
+    """A peak that no battery delivers: every candidate is short, by a number, and the least is taken."""
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"))
+    settings = inputs.scenario.planner
+    forecaster = Forecaster(settings, inputs.mission, settings.joint)
+    forecaster.assume((0.0, 0.0), 0.0, 1.0)
+    forecaster.start_at(0.0, inputs.world.start_m, 6000.0)
+    shorts = {share: best_at(forecaster.candidate((share,))).shortfall for share in (0.0, 0.3, 0.6, 1.0)}
+    assert all(0 < short < np.inf for short in shorts.values())
+    assert shorts[0.0] < shorts[1.0], "fewer laps are flown at the lowest path parameter"
+    best = MissionProgram(1).scanned(forecaster.candidate, (1.0,))
+    assert best.status == INFEASIBLE
+    assert best.shortfall <= min(shorts.values()) + best.candidate.tolerance
