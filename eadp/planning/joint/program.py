@@ -155,7 +155,7 @@ class MissionProgram:
     def __init__(self, dimensions: int, report: SolverReport | None = None) -> None:
         self.dimensions = dimensions
         self.report = report or SolverReport()
-        self._programs: dict[tuple[int, int], QuadraticProgram] = {}
+        self._programs: dict[tuple[int, int], tuple[QuadraticProgram, FloatArray]] = {}
         self._last: _Allocated | None = None
 
     def solve(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
@@ -338,13 +338,15 @@ class MissionProgram:
         largest = float(np.abs(scaled).max()) or 1.0
         count = len(gain)
         if (count, paths) not in self._programs:
-            filled = np.vstack([np.ones((1, count), dtype=bool), np.eye(count, dtype=bool)])
-            self._programs[count, paths] = QuadraticProgram(filled, PROXIMAL[paths > 0], self.report, TOLERANCE)
-        matrix = np.vstack([use / (use_size * column), np.eye(count)])
+            matrix = np.vstack([np.ones((1, count)), np.eye(count)])
+            program = QuadraticProgram(matrix > 0, PROXIMAL[paths > 0], self.report, TOLERANCE)
+            self._programs[count, paths] = program, matrix
+        program, matrix = self._programs[count, paths]
+        matrix[0] = use / (use_size * column)
         # a row that cannot bind would only slow OSQP down
         most = float(np.maximum(use * upper, use * lower).sum())
         room = UNBOUNDED if spare >= most else max(spare, 0.0) / use_size
-        solution = self._programs[count, paths].solve(
+        solution = program.solve(
             -scaled / largest,
             matrix,
             np.concatenate(([-UNBOUNDED], lower * column)),
