@@ -222,6 +222,11 @@ class PlannerSettings:
     reserve_soc: Reserve = 0.05
     """State of charge to keep at the end of the flight, as a share of the full charge."""
 
+    @property
+    def own(self) -> Any:
+        """The section of the planner that is named; None without one."""
+        return getattr(self, self.name, None)
+
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 """Causes of a re-planning."""
@@ -353,12 +358,7 @@ class TrackingPlanner:
         cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
     ) -> list[tuple[str, str, str]]:
         """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
-        return trade_off_faults(getattr(cls.own_of(settings), "trade_offs", ()), mission.plan)
-
-    @staticmethod
-    def own_of(settings: PlannerSettings) -> Any:
-        """The planner's own section of the settings; None without one."""
-        return getattr(settings, settings.name, None)
+        return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
 
     @property
     def period_s(self) -> float | None:

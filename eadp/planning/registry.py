@@ -44,4 +44,4 @@ def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, missio
     EadpError
         On an unknown name.
     """
-    return planner_class(settings.name)(settings, estimator, mission, getattr(settings, settings.name, None))
+    return planner_class(settings.name)(settings, estimator, mission, settings.own)

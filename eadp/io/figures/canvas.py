@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,6 +121,12 @@ def draw_areas(axes: Axes, outlines: Sequence[FloatArray], **style: Any) -> None
     from matplotlib.collections import PolyCollection
 
     axes.add_collection(PolyCollection(outlines, **style))
+
+
+def span_text(values: Iterable[float]) -> str:
+    """The smallest and the largest of some values, or the one that they all are."""
+    ordered = sorted(values)
+    return " to ".join(f"{value:g}" for value in dict.fromkeys((ordered[0], ordered[-1])))
 
 
 def draw_circles(axes: Axes, centres: Sequence[Point], radii: Sequence[float]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eadp.errors import printable
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, Point, draw_arrow, figure_file
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, Point, draw_arrow, figure_file, span_text
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import Stage, point_at
@@ -65,8 +65,7 @@ def write_machine_figure(path: str, plan: Plan, parameters: Sequence[float]) -> 
         axes = figure.add_subplot()
         axes.set_aspect("equal")
         axes.set_axis_off()
-        radii = sorted({plan.radius_m(stage) for stage in plan.stages})
-        radius = " to ".join(f"{r:g}" for r in dict.fromkeys((radii[0], radii[-1])))
+        radius = span_text(plan.radius_m(stage) for stage in plan.stages)
         axes.set_title(f"State machine; a transition within {radius} m of its point")
         axes.plot(-1.7, 0, "o", color="black", markersize=9)
         axes.text(-1.7, 0.25, "start", ha="center", fontsize=8)

@@ -20,6 +20,7 @@ from eadp.io.figures.canvas import (
     figure_file,
     label_map,
     legend_below,
+    span_text,
 )
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
@@ -59,7 +60,7 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]
         draw_circles(axes, ends, radii)
-        label = f"trigger, radius {' to '.join(f'{r:g}' for r in sorted({min(radii), max(radii)}))} m"
+        label = f"trigger, radius {span_text(radii)} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
         axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
         final = point_at(plan.final_point, parameters, "the final point")

@@ -110,7 +110,7 @@ class FlightInputs:
     def preflight(self) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast."""
         wind, settings = self.world.wind, self.scenario.planner
-        own = getattr(settings, settings.name) if planner_class(settings.name).optimises_to_end else None
+        own = settings.own if planner_class(settings.name).optimises_to_end else None
         return preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps, own)
 
 
@@ -276,7 +276,7 @@ def _check_rates(world: World, scenario: Scenario) -> None:
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
     settings = scenario.planner
-    own = getattr(settings, settings.name, None)
+    own = settings.own
     named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
     named |= {
         f"planner.{settings.name}.{key}.{name}": name for key in ("delta", "gains") for name in getattr(own, key, ())

@@ -248,11 +248,7 @@ class MissionProgram:
         last = self._tail(len(increments.use))
         if last is None or float(increments.use @ last.x) > spare + FULL:
             return None
-        # Lagrangian bound of the gain: λ spare + Σ max(0, gain − λ use)
-        bound = last.multiplier * spare + float(
-            np.maximum(increments.gain - last.multiplier * increments.use, 0.0).sum()
-        )
-        return last._replace(iterations=0) if bound - float(increments.gain @ last.x) <= KEPT_GAP else None
+        return last._replace(iterations=0) if last.open_gain(increments, spare) <= KEPT_GAP else None
 
     def _tail(self, count: int) -> _Allocated | None:
         """The last solution without the increments of legs flown since; None if there are more now."""
@@ -397,7 +393,7 @@ def _fitted(increments: Increments, x: FloatArray, multiplier: float, available:
     if spare > 0:
         order = order[::-1][ties[order[::-1]]]
     for i in order.tolist():
-        if abs(spare) <= 0:
+        if spare == 0:
             break
         moved = min(1.0, max(0.0, x[i] + spare / float(increments.use[i]))) if increments.use[i] > 0 else x[i]
         spare -= float(increments.use[i]) * (moved - x[i])

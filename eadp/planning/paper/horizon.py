@@ -210,10 +210,9 @@ class _Mixture:
         self.matrix = np.vstack([np.eye(self.size), np.zeros((steps, self.size))])
         self.lower = np.concatenate([np.zeros(self.size), np.full(steps, -UNBOUNDED)])
         # the same variables a step later
-        same = all(list(own) == list(vertices[0]) for own in vertices)
+        self.shifts = all(list(own) == list(vertices[0]) for own in vertices)
         per_step = self.size // steps
         self.later = np.minimum(self.each + per_step, self.each % max(per_step, 1) + self.size - per_step)
-        self.shifts = same
 
     def problem(self, table: _Table, soc: float) -> _Problem:
         """The data of the QP."""
@@ -266,9 +265,7 @@ class Horizon:
         self.choices, self.powers_w = self._listed()
         self._span_w = float(self.powers_w[-1] - self.powers_w[0]) if len(self.powers_w) > 1 else 0.0
         u = self._controls()
-        r = np.asarray(self._cost.control_weights) * (
-            np.eye(u.shape[1]) if np.ndim(self._cost.control_weights) == 0 else 1
-        )
+        r = _square(self._cost.control_weights, u.shape[1])
         # l of the controls alone: Σû², or ½ ûᵀ R û
         if self._cost.kind == QUADRATIC:
             self._control_values = 0.5 * np.einsum("ji,ik,jk->j", u, r, u) + u @ np.broadcast_to(
@@ -327,9 +324,7 @@ class Horizon:
                 values = _output_value(q, p)
             else:
                 # ½ (q + e₁ g)ᵀ Q (q + e₁ g) + ½ ûᵀ R û
-                weights = np.asarray(cost.state_weights) * (
-                    np.eye(q.shape[1]) if np.ndim(cost.state_weights) == 0 else 1
-                )
+                weights = _square(cost.state_weights, q.shape[1])
                 forces = q @ weights
                 values = 0.5 * ((q * forces).sum(axis=1)[:, None] + p * (2 * forces[:, :1] + weights[0, 0] * p))
                 values += self._control_values
@@ -551,6 +546,11 @@ def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
     later = np.cumsum(multipliers[::-1])[::-1]
     net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
     return float(net.max(axis=1).sum() + multipliers.sum() * soc)
+
+
+def _square(weights: FloatArray | float, size: int) -> FloatArray:
+    """A weight matrix; a number multiplies the identity."""
+    return weights if isinstance(weights, np.ndarray) else weights * np.eye(size)
 
 
 def _output_value(states_w: FloatArray, powers_w: FloatArray) -> FloatArray:

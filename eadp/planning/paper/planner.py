@@ -159,7 +159,7 @@ class PaperPlanner(TrackingPlanner):
         cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
     ) -> list[tuple[str, str, str]]:
         """Settings that the mission contradicts; see `TrackingPlanner.faults`."""
-        found, own = super().faults(settings, estimator, mission), cls.own_of(settings)
+        found, own = super().faults(settings, estimator, mission), settings.own
         if own.horizon_s != "period" and own.horizon_s > MAX_STEPS * settings.every_s:
             message = f"more than {MAX_STEPS} steps of {settings.every_s:g} s in {own.horizon_s:g} s"
             found.append(
@@ -215,7 +215,13 @@ class PaperPlanner(TrackingPlanner):
                 # the computations keep to the rows with the new path, too
                 chosen, outcome = self._computations(o, chosen)
             parameters = chosen
-        report.replans += report.calls > calls
+        ran = report.calls > calls
+        report.replans += ran
+        report.skipped += outcome.status == KEPT and not ran
+        report.infeasible += outcome.status == INFEASIBLE
+        report.fallbacks += outcome.status == FALLBACK
+        if outcome.gap is not None:
+            report.gaps.append(outcome.gap)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         reason = with_limit(outcome.reason, outcome.battery_limit)
         record = DecisionRecord(
@@ -277,23 +283,18 @@ class PaperPlanner(TrackingPlanner):
         self, horizon: Horizon, forecast: HorizonForecast, now: list[float], free: list[int]
     ) -> tuple[FloatArray | None, _Outcome]:
         """The computations at each step, None for their minimum, and the outcome."""
-        report = self.report
         try:
             solution = horizon.solve(forecast)
         except Infeasible as error:
-            report.infeasible += 1
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
             return None, _Outcome(INFEASIBLE, f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
-            report.fallbacks += 1
             deltas = np.array([self._delta(i) for i in free])
             try:
                 values = horizon.lowered(np.array(now), deltas, forecast)
             except Infeasible:
                 return None, _Outcome(FALLBACK, f"fallback, minimum: {error}")
             return values, _Outcome(FALLBACK, f"fallback, lowered by δ: {error}")
-        report.gaps.append(solution.gap)
-        report.skipped += solution.kept
         status = KEPT if solution.kept else SOLVED
         return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap, solution.battery_limit)
 
