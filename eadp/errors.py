@@ -56,6 +56,8 @@ class Fault:
 
 
 FAULTS_SHOWN = 20
+FAULTS_READ = 10_000
+"""Faults after which a reader of rows leaves the rest of a file unread."""
 
 
 def first_faults(faults: Iterable[Fault]) -> list[Fault]:
@@ -63,7 +65,8 @@ def first_faults(faults: Iterable[Fault]) -> list[Fault]:
     ordered = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
     shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
     if hidden:
-        count = f"{len(hidden)} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
+        many = f"at least {len(hidden)}" if len(ordered) >= FAULTS_READ else f"{len(hidden)}"
+        count = f"{many} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
         shown.append(replace(hidden[0], message=count, expected="", source=""))
     return shown
 
