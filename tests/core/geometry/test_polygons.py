@@ -250,13 +250,6 @@ def test_extents_in_strips():
 
 
 def test_parts_that_overlap_in_a_strip_are_one():
-    # two teeth of a comb in one strip: at x 0 to 4 up to 10, at x 6 to 10 from 4 up, joined outside of the strip's middle
-    outline = np.array([(0, 0), (4, 0), (4, 10), (20, 10), (20, 4), (6, 4), (6, 3), (21, 3), (21, 12), (0, 12)], float)
-    strips = strip_extents([outline], np.array([0.0, 5.0, 7.0]))
-    assert strips[0] == [pytest.approx((0, 12), abs=1e-5)]
-    # at x from 5 to 7: between 3 and 4, and between 10 and 12
-    assert strips[1] == [pytest.approx((3, 4), abs=1e-5), pytest.approx((10, 12), abs=1e-5)]
-    # a slanted bar beside them overlaps both
     teeth = np.array([(0, 0), (9, 0), (9, 8), (6, 8), (6, 1), (4, 1), (4, 5), (0, 5)], float)
     assert strip_extents([teeth], np.array([3.0, 7.0])) == [[pytest.approx((0, 8), abs=1e-5)]]
     apart = np.array([(0, 0), (1, 0), (1, 6), (3, 6), (3, 4), (2, 4), (2, 3), (4, 3), (4, 9), (0, 9)], float)

@@ -69,7 +69,7 @@ def test_a_periodogram_peaks_at_the_period() -> None:
     assert period[0] == pytest.approx(8 * 0.5)
     assert period[-1] == pytest.approx((times[-1] - times[0]) / 1.9, rel=1e-6)
     assert period[np.argmax(share)] == pytest.approx(PERIOD_S, rel=0.03)
-    assert share.max() == pytest.approx(1.0, abs=0.03)
+    assert share.max() == pytest.approx(1.0, abs=0.05)
     # a period of the log and the grid: no harmonic fits well at a fifth of it
     assert share[np.argmin(np.abs(period - PERIOD_S / 5))] < 0.1
     _, flat = periodogram(times, np.full(len(times), MEAN_W), order=3, points=7)
