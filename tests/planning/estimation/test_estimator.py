@@ -546,6 +546,17 @@ def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
     assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
 
 
+@pytest.mark.parametrize("make", [PublishedEstimator, lambda settings: ExactEstimator(settings, PERIOD_S)])
+def test_a_batch_is_its_readings_one_by_one(make):
+    times = np.arange(0.1, 4.0, 0.1)
+    readings = [None if k in (0, 7, 8) else float(signal_w(time_s)) for k, time_s in enumerate(times)]
+    together, apart = make(NOISES), make(NOISES)
+    for time_s, reading in zip(times.tolist(), readings, strict=True):
+        expected = apart.observe(time_s, reading)
+    assert together.observe_batch(times.tolist(), readings) == pytest.approx(expected, abs=ROUNDING)
+    assert together.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
+
+
 # --- estimates
 
 
@@ -559,5 +570,6 @@ def test_an_estimate_forecasts_as_its_estimator_and_keeps_to_its_reading(kind):
     assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING)
     assert estimate.time_s == pytest.approx(59.9)
     assert estimate.state[:-2] == pytest.approx(estimator.state_w)
+    assert estimate.horizon_w() == pytest.approx(estimate.forecast_w(np.arange(13) * 0.5))
     estimator.observe(60.0, 50.0)
     assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING), "later readings do not change it"
