@@ -22,6 +22,7 @@ from eadp.core.signals.spectrum import (
     MIN_SAMPLES,
     Spectrum,
     _Grid,
+    _by_order,
     _Samples,
     _sums,
     analyse,
@@ -74,6 +75,20 @@ def test_a_periodogram_peaks_at_the_period() -> None:
     assert share[np.argmin(np.abs(period - PERIOD_S / 5))] < 0.1
     _, flat = periodogram(times, np.full(len(times), 36.5), order=3, points=7)
     assert flat.tolist() == [0.0] * 7
+
+
+def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
+    counts = set()
+    for seed in range(12):
+        times = sampled(6)
+        power = noisy(times, 1.0, seed, terms=THREE[: 1 + seed % 3]) - MEAN_W
+        error = _by_order(_sums(_Samples(times, power), 1 / PERIOD_S, 9), 9).sum(axis=-1)
+        best = [int(np.argmin(error[: k + 1])) for k in range(len(error))]
+        waited = [k - at for k, at in enumerate(best)]
+        assert all(wait < 4 for wait in waited[:-1])
+        assert waited[-1] == 4 or len(error) == 9
+        counts.add(len(error))
+    assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
 
 
 def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
