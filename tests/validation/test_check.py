@@ -248,8 +248,9 @@ def test_corners_of_a_plan_of_segments_are_sampled_beyond_256(count):
     sets = "[0, 1]\n" * count
     top = "100" + "".join(f" + c{i + 1}" for i in range(count))
     text = (
-        f"path:\n0.1; 270; x\n0, {top}\n{sets}init:\na = 0, 30\n"
-        f"path:\n0.01; 270; (x - a - 15)^2 + (y - {top})^2 - 225\na + 30, {top}\n{sets}trig:\na >= 30\npath:\n0.1; 90; x - 30\n30, 0\n{sets}"
+        f"path:\n0.1; 270; x\n0, {top}\n{sets}"
+        f"init:\na = 0, 30\npath:\n0.01; 270; (x - a - 15)^2 + (y - {top})^2 - 225\na + 30, {top}\n{sets}"
+        f"trig:\na >= 30\npath:\n0.1; 90; x - 30\n30, 0\n{sets}"
     )
     found = [item.message for item in checked(text).findings if item.code == "corners-sampled"]
     assert [f"2^{count} combinations" in message for message in found] == [True] * (count > 8)
