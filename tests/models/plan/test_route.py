@@ -16,6 +16,7 @@ import pytest
 from common import ROOT
 from common.plans import PARTS, WAVES
 from common.routes import Tracked
+from scipy.integrate import quad
 
 from eadp.cli.main import main
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
@@ -25,7 +26,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.cursor import LIVE, Rules
+from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import first_beyond_m, left_m, leg_points
 from eadp.models.plan.plan import Plan
@@ -658,6 +659,27 @@ def test_where_a_plan_is_over_against_looking_every_centimetre(seed):
     assert (found is None) == (expected is None)
     if expected is not None:
         assert found == pytest.approx(expected, abs=0.02)
+
+
+def test_where_a_plan_is_over_on_a_curve():
+    """y = 10 sin(x/60) rises over 6 m at x = 60 asin 0.6; ds² = (1 + cos²(x/60)/36) dx²."""
+    leg = a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270)
+    to_m = 60 * math.asin(0.6)
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, to_m)
+    assert first_beyond_m(leg, (to_m, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    # along x it is within 20 m of 100 from x = 80 on
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, 80.0)
+    assert first_beyond_m(leg, (100.0, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    assert first_beyond_m(leg, (0.0, 11.0), (0.0, 1.0), 200.0) is None
+
+
+@pytest.mark.parametrize(("path", "to", "join"), [("y", (0.0, 0.0), (1.0, 0.0)), ("x", (0.0, 0.0), (0.0, 1.0))])
+def test_a_stage_joined_elsewhere_has_another_length(path, to, join):
+    plan = plan_of(f"0.1; 90; {path}\n{to[0]!r}, {to[1]!r}\n")
+    cursor, predictor = PlanCursor.start(plan, ()), RoutePredictor()
+    for metres in (100.0, 60.0, 60.5):
+        start = (metres * join[0], metres * join[1])
+        assert predictor.route(cursor, start).legs[0].length_m == pytest.approx(metres)
 
 
 def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
