@@ -79,6 +79,11 @@ class PaperVehicle:
         """Motion power in level flight [W]."""
         return self.idle_power_w + self.throttle_power_w * self.nominal_throttle / 100
 
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.idle_power_w + self.throttle_power_w
+
     def faults(self) -> list[str]:
         """Why the aircraft cannot hold its airspeed and bank: it has no limits of either."""
         return []
@@ -173,6 +178,11 @@ class FixedWing:
     def cruise_power_w(self) -> float:
         """Motion power in straight level flight at the airspeed held [W]."""
         return self.level_power_w(self.airspeed_mps)
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.max_power_w + self.avionics_w
 
     @property
     def stall_mps(self) -> float:

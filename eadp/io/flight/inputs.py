@@ -201,6 +201,8 @@ def load_flight(
         vehicle.cruise_power_w,
         keys.home.position_m,
         scenario.rules,
+        vehicle.max_motion_w,
+        keys.wind.gust_time_s,
     )
     _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)

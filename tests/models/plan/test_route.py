@@ -761,3 +761,40 @@ def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_m
     assert stages - 1 <= told[0] <= stages + 4
     lap_s = seconds / (stages / 4)
     assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s
+
+
+@pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -500.0, -640.0, -805.0, -1000.0])
+def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
+    """Beside a route for every margin: the first end that is cleared by as much, or the certain one."""
+    follower, _ = begun(survey(), (c1, 10.0))
+    largest_m = 8.0
+    course = follower.route((c1, 10.0), largest_m)
+    clearances = [end.clearance_m for end in course.ends]
+    assert clearances == sorted(clearances)
+    radius_m = survey().trigger_radius_m
+    for margin_m in np.linspace(-largest_m, largest_m, 65)[1:-1].tolist():
+        if any(abs(clearance - margin_m) < 0.1 for clearance in clearances):
+            continue
+        cleared = (end for end in course.ends if end.clearance_m >= margin_m)
+        told = next(cleared, None)
+        leg, flown_m = (told.leg, told.flown_m) if told else (len(course.legs) - 1, course.legs[-1].distance_m)
+        found = follower.route((c1, 10.0), 0.0 if margin_m == 0 else margin_m)
+        there = len(found.legs) - 1
+        if there + 1 == leg and found.legs[-1].length_m - found.legs[-1].distance_m <= radius_m:
+            continue  # beyond the trigger's disc the next stage passes it
+        assert leg == there
+        if margin_m <= 0:
+            assert flown_m <= found.legs[-1].distance_m + 40
+
+
+def test_at_the_end_to_a_hair_there_are_two_ends():
+    """The published survey at c1 = 0: flown, the plan ends on stage 61; it may take a lap more."""
+    follower, _ = begun(survey(), (0.0, 10.0))
+    course = follower.route((0.0, 10.0), MARGIN_M)
+    assert (len(course.legs), [end.leg for end in course.ends]) == (65, [60])
+    assert abs(course.ends[0].clearance_m) < 0.1
+    assert flown_survey(0.0)[0] == course.ends[0].leg + 1
+    for _ in range(60):
+        course = course.after()
+    assert [end.leg for end in course.ends] == [0]
+    assert course.after().ends == ()

@@ -430,7 +430,8 @@ def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
     """A peak that no battery delivers: every candidate is short, by a number, and the least is taken."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"))
     settings = inputs.scenario.planner
-    forecaster = Forecaster(settings, inputs.mission, settings.joint)
+    forecaster = Forecaster(settings, replace(inputs.mission, max_motion_w=np.inf), settings.joint)
+    forecaster.gate.max_motion_w = 6000.0
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
     forecaster.start_at(0.0, inputs.world.start_m, 6000.0)
     shorts = {share: best_at(forecaster.candidate((share,))).shortfall for share in (0.0, 0.3, 0.6, 1.0)}
