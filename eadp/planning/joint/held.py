@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from eadp.core.geometry.curves import Point
 from eadp.models.plan.cursor import Vector
 from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
@@ -34,6 +35,11 @@ class HeldForecast:
             held_settings(settings, mission, mission.parameters), mission, margin_m=-NEAR_END_M
         )
         self._held = mission.parameters
+
+    @property
+    def wind_mps(self) -> Point:
+        """The wind to plan with [m/s]."""
+        return self._forecaster.wind_mps
 
     def observe(self, o: Observation) -> None:
         """Take an observation."""
