@@ -65,6 +65,8 @@ class Observation(NamedTuple):
         Ground velocity [m/s].
     heading_rad : float or None
         Heading of the nose, 0 east, counter-clockwise [rad].
+    through_gap : bool
+        Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
     """
 
     time_s: float
@@ -78,6 +80,7 @@ class Observation(NamedTuple):
     wind_mps: Point | None = None
     velocity_mps: Point | None = None
     heading_rad: float | None = None
+    through_gap: bool = False
 
     @property
     def stage(self) -> int:
@@ -327,6 +330,13 @@ class Planner(Protocol):
     def estimate(self) -> PowerEstimate:
         """The power as estimated after the last reading."""
 
+    def hold(self, held: Mapping[int, float]) -> None:
+        """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Codes of what is wrong with the readings."""
+
 
 class TrackingPlanner:
     """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
@@ -354,6 +364,7 @@ class TrackingPlanner:
         self._stages_started = 1
         self._segment = 0
         self._laps = 0
+        self._lap_through_gap = False
         self._computing_for: tuple[Vector, int] | None = None
         self._computing_w = 0.0
 
@@ -401,6 +412,14 @@ class TrackingPlanner:
         self._track(observation)
         return self._decision
 
+    def hold(self, held: Mapping[int, float]) -> None:
+        """Its decisions do not depend on them."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
     def _count_laps(self, o: Observation) -> None:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
@@ -410,7 +429,8 @@ class TrackingPlanner:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
             return
-        if self._segment != before:
+        through_gap, self._lap_through_gap = self._lap_through_gap, o.through_gap
+        if self._segment != before or through_gap:
             self._estimator.start_lap(o.time_s)
             return
         self._laps += 1
@@ -418,6 +438,7 @@ class TrackingPlanner:
 
     def _track(self, o: Observation) -> None:
         """Update the estimator with the laps that have ended, and with a reading if one is due."""
+        self._lap_through_gap |= o.through_gap
         if o.stages_started != self._stages_started:
             self._stages_started = o.stages_started
             self._count_laps(o)

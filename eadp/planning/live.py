@@ -1,11 +1,12 @@
 """A planner on a real flight: samples of telemetry to observations, decisions to advice. No files, no clock.
 
-`OutlierGate` rejects outliers; `LiveFlight` tracks the plan with the accepted samples and updates the planner. Both
-depend on their input alone, so that a flight is restored from the same samples.
+`LiveFlight` tracks the plan with the samples that the gate accepts and updates the planner. Both depend on their input
+alone, so that a flight is restored from the same samples.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -16,22 +17,15 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
+from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
-from eadp.planning.base import Decision, Mission, Observation, Planner, next_multiple
+from eadp.models.plan.plan import Plan
+from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
+from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
+from eadp.planning.joint.forecaster import Forecast
 from eadp.planning.joint.held import HeldForecast
-
-GAP_S, GAP_STEPS = 5.0, 3.0
-"""A gap: minimum length [s], and in multiples of the step before."""
-
-MAX_GAP_S = 3600.0
-SPEED_FACTOR, SLACK_M = 3.0, 50.0
-"""Maximum distance of a sample from the last one: multiple of the cruise speed, and a constant [m]."""
-MIN_AGREEING = 3
-"""Number of consecutive samples in agreement that are accepted however far they are from the last one."""
-
-STEP_M, MAX_STEPS = 1.0, 5000
-"""Distance of trigger checks between two samples [m], and their maximum number."""
+from eadp.planning.locator import Locator, Sighting
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
 """Window of positions for the ground velocity, its minimum span, and the maximum step in it [s]."""
@@ -42,49 +36,44 @@ CLOCK_START_S = 10.0
 RECENT_S = 10.0
 """Maximum age of a decision record that counts as a forecast [s], if it exceeds three re-plannings."""
 
+APPLY_S, SAME_SHARE = 10.0, 0.01
+"""Time in which the aircraft applies a parameter [s]; and by how much a value may be off, as a share of its set."""
+
+STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
+"""Codes of warnings: position or charge is not measured, the stage is not certain, parameters are not applied."""
+
 MAX_NOTICES = 100
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 
 
-class Sample(NamedTuple):
-    """One sample of telemetry.
+class Ending(NamedTuple):
+    """Forecast of the end of the plan; None where it is unknown.
 
     Attributes
     ----------
-    time_s, x_m, y_m : float
-        Time of any clock that rises [s]; position in the local frame [m].
-    power_w : float or None
-        Measured power of motion and computations [W]; None without a reading.
-    soc : float
-        State of charge, 0 to 1.
-    stage : int or None
-        Stage being flown, from 1 within the plan's stages; None if the autopilot does not report it.
-    wind_mps, velocity_mps : (float, float) or None
-        Vector that the wind blows towards, and ground velocity [m/s].
-    heading_rad : float or None
-        Heading of the nose, 0 east, counter-clockwise [rad].
-    parameters : mapping of name to value
-        Reported to be in force.
+    soc_end, soc_end_std : float or None
+        State of charge, negative by the shortfall of charge; and its standard deviation.
+    completes_probability, reserve_probability : float or None
+        Probabilities that the battery is not empty before, and that the reserve is kept.
+    remaining_s : float or None
+        Time to it [s].
+    energy_wh, energy_std_wh : float or None
+        Energy to it, and its standard deviation [Wh].
     """
 
-    time_s: float
-    x_m: float
-    y_m: float
-    power_w: float | None
-    soc: float
-    stage: int | None = None
-    wind_mps: Point | None = None
-    velocity_mps: Point | None = None
-    heading_rad: float | None = None
-    parameters: Mapping[str, float] = {}
+    soc_end: float | None = None
+    soc_end_std: float | None = None
+    completes_probability: float | None = None
+    reserve_probability: float | None = None
+    remaining_s: float | None = None
+    energy_wh: float | None = None
+    energy_std_wh: float | None = None
 
-
-class Notice(NamedTuple):
-    """A warning about a sample: its key, what is wrong, and what was expected."""
-
-    key: str
-    message: str
-    expected: str = ""
+    @classmethod
+    def of(cls, known: DecisionRecord | Forecast) -> Ending:
+        """That of a record or a forecast; numbers that are not finite are unknown."""
+        values = [getattr(known, name) for name in cls._fields]
+        return cls(*[value if value is not None and math.isfinite(value) else None for value in values])
 
 
 class Advice(NamedTuple):
@@ -98,16 +87,14 @@ class Advice(NamedTuple):
         Being flown, from 1 and from 0.
     parameters, in_force : mapping of name to value
         Decided; and in force, since path parameters may wait for their stage.
-    soc_end_forecast : float or None
-        State of charge at the end of the plan, negative by the shortfall of charge; None if unknown.
-    completes_probability, reserve_probability : float or None
-        Probabilities that the battery is not empty before the end, and that the reserve is kept; None if unknown.
-    remaining_s : float or None
-        Time to the end of the plan [s].
+    ending : Ending
+        Forecast of the end of the plan.
     wind_mps : (float, float) or None
         Estimated wind [m/s].
     reason : str
         The decision and its reason, in words.
+    warnings : tuple of str
+        Codes of what is wrong with the telemetry.
     """
 
     time_s: float
@@ -115,69 +102,10 @@ class Advice(NamedTuple):
     lap: int
     parameters: Mapping[str, float]
     in_force: Mapping[str, float]
-    soc_end_forecast: float | None
-    completes_probability: float | None
-    reserve_probability: float | None
-    remaining_s: float | None
+    ending: Ending
     wind_mps: Point | None
     reason: str
-
-
-class OutlierGate:
-    """Accepts samples in order of time, and rejects outliers until several agree.
-
-    Parameters
-    ----------
-    cruise_mps : float
-        Airspeed of the aircraft [m/s].
-    """
-
-    def __init__(self, cruise_mps: float) -> None:
-        self._max_mps = SPEED_FACTOR * cruise_mps
-        self._last: Sample | None = None
-        self._step_s = 0.0
-        self._rejected: Sample | None = None
-        self._agreeing = 0
-
-    def accept(self, sample: Sample) -> tuple[bool, Notice | None]:
-        """Whether a sample is accepted, and a notice about it; one that is becomes the reference of the next."""
-        notice = None
-        if self._last is not None:
-            step_s = sample.time_s - self._last.time_s
-            if step_s <= 0:
-                what = f"late: {sample.time_s:.15g} s is not after {self._last.time_s:.15g} s"
-                return False, Notice("time_s", what, "a time after the last line's")
-            outlier = self._outlier(self._last, sample)
-            if outlier is not None and not self._confirmed(sample):
-                return False, outlier
-            if step_s > GAP_S and step_s > GAP_STEPS * self._step_s:
-                notice = Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
-        self.keep(sample)
-        return True, notice
-
-    def keep(self, sample: Sample) -> None:
-        """Make a sample the reference of the next."""
-        if self._last is not None:
-            self._step_s = sample.time_s - self._last.time_s
-        self._last, self._rejected, self._agreeing = sample, None, 0
-
-    def _confirmed(self, sample: Sample) -> bool:
-        """Whether enough consecutive outliers agree with one another."""
-        before, self._rejected = self._rejected, sample
-        agrees = before is not None and sample.time_s > before.time_s and self._outlier(before, sample) is None
-        self._agreeing = self._agreeing + 1 if agrees else 1
-        return self._agreeing >= MIN_AGREEING
-
-    def _outlier(self, before: Sample, sample: Sample) -> Notice | None:
-        step_s = sample.time_s - before.time_s
-        if step_s > MAX_GAP_S:
-            expected = f"{MAX_GAP_S:g} s or less, or {MIN_AGREEING} lines in a row that agree"
-            return Notice("time_s", f"{step_s:.6g} s after the last line", expected)
-        distance_m = math.dist((before.x_m, before.y_m), (sample.x_m, sample.y_m))
-        if distance_m > self._max_mps * step_s + SLACK_M:
-            expected = f"a position that can be reached, or {MIN_AGREEING} lines in a row that agree"
-            return Notice("x_m", f"{distance_m:.6g} m from the last line's position, {step_s:.6g} s before", expected)
-        return None
+    warnings: tuple[str, ...]
 
 
 class LiveFlight:
@@ -186,7 +114,8 @@ class LiveFlight:
     Parameters
     ----------
     mission : Mission
-        Known before take-off. The flight starts at the first sample if that is far from the mission's start.
+        Known before take-off. The flight starts at the first sample with a position if that is far from the mission's
+        start.
     make, make_forecast : function of a Mission
         A new planner, and a forecast for planners without their own.
     every_s : float
@@ -213,11 +142,15 @@ class LiveFlight:
         self._every_s = every_s
         self._started = False
         self._planner: Planner
-        self._executor: PlanExecutor
+        self._locator: Locator
         self._forecast: HeldForecast
         self._ground = _GroundVelocity(mission.cruise_mps)
+        self._charge = _Charge(mission.battery)
+        self._applied = AppliedParameters(mission.parameters, mission.plan)
         self._origin_s = 0.0
-        self._last: tuple[float, Point, float] = (0.0, (0.0, 0.0), 1.0)
+        self._located: tuple[float, Point] = (0.0, (0.0, 0.0))
+        self._usual_s = 0.0
+        self._last: tuple[float, float] = (0.0, 1.0)
         self._decision = Decision(mission.parameters, 0.0)
         self._next_s = -math.inf
         self._lost = self._empty = False
@@ -233,22 +166,25 @@ class LiveFlight:
         """Update with a sample later than the last one; return advice, if any is due, and notices."""
         self._notices, self._reasons = [], []
         if not self._started:
+            if sample.position_m is None and self._mission.start_m is None:
+                return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
             self._start(sample)
         velocity = self._ground.update(sample)
         if self.complete:
             return None, ()
-        time_s, position = sample.time_s - self._origin_s, (sample.x_m, sample.y_m)
-        if sample.soc <= 0:
+        if sample.soc is not None and sample.soc <= 0:
             return self._run_empty(sample), ()
+        time_s = sample.time_s - self._origin_s
+        soc = self._charge.update(time_s, sample.power_w, sample.soc)
         self._empty = False
         before = self._decision
-        self._track(sample)
-        self._put_in_force(sample)
-        self._last = (time_s, position, sample.soc)
+        position = self._track(sample, time_s, soc, velocity)
+        self._put_in_force(sample, time_s, position)
+        self._last = (time_s, soc)
         if self._executor.complete:
             self.complete = self.forecast_completes = True
-            return self._advice(sample, COMPLETED, sample.wind_mps, sample.soc, 1.0, remaining_s=0.0), self._all()
-        observation = self._observation(time_s, position, sample.soc)._replace(
+            return self._advice(sample, COMPLETED, sample.wind_mps, Ending(soc, 0.0, 1.0, remaining_s=0.0)), self._all()
+        observation = self._observation(time_s, position, soc)._replace(
             power_w=sample.power_w,
             wind_mps=sample.wind_mps,
             velocity_mps=velocity,
@@ -261,104 +197,148 @@ class LiveFlight:
             return None, self._all()
         advice = self._advise(sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
-        self.forecast_completes = (advice.soc_end_forecast or 0.0) > 0
+        self.forecast_completes = (advice.ending.soc_end or 0.0) > 0
         return advice, self._all()
 
     # --- the plan
+
+    @property
+    def _executor(self) -> PlanExecutor:
+        return self._locator.executor
 
     def _start(self, sample: Sample) -> None:
         """Set location and time of the start from the first sample."""
         mission = self._mission
         self._origin_s = 0.0 if 0 <= sample.time_s <= CLOCK_START_S else sample.time_s
-        position, start = (sample.x_m, sample.y_m), mission.start_m
+        position, start = sample.position_m, mission.start_m
         elapsed_s = sample.time_s - self._origin_s
-        if start is None or math.dist(position, start) > SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M:
-            start = position
+        if position is not None:
+            reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
+            start = start if start is not None and math.dist(position, start) <= reach_m else position
+        assert start is not None
         mission = replace(mission, start_m=start)
         self._planner = self._make(mission)
         self._forecast = self._make_forecast(mission)
-        self._executor = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
-        self._last = (min(0.0, elapsed_s), start, sample.soc)
+        executor = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
+        time_s = min(0.0, elapsed_s)
+        self._locator = Locator(executor, mission.cruise_mps, time_s)
+        self._located = (time_s, start)
+        self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._reasons.append(TAKE_OFF)
         self._started = True
 
-    def _track(self, sample: Sample) -> None:
-        """Advance the plan along the straight line from the last sample; a reported stage has precedence."""
+    def _track(self, sample: Sample, time_s: float, soc: float, velocity: Point | None) -> Point:
+        """Find the position in the plan; return that of the aircraft, or its forecast [m].
+
+        In ordinary flight the plan is advanced along the straight line from the last sample, and a reported stage has
+        precedence.
+        """
+        (located_s, last), position = self._located, sample.position_m
+        step_s = time_s - located_s
+        gap = step_s > GAP_S and (position is None or step_s > GAP_STEPS * self._usual_s)
+        if position is not None:
+            self._located, self._usual_s = (time_s, position), step_s
         if self._lost:
-            return
-        executor = self._executor
-        (t0, (x0, y0), soc0), position = self._last, (sample.x_m, sample.y_m)
-        t1 = sample.time_s - self._origin_s
+            return position or last
+        course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
+        sighting = Sighting(time_s, position, course, sample.stage, sample.stages_started)
         try:
-            skips = self._skips(sample)
-            steps = min(max(1, math.ceil(math.dist((x0, y0), position) / STEP_M)), MAX_STEPS)
-            for k in range(1, steps + 1):
-                part = k / steps
-                x, y = x0 + part * (position[0] - x0), y0 + part * (position[1] - y0)
-                if skips is not None:
-                    executor.stay(x, y)
-                elif executor.advance(x, y) and k < steps:
-                    # a stage has started between two samples: the planner observes it at that time
-                    time_s, soc = t0 + part * (t1 - t0), soc0 + part * (sample.soc - soc0)
-                    self._update_planner(self._observation(time_s, (x, y), soc))
-                if executor.complete:
-                    return
-            for k in range(1, (skips or 0) + 1):
-                executor.skip(position)
-                if executor.complete:
-                    return
-                if k < (skips or 0):  # a skipped stage: its start is interpolated
-                    time_s = t0 + k / (skips or 1) * (t1 - t0)
-                    self._update_planner(self._observation(time_s, position, sample.soc))
+            if gap or self._locator.lost:
+                found = self._seek(sighting, soc)
+                if found is not None or position is None:
+                    return found or last
+            elif position is None:
+                return last
+            self._follow(sighting, soc)
         except EadpError as error:
             self._lose(error)
+        assert position is not None
+        return position
 
-    def _skips(self, sample: Sample) -> int | None:
+    def _follow(self, to: Sighting, soc: float) -> None:
+        """Advance to a sample; the planner observes each stage that starts before it, at that time."""
+        t0, soc0 = self._last
+
+        def started(time_s: float, position: Point, part: float) -> None:
+            self._update_planner(self._observation(max(time_s, t0), position, soc0 + part * (soc - soc0)))
+
+        self._locator.follow(to, self._skips(to), started)
+
+    def _seek(self, sighting: Sighting, soc: float) -> Point | None:
+        """Find the flight again after a gap; the planner observes the stage at the time at which it started."""
+        before = self._executor.stages_started
+        found = self._locator.seek(sighting, self._forecast.wind_mps)
+        since_s = self._locator.hypotheses[0].since_s
+        if found is not None and self._executor.stages_started != before and self._last[0] < since_s < sighting.time_s:
+            self._update_planner(self._observation(since_s, self._executor.joined_m, soc))
+        return found
+
+    def _skips(self, to: Sighting) -> int | None:
         """Number of stages to advance to the reported one; None where positions decide."""
-        executor, reported = self._executor, sample.stage
+        executor, reported = self._executor, to.stage
+        if to.stages_started is not None:
+            ahead = to.stages_started - executor.stages_started
+            if self._locator.leads(ahead):
+                return ahead
+            what = f"{to.stages_started} stages started, and {executor.stages_started} are flown; ignored"
+            self._notice_once("stages_started", what, "a stage ahead")
         if reported is None:
             return None
         now, count = executor.stage.index, len(self._mission.plan.stages)
         if reported > count:
             self._notice_once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
             return None
-        to = executor.stages_to(reported)
+        skips = executor.stages_to(reported)
         if reported == now:
             self._past_stage = None
             # only positions distinguish the laps of a plan of one stage
-            return None if to == 1 else 0
+            return None if skips == 1 else 0
         lap = executor.stages_to(now) if reported < now else None
         # 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is the longer way
-        if to is None or (reported < now and lap is not None and 2 * to > lap):
+        if skips is None or (reported < now and lap is not None and 2 * skips > lap):
             if self._past_stage != reported:
                 self._past_stage = reported
                 what = f"stage {reported} is before stage {now}, which is flown; ignored"
                 self._notices.append(Notice("stage", what, "a stage ahead"))
             return None
         self._past_stage = None
-        return to
+        return skips
 
-    def _put_in_force(self, sample: Sample) -> None:
-        """Put the reported parameters in force."""
+    def _put_in_force(self, sample: Sample, time_s: float, position: Point) -> None:
+        """Put the reported parameters in force, and hold those that the aircraft does not change."""
         if not sample.parameters or self._lost:
             return
-        values, sets = list(self._executor.parameters), self._executor.stage.sets
+        expected, sets = self._executor.parameters, self._executor.stage.sets
+        values = list(expected)
+        reported: dict[int, float] = {}
         for name, value in sample.parameters.items():
             if name not in self._names:
-                expected = f"one of {', '.join(self._names) or 'none'}"
+                known = f"one of {', '.join(self._names) or 'none'}"
                 what = f"the plan has no parameter {printable(name, 40)}; ignored"
-                self._notice_once("parameters", what, expected, name)
+                self._notice_once("parameters", what, known, name)
                 continue
             i = self._names.index(name)
-            values[i] = clipped = sets[i].clip(value) if sets else value
+            values[i] = reported[i] = clipped = sets[i].clip(value) if sets else value
             if clipped != value:
-                expected = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
+                known = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
                 what = f"{name} = {value:g} is outside its set; clipped"
-                self._notice_once("parameters", what, expected, f"{name} outside")
+                self._notice_once("parameters", what, known, f"{name} outside")
         try:
-            self._executor.take_in_force(values, (sample.x_m, sample.y_m))
+            self._locator.take_in_force(values, position)
+            if self._applied.update(time_s, reported, expected):
+                self._hold(position)
         except EadpError as error:
             self._lose(error)
+
+    def _hold(self, position: Point) -> None:
+        """Plan with the parameters that the aircraft changes; the others stay."""
+        held = self._applied.held
+        self._planner.hold(held)
+        self._locator.decide(self._applied.effective, position)
+        for i, value in held.items():
+            asked = self._applied.asked[i]
+            what = f"{self._names[i]} = {asked:g} is not applied: {value:g} stays in force"
+            self._notice_once("parameters", what, "the parameters decided", f"{self._names[i]} held at {value:g}")
 
     def _lose(self, error: EadpError) -> None:
         """Stop tracking the plan: stage and parameters stay."""
@@ -380,7 +360,8 @@ class LiveFlight:
         """What is known at any time, between two samples as well."""
         executor = self._executor
         joined_m, started = executor.joined_m, executor.stages_started
-        return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc)
+        gap = self._locator.through_gap
+        return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
 
     def _update_planner(self, observation: Observation) -> None:
         """Update the planner with an observation, and the plan with its decision."""
@@ -398,9 +379,10 @@ class LiveFlight:
             return
         if self._decision.parameters != before.parameters:
             self._reasons.append(self._decision.reason)
+        self._applied.decide(self._decision.parameters)
         if not self._lost:
             try:
-                self._executor.decide(self._decision.parameters, (observation.x_m, observation.y_m))
+                self._locator.decide(self._applied.effective, (observation.x_m, observation.y_m))
             except EadpError as error:
                 self._lose(error)
 
@@ -419,14 +401,10 @@ class LiveFlight:
         if record is not None:
             wind_mps = record.wind_mps
         elif not self._lost:
-            try:
-                end = self._forecast.at(observation, decision.parameters)
-            except EadpError:
-                end = None
-        if (known := record or end) is None:
-            return self._advice(sample, reason, wind_mps)
-        end_of = known.soc_end, known.completes_probability, known.reserve_probability, known.remaining_s
-        return self._advice(sample, reason, wind_mps, *end_of)
+            with contextlib.suppress(EadpError):
+                end = self._forecast.at(observation, self._applied.effective)
+        known = record or end
+        return self._advice(sample, reason, wind_mps, Ending() if known is None else Ending.of(known))
 
     def _run_empty(self, sample: Sample) -> Advice | None:
         """The battery is measured to be empty: no decisions until it is not."""
@@ -435,34 +413,119 @@ class LiveFlight:
             return None
         self._empty = True
         self._next_s = -math.inf
-        return self._advice(sample, EMPTY, sample.wind_mps, 0.0, 0.0)
+        return self._advice(sample, EMPTY, sample.wind_mps, Ending(0.0, completes_probability=0.0))
 
-    def _advice(
-        self,
-        sample: Sample,
-        reason: str,
-        wind_mps: Point | None,
-        soc_end: float | None = None,
-        completes: float | None = None,
-        reserve: float | None = None,
-        remaining_s: float | None = None,
-    ) -> Advice:
+    def _advice(self, sample: Sample, reason: str, wind_mps: Point | None, ending: Ending) -> Advice:
         return Advice(
             sample.time_s,
             self._executor.stage.index,
             self._executor.cursor.lap,
-            self._named(self._decision.parameters),
+            self._named(self._applied.asked),
             self._named(self._executor.parameters),
-            _finite(soc_end),
-            _finite(completes),
-            _finite(reserve),
-            _finite(remaining_s),
+            ending,
             wind_mps,
             reason,
+            self._warnings(sample),
         )
+
+    def _warnings(self, sample: Sample) -> tuple[str, ...]:
+        known = {
+            STALE: sample.position_m is None or sample.soc is None,
+            STAGE_UNKNOWN: self._lost or self._locator.uncertain,
+            NOT_APPLIED: bool(self._applied.held),
+        }
+        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._planner.warnings)
 
     def _named(self, parameters: Vector) -> dict[str, float]:
         return dict(zip(self._names, parameters, strict=True))
+
+
+class AppliedParameters:
+    """Which of the parameters decided the aircraft applies, by those that it reports to be in force.
+
+    A parameter that should have changed `APPLY_S` before, and is still reported as it was, is held: it keeps that value
+    until another value of it is reported.
+
+    Parameters
+    ----------
+    parameters : tuple of float
+        Decided at take-off.
+    plan : Plan
+
+    Attributes
+    ----------
+    asked : tuple of float
+        Parameters to fly with; of those that are held, the values decided before.
+    held : dict of int to float
+        Parameters that are held, by index, and the values reported.
+    """
+
+    def __init__(self, parameters: Vector, plan: Plan) -> None:
+        self.asked = parameters
+        self.held: dict[int, float] = {}
+        boxes = [plan.hull(i) for i in range(len(parameters))] if plan.has_sets else []
+        self._tolerances = [SAME_SHARE * (box.hi - box.lo) for box in boxes] or [0.0] * len(parameters)
+        self._reported: dict[int, float] = {}
+        self._before: dict[int, float] = {}
+        """Reported when another value was decided."""
+        self._refused_s: dict[int, float] = {}
+
+    @property
+    def effective(self) -> Vector:
+        """The parameters that will be in force."""
+        return tuple([self.held.get(i, value) for i, value in enumerate(self.asked)])
+
+    def decide(self, parameters: Vector) -> None:
+        """Take a decision."""
+        asked = list(self.asked)
+        for i, value in enumerate(parameters):
+            if i not in self.held and value != asked[i]:
+                asked[i] = value
+                if i in self._reported:
+                    self._before[i] = self._reported[i]
+        self.asked = tuple(asked)
+
+    def update(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> bool:
+        """Take parameters reported, and those in force by the plan's rules; return whether those held have changed."""
+        self._reported |= reported
+        held = dict(self.held)
+        for i, value in reported.items():
+            if i in self.held:
+                if not self._same(i, value, self.held[i]):
+                    del self.held[i], self._before[i]
+                continue
+            unchanged = i in self._before and self._same(i, value, self._before[i])
+            if not unchanged or self._same(i, value, self.asked[i]):
+                self._refused_s.pop(i, None)
+            elif not self._same(i, value, expected[i]):  # else it waits for its stage
+                self._refused_s.setdefault(i, time_s)
+            if time_s - self._refused_s.get(i, math.inf) >= APPLY_S:
+                self.held[i] = value
+                del self._refused_s[i]
+        return held != self.held
+
+    def _same(self, i: int, one: float, other: float) -> bool:
+        return abs(one - other) <= self._tolerances[i]
+
+
+class _Charge:
+    """The state of charge: measured, else less the charge drained by the power."""
+
+    def __init__(self, battery: Battery) -> None:
+        self._battery = battery
+        self._soc, self._power_w = battery.soc, 0.0
+        self._time_s: float | None = None
+
+    def update(self, time_s: float, power_w: float | None, soc: float | None) -> float:
+        """The state of charge at a time [s], with the power [W] and the state of charge if they are measured."""
+        battery, step_s = self._battery, 0.0 if self._time_s is None else time_s - self._time_s
+        self._time_s = time_s
+        self._power_w = self._power_w if power_w is None else power_w
+        if soc is None and not battery.prescribed:
+            drained = float(battery.drain_per_s(max(self._power_w, 0.0), battery.voltage_at(self._soc))) * step_s
+            soc = max(self._soc - drained, 0.0)
+        self._soc = self._soc if soc is None else soc
+        return self._soc
 
 
 class _GroundVelocity:
@@ -478,9 +541,12 @@ class _GroundVelocity:
         Source: the least-squares parabola through the positions, its slope at the last one, so that turns do not lag.
         """
         positions = self._positions
+        position = sample.position_m
+        if position is None:
+            return sample.velocity_mps
         if positions and sample.time_s - positions[-1][0] > MAX_CHORD_S:
             positions.clear()
-        positions.append((sample.time_s, sample.x_m, sample.y_m))
+        positions.append((sample.time_s, *position))
         while len(positions) > 2 and sample.time_s - positions[0][0] > WINDOW_S:
             positions.popleft()
         if sample.velocity_mps is not None:
@@ -493,7 +559,3 @@ class _GroundVelocity:
         slopes = np.linalg.lstsq(np.stack(columns, axis=1), offsets, rcond=None)[0][1]
         vx, vy = float(slopes[0]), float(slopes[1])
         return (vx, vy) if math.hypot(vx, vy) <= self._max_mps else None
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
+from eadp.planning.gate import OutlierGate, Sample
 from eadp.planning.joint.held import HeldForecast
-from eadp.planning.live import COMPLETED, EMPTY, MIN_AGREEING, LiveFlight, OutlierGate, Sample
+from eadp.planning.live import APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -108,7 +109,7 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
     stages, decided = [], []
     advice = None
     for sample in samples(recorder.seen, round(step_s / 0.01), shift_s, keys):
-        assert gate.accept(sample) == (True, None)
+        assert gate.accept(sample) == (sample, None)
         answer, notices = flight.update(sample)
         assert notices == ()
         if answer is not None:
@@ -133,7 +134,7 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
     assert flight.complete
     assert flight.forecast_completes
     assert advice.reason == COMPLETED
-    assert (advice.soc_end_forecast, advice.completes_probability) == (recorder.seen[-1].soc, 1.0)
+    assert advice.ending[:3:2] == (recorder.seen[-1].soc, 1.0)
 
 
 def mean_of(pairs, index, end_s=None):
@@ -172,9 +173,9 @@ def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
             advised[round(sample.time_s)] = advice
     assert outcome.completed
     half = advised[round(outcome.duration_s / 2)]
-    assert half.completes_probability == pytest.approx(1.0, abs=0.01)
-    assert half.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
-    assert half.soc_end_forecast == pytest.approx(outcome.soc_final, abs=0.02)
+    assert half.ending.completes_probability == pytest.approx(1.0, abs=0.01)
+    assert half.ending.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
+    assert half.ending.soc_end == pytest.approx(outcome.soc_final, abs=0.02)
     assert flight.complete
 
 
@@ -187,7 +188,7 @@ def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
     flight = live(recorded[0])
     flight.update(start(recorded[0]))
     advice, _ = flight.update(start(recorded[0], 1.0, soc=0.0))
-    assert (advice.reason, advice.soc_end_forecast, advice.completes_probability) == (EMPTY, 0.0, 0.0)
+    assert (advice.reason, *advice.ending[:3:2]) == (EMPTY, 0.0, 0.0)
     assert not flight.forecast_completes
     assert flight.update(start(recorded[0], 2.0, soc=0.0)) == (None, ())
     advice, _ = flight.update(start(recorded[0], 3.0, soc=0.9))
@@ -240,6 +241,34 @@ def test_reported_parameters_are_in_force(recorded):
     assert [notice.message for notice in notices] == ["c2 = 99 is outside its set; clipped"]
 
 
+def test_a_parameter_is_held_until_another_value_is_reported(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    assert not applied.update(0.0, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    applied.decide((-500.0, 10.0))
+    # it waits for its stage
+    assert not applied.update(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert applied.held == {}
+    # its stage starts at 51 s
+    assert not applied.update(51.0, {0: 0.0, 1: 10.0}, (-500.0, 10.0))
+    assert not applied.update(51.0 + APPLY_S - 1, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert applied.update(51.0 + APPLY_S, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert (applied.held, applied.effective, applied.asked) == ({0: 0.0}, (0.0, 10.0), (-500.0, 10.0))
+    applied.decide((0.0, 2.0))
+    assert (applied.effective, applied.asked) == ((0.0, 2.0), (-500.0, 2.0))
+    assert applied.update(70.0, {0: -500.0, 1: 2.0}, (0.0, 2.0))
+    assert (applied.held, applied.effective) == ({}, (-500.0, 2.0))
+
+
+def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):
+    """A computation that runs at another rate than commanded follows its commands all the same."""
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    for time_s in range(30):
+        assert not applied.update(float(time_s), {1: 9.2}, (0.0, 10.0))
+    applied.decide((0.0, 4.0))
+    for time_s in range(30, 60):
+        assert not applied.update(float(time_s), {1: 3.7}, (0.0, 4.0))
+
+
 def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
     inputs = recorded[0]
 
@@ -253,42 +282,6 @@ def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
     assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}
     assert flight.update(start(inputs, 1.0))[1] == ()
-
-
-# --- the outlier gate
-
-
-def accepted(*pairs):
-    """Whether samples of (time, x) are used, and what is odd about them."""
-    gate, answers = OutlierGate(15.0), []
-    for time_s, x in pairs:
-        sample = Sample(time_s, x, 0.0, None, 0.5)
-        usable, notice = gate.accept(sample)
-        answers.append((usable, notice.message if notice else None))
-    return answers
-
-
-def test_late_lines_and_duplicates_are_not_used():
-    answers = accepted((1, 0), (2, 15), (2, 15), (1.5, 8), (3, 30))
-    assert answers[:2] == [(True, None)] * 2
-    assert answers[2] == (False, "late: 2 s is not after 2 s")
-    assert answers[3] == (False, "late: 1.5 s is not after 2 s")
-    assert answers[4] == (True, None)
-
-
-def test_gaps_give_a_notice_and_a_slow_stream_has_none():
-    assert [message for _, message in accepted((0, 0), (1, 15), (9, 100))] == [None, None, "a gap of 8 s"]
-    assert [message for _, message in accepted((0, 0), (8, 100), (16, 200))] == [None, "a gap of 8 s", None]
-
-
-def test_outliers_are_not_used_unless_they_stay():
-    used = [usable for usable, _ in accepted((0, 0), (1, 9000), (2, 30), (3, 9000), (4, 60))]
-    assert used == [True, False, True, False, True]
-    far = accepted((0, 0), *((k, 9000 + 15 * k) for k in range(1, 5)))
-    assert [usable for usable, _ in far] == [True] + [False] * (MIN_AGREEING - 1) + [True, True]
-    assert "m from the last line's position" in far[1][1]
-    clock = accepted((0, 0), (9e9, 0), (1, 15), (9e9, 0), (9e9 + 1, 15), (9e9 + 2, 30), (9e9 + 3, 45))
-    assert [usable for usable, _ in clock] == [True, False, True, False, False, True, True]
 
 
 FINITE = st.floats(-1e7, 1e7)
@@ -327,7 +320,7 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
         if advice is None:
             continue
         numbers = [*advice.parameters.values(), *advice.in_force.values(), *(advice.wind_mps or ())]
-        numbers += [advice.soc_end_forecast, advice.completes_probability, advice.remaining_s]
+        numbers += advice.ending
         assert all(value is None or math.isfinite(value) for value in numbers)
         assert advice.reason
 

@@ -23,11 +23,15 @@ class DecisionLine(BaseModel):
     soc_end_forecast: float | None = Field(
         description="state of charge at the end of the plan; negative by the shortfall of charge"
     )
+    soc_end_std: float | None = Field(description="its standard deviation")
     completes_probability: float | None = Field(description="probability that the battery is not empty before the end")
     reserve_probability: float | None = Field(description="probability that the reserve is kept")
     remaining_s: float | None = Field(description="time to the end of the plan [s]")
+    energy_wh: float | None = Field(description="energy to the end of the plan [Wh]")
+    energy_std_wh: float | None = Field(description="its standard deviation [Wh]")
     wind_mps: list[float] | None = Field(description="[x, y]: estimated wind, the vector that it blows towards [m/s]")
     reason: str = Field(description="the decision and its reason")
+    warnings: list[str] = Field(description="codes of what is wrong with the telemetry")
 
 
 def json_schema() -> dict[str, Any]:
@@ -37,9 +41,10 @@ def json_schema() -> dict[str, Any]:
 
 def decision_line(advice: Advice) -> dict[str, Any]:
     """Advice as the object of a line."""
-    line = advice._asdict()
-    line["wind_mps"] = None if advice.wind_mps is None else list(advice.wind_mps)
-    return line
+    known = {**advice._asdict(), **advice.ending._asdict(), "soc_end_forecast": advice.ending.soc_end}
+    known["wind_mps"] = None if advice.wind_mps is None else list(advice.wind_mps)
+    known["warnings"] = list(advice.warnings)
+    return {key: known[key] for key in DecisionLine.model_fields}
 
 
 def json_line(line: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Log of a flight on telemetry: every sample used and every decision, to resume from after a kill.
+"""Log of a flight on telemetry: every sample read and every decision, to resume from after a kill.
 
 One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`.
 """
@@ -18,7 +18,7 @@ from eadp import __version__
 from eadp.errors import Fault, InputError
 from eadp.io.telemetry.reader import KEYS, TelemetryReader
 from eadp.io.text.streams import Text
-from eadp.planning.live import Sample
+from eadp.planning.gate import Sample
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION = "start", "telemetry", "decision"

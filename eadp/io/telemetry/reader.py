@@ -1,4 +1,4 @@
-"""Telemetry: one JSON object a line, read strictly; an invalid line gives a warning and is skipped."""
+"""Telemetry: one JSON object a line, read strictly; an invalid value gives a warning and counts as null."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
-from eadp.planning.live import Sample
+from eadp.planning.gate import Sample
 
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100
@@ -31,15 +31,17 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class TelemetryLine(BaseModel):
-    """A line of telemetry. Other keys are ignored."""
+    """A line of telemetry: any value but the time may be null. Other keys are ignored."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
     time_s: Time = Field(description="a time in seconds, of any clock that rises")
-    x_m: Metres = Field(description="a position in metres, east")
-    y_m: Metres = Field(description="a position in metres, north")
-    power_w: Watts | None = Field(description="a power in watts, or null where the sensor has no reading")
-    soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(description="a state of charge, 0 to 1")
+    x_m: Metres | None = Field(default=None, description="a position in metres, east")
+    y_m: Metres | None = Field(default=None, description="a position in metres, north")
+    power_w: Watts | None = Field(default=None, description="a power in watts, or null where the sensor has no reading")
+    soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = Field(
+        default=None, description="a state of charge, 0 to 1"
+    )
     stage: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="the stage being flown, a whole number from 1"
     )
@@ -53,10 +55,14 @@ class TelemetryLine(BaseModel):
     parameters: dict[str, Finite] | None = Field(
         default=None, description='parameters in force by name, as in {"c1": -500}'
     )
+    stages_started: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="the number of stages started over the whole flight, the first included"
+    )
 
 
 KEYS = tuple(TelemetryLine.model_fields)
-REQUIRED = tuple(name for name, field in TelemetryLine.model_fields.items() if field.is_required())
+EXPECTED = ("time_s", "x_m", "y_m", "power_w", "soc")
+"""Keys that every line should have."""
 
 
 def json_schema() -> dict[str, Any]:
@@ -65,7 +71,7 @@ def json_schema() -> dict[str, Any]:
 
 
 class TelemetryReader:
-    """Reads the lines of one stream, and warns once of each unknown key.
+    """Reads the lines of one stream, and warns once of each key that is unknown or missing.
 
     Parameters
     ----------
@@ -76,9 +82,12 @@ class TelemetryReader:
     def __init__(self, name: str) -> None:
         self._name = name
         self._unknown: set[str] = set()
+        self._missing: set[str] = set()
 
     def read(self, number: int, raw: bytes) -> tuple[Sample | None, JsonObject, list[Fault]]:
         """Read one line; return the sample or None, the object with its locations, and warnings.
+
+        Invalid values are null in the object. There is no sample without a time, or with nothing but a time.
 
         Parameters
         ----------
@@ -88,14 +97,20 @@ class TelemetryReader:
             The line, with or without its end.
         """
         document = JsonObject()
-        warnings: list[Fault] = []
         try:
             document = self._document(number, raw)
-            warnings = self._unknown_keys(number, document)
-            return self._sample(number, document), document, warnings
         except InputError as error:
-            fault = replace(error.faults[0], line=number, source="", severity="warning")
-            return None, document, [*warnings, fault]
+            return None, document, [replace(error.faults[0], line=number, source="", severity="warning")]
+        warnings = self._unknown_keys(number, document)
+        line, faults = self._line(number, document)
+        missing = [key for key in EXPECTED if key not in document]
+        useless = all(document.get(key) is None for key in EXPECTED[1:])
+        if line is None or useless or not self._missing.issuperset(missing):
+            self._missing.update(missing)
+            if missing and not faults:
+                what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
+                faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
+        return None if line is None or useless else self._sample(line), document, [*warnings, *faults]
 
     def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
         """A warning about a key of a line that has been read."""
@@ -116,7 +131,7 @@ class TelemetryReader:
         if not text.strip():
             raise self._error("the line is blank", "a JSON object")
         try:
-            value = JsonReader(SourceText(Text(self._name, text))).document()
+            value = JsonReader(SourceText(Text(self._name, text)), not_finite=True).document()
         except InputError as error:
             fault = error.faults[0]
             # the JSON reader takes its text for a file
@@ -138,25 +153,29 @@ class TelemetryReader:
             warnings.append(self.fault(number, document, key, message, f"one of {', '.join(KEYS)}"))
         return warnings
 
-    def _sample(self, number: int, document: JsonObject) -> Sample:
+    def _line(self, number: int, document: JsonObject) -> tuple[TelemetryLine | None, list[Fault]]:
+        """The line with its valid values, None without a time; and a warning about each of the others."""
         known = {key: value for key, value in document.items() if key in KEYS}
         try:
-            line = TelemetryLine.model_validate(known)
+            return TelemetryLine.model_validate(known), []
         except ValidationError as error:
-            raise InputError(self._fault_of(number, document, error)) from None
+            wrong = sorted(
+                {str(problem["loc"][0]) for problem in error.errors() if problem["type"] != "missing"},
+                key=lambda key: document.offsets[key],
+            )
+        faults = [self._fault_of(number, document, key) for key in wrong]
+        document.update(dict.fromkeys(wrong))
+        if document.get("time_s") is None:
+            return None, faults
+        return TelemetryLine.model_validate({key: document[key] for key in known}), faults
+
+    def _sample(self, line: TelemetryLine) -> Sample:
         values = line.model_dump(exclude={"heading_deg", "parameters"})
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
         return Sample(**values, heading_rad=heading, parameters=line.parameters or {})
 
-    def _fault_of(self, number: int, document: JsonObject, error: ValidationError) -> Fault:
-        """A warning about the first invalid value, else about the missing keys."""
-        wrong = [problem for problem in error.errors() if problem["type"] != "missing"]
-        if not wrong:
-            missing = [key for key in REQUIRED if key not in document]
-            what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
-            return self.fault(number, document, "", what, f"the keys {', '.join(REQUIRED)}")
-        first = min(wrong, key=lambda problem: document.offsets.get(str(problem["loc"][0]), 0))
-        key = str(first["loc"][0])
+    def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
+        """A warning about an invalid value."""
         value = document[key]
         shown = printable(repr(value), 60)
         if value is None or isinstance(value, bool):

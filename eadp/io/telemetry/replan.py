@@ -10,8 +10,9 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
+from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.joint.held import HeldForecast
-from eadp.planning.live import LiveFlight, OutlierGate
+from eadp.planning.live import Advice, LiveFlight
 from eadp.planning.registry import make_planner
 
 Emit = Callable[[dict[str, Any]], None]
@@ -43,71 +44,95 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     InputError
         At a line that is no entry of a log.
     """
-    settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
-    flight = LiveFlight(
-        inputs.mission,
-        lambda mission: make_planner(settings, estimator, mission),
-        lambda mission: HeldForecast(settings, mission),
-        settings.every_s,
-    )
-    gate = OutlierGate(inputs.mission.cruise_mps)
-    logged_to_s = _restore(flight, gate, log, emit, warn) if log is not None else None
-    reader = TelemetryReader(name)
-    used = logged_to_s is not None
-    skipped = False
+    flight = Replanner(inputs, name, log, emit, warn)
     for number, raw in numbered_lines(stream, name):
-        sample, document, warnings = reader.read(number, raw)
-        for warning in warnings:
-            warn(warning)
-        if sample is None:
-            continue
-        if logged_to_s is not None and sample.time_s <= logged_to_s:
-            if not skipped:  # a recorded flight, again from its start
-                skipped = True
-                message = f"lines up to {logged_to_s:.15g} s are in the log already, and are skipped"
-                warn(reader.fault(number, document, "time_s", message, ""))
-            continue
-        accepted, notice = gate.accept(sample)
-        if notice is not None:
-            warn(reader.fault(number, document, *notice))
-        if not accepted:
-            continue
-        logged_to_s, used = None, True
-        if log is not None:
-            log.telemetry(document)
-        advice, notices = flight.update(sample)
-        for notice in notices:
-            warn(reader.fault(number, document, *notice))
-        if advice is not None:
-            line = decision_line(advice)
-            emit(line)
-            if log is not None:  # emitted first: after a kill between the two it is repeated, not lost
-                log.decision(line)
-        if log is not None:
-            _warn_all(log, warn)
-    if not used:
+        flight.take(number, raw)
+    if not flight.used:
         warn(Fault(name, 1, 1, "no line could be used", "telemetry as JSON lines", severity="warning"))
-    return flight.forecast_completes
+    return flight.completes
 
 
-def _restore(flight: LiveFlight, gate: OutlierGate, log: ReplanLog, emit: Emit, warn: Warn) -> float | None:
-    """Replay a log; emit the last decision if it is missing; return the time of the last line."""
-    pending, last_s = None, None
-    for sample in log.entries():
+class Replanner:
+    """The planner on lines of telemetry, see `replan`.
+
+    Attributes
+    ----------
+    used : bool
+        Whether any line could be used.
+    """
+
+    def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
+        settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
+        self._flight = LiveFlight(
+            inputs.mission,
+            lambda mission: make_planner(settings, estimator, mission),
+            lambda mission: HeldForecast(settings, mission),
+            settings.every_s,
+        )
+        self._gate, self._reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name)
+        self._log, self._emit, self._warn = log, emit, warn
+        self._logged: set[tuple[float | None, ...]] = set()
+        self._logged_to_s = 0.0
+        self._skipped = self.used = False
+        if log is not None:
+            self._restore(log)
+
+    @property
+    def completes(self) -> bool:
+        """Whether the plan is complete, or forecast to be before the battery is empty."""
+        return self._flight.forecast_completes
+
+    def take(self, number: int, raw: bytes) -> None:
+        """Take a line: warn of what is wrong with it, log it, and emit the decision if one is due."""
+        sample, document, warnings = self._reader.read(number, raw)
+        for warning in warnings:
+            self._warn(warning)
         if sample is None:
-            pending = None
-            continue
-        last_s = sample.time_s
-        gate.keep(sample)
-        pending, _ = flight.update(sample)
-    _warn_all(log, warn)
-    if pending is not None:
-        line = decision_line(pending)
-        emit(line)
-        log.decision(line)
-    return last_s
+            return
+        if self._logged and sample[:5] in self._logged:
+            if not self._skipped:  # a recorded flight, again from its start
+                self._skipped = True
+                message = f"lines up to {self._logged_to_s:.15g} s are in the log already, and are skipped"
+                self._warn(self._reader.fault(number, document, "time_s", message, ""))
+            return
+        self._logged.clear()
+        self.used = True
+        if self._log is not None:
+            self._log.telemetry(document)
+        advice, notices = self._update(sample)
+        for notice in notices:
+            self._warn(self._reader.fault(number, document, *notice))
+        if advice is not None:
+            self._decide(advice)
+        self._warn_of_log()
 
+    def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
+        accepted, notice = self._gate.accept(sample)
+        advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
+        advice = advice and advice._replace(time_s=sample.time_s)
+        return advice, notices if notice is None else (notice, *notices)
 
-def _warn_all(log: ReplanLog, warn: Warn) -> None:
-    while log.warnings:
-        warn(log.warnings.pop(0))
+    def _decide(self, advice: Advice) -> None:
+        line = decision_line(advice)
+        self._emit(line)
+        if self._log is not None:  # emitted first: after a kill between the two it is repeated, not lost
+            self._log.decision(line)
+
+    def _restore(self, log: ReplanLog) -> None:
+        """Replay a log; emit the last decision if it is missing."""
+        pending: Advice | None = None
+        for sample in log.entries():
+            if sample is None:
+                pending = None
+                continue
+            self._logged.add(sample[:5])
+            self._logged_to_s = sample.time_s
+            pending, _ = self._update(sample)
+        self._warn_of_log()
+        self.used = bool(self._logged)
+        if pending is not None:
+            self._decide(pending)
+
+    def _warn_of_log(self) -> None:
+        while self._log is not None and self._log.warnings:
+            self._warn(self._log.warnings.pop(0))

@@ -47,10 +47,14 @@ class JsonObject(dict[str, Any]):
 
 
 class JsonReader:
-    """A reader of JSON that keeps the offset of every value but those within a position."""
+    """A reader of JSON that keeps the offset of every value but those within a position.
 
-    def __init__(self, source: SourceText) -> None:
+    `not_finite`: whether NaN and infinities are read, though JSON has none.
+    """
+
+    def __init__(self, source: SourceText, *, not_finite: bool = False) -> None:
         self.source, self.body, self.decoder = source, source.body, json.JSONDecoder()
+        self._not_finite = not_finite
 
     def document(self) -> Any:
         """The value that the text is."""
@@ -90,6 +94,8 @@ class JsonReader:
         elif (word := _WORD.match(self.body, i)) and word[0] in _WORDS:
             value, end = _WORDS[word[0]], word.end()
         elif word and word[0].lstrip("-") in ("NaN", "Infinity"):
+            if self._not_finite:
+                return float(word[0]), self._skip(word.end())
             raise self.source.error(self.source.location(i), f"{word[0]} is no number of JSON", "a finite number")
         else:
             raise self._fail(i, "a value")

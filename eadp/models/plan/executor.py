@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 
@@ -85,6 +86,22 @@ class PlanExecutor:
         if values == self.cursor.parameters:
             return False
         return self._change(self.cursor.in_force(values), position)
+
+    def placed(
+        self, cursor: PlanCursor, joined_m: Point, stages_started: int, position: Point, share: float
+    ) -> PlanExecutor:
+        """A flight through the same plan that is somewhere else: a share along a stage, at a position [m].
+
+        Raises
+        ------
+        PathUndefined
+            As `advance`.
+        """
+        other = copy.copy(self)
+        other.cursor, other.joined_m, other.stages_started = cursor, joined_m, stages_started
+        other._lay_out(position)
+        other.watch.resume(share)
+        return other
 
     def advance(self, x: float, y: float) -> bool:
         """Go on where the stage, or the plan, ends at a position [m]; return whether the stage has changed.

@@ -146,6 +146,15 @@ class TriggerWatch:
         """`watched` at a position [m]."""
         return watched(self.numbers, x, y, self.curve)
 
+    def resume(self, share: float) -> None:
+        """Go on with the stage where a share of it has been flown."""
+        w = self.numbers
+        if w[PASSED_BY] == BY_CIRCLE:
+            w[PROGRESS] += 2 * math.pi * round((share * w[PASS_Q] - w[PROGRESS]) / (2 * math.pi))
+        if self.curve is not None:
+            self.curve.resume(share)
+        w[FLOWN] = 2 * share * w[HALF_LENGTH]
+
     def _watch_passing(
         self,
         cursor: PlanCursor,
@@ -191,6 +200,10 @@ class CurveProgress:
         self.progress_m = 0.0
         self._path, self._sense, self._length_m, self._offset = path, sense, length_m, offset
         self._foot = start
+
+    def resume(self, share: float) -> None:
+        """Go on where a share of the length has been flown."""
+        self.progress_m = share * self._length_m
 
     def __call__(self, x: float, y: float) -> bool:
         try:

@@ -8,7 +8,7 @@ the battery model.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from statistics import NormalDist
 from typing import NamedTuple
@@ -190,6 +190,7 @@ class Forecaster:
         self._navigation_std_m = NAVIGATION_M[0]
         self._power_w = self._computing_w = 0.0
         self._stages_started = 1
+        self._through_gap = False
         self._home_s: float | None = 0.0
         self.before_latch = self._cursor.accepts_changes()
 
@@ -222,9 +223,11 @@ class Forecaster:
     def update_stage(self, o: Observation) -> bool:
         """Update stage and parameters; return whether a new stage has started."""
         started = o.stages_started != self._stages_started
+        self._through_gap |= o.through_gap
         rho = self._plan.path_count
         if started:
             self._start_stage(o)
+            self._through_gap = o.through_gap
         elif not o.cursor.table.live and o.cursor.waiting[:rho] != self._cursor.waiting[:rho]:
             self._clear_routes()  # path parameters other than those decided are waiting
         self._cursor, self._joined = o.cursor, o.joined_m
@@ -326,22 +329,26 @@ class Forecaster:
         return self._charge.observe(soc, drained)
 
     def _start_stage(self, o: Observation) -> None:
-        """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part."""
+        """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part.
+
+        A leg flown through a gap of the telemetry has no known time.
+        """
         duration = o.time_s - self._stage_since_s
         self._stage_since_s = o.time_s
         route = self._route(self.shares)
-        if route is not None and self._stages_started > 1:
+        if route is not None and self._stages_started > 1 and not self._through_gap:
             forecast_s = float(route.times_s(self._speed, self.wind_mps)[0][0])
             gusts = self._wind.gust_std_mps, self._speed, self._mission.gust_time_s
             self._ratio.learn(forecast_s, duration, *gusts)
         self._motion.end_window(self._slope)
         self._margin_m = max(MARGIN_M, NAVIGATION_STDS * self._navigation_std_m)
-        self._stages_started = o.stages_started
+        next_leg, self._stages_started = o.stages_started == self._stages_started + 1, o.stages_started
         self._cursor, self._joined = o.cursor, o.joined_m
         self._clear_routes()
         rho = self._plan.path_count
         if (
             route is not None
+            and next_leg
             and len(route.legs) > 1
             and route.legs[1].stage.index == o.stage
             and route.parameters[1][:rho] == o.parameters[:rho]
@@ -357,6 +364,15 @@ class Forecaster:
         """Forecast with other settings and parameters from now on."""
         self._settings, self.term_builder = settings, TermBuilder(self._mission, settings, JointSettings())
         self.decide(parameters, self._shares_of(parameters))
+
+    def restrict(
+        self, settings: PlannerSettings, own: JointSettings, held: Mapping[int, float], parameters: Vector
+    ) -> None:
+        """Plan with other settings from now on, and with path parameters as they are, by index, that are held."""
+        self._settings, self.term_builder = settings, TermBuilder(self._mission, settings, own)
+        self.open = [i for i, box in enumerate(self._boxes) if not box.fixed and i not in held]
+        self._decided, self.shares = parameters, self._shares_of(parameters)
+        self._clear_routes()
 
     def _clear_routes(self) -> None:
         """The remaining plan has changed for all parameters."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from eadp.core.geometry.curves import Point
 from eadp.models.plan.cursor import Vector
 from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
@@ -29,6 +30,11 @@ class HeldForecast:
         self._settings, self._mission = settings, mission
         self._forecaster = Forecaster(held_settings(settings, mission, mission.parameters), mission)
         self._held = mission.parameters
+
+    @property
+    def wind_mps(self) -> Point:
+        """The wind to plan with [m/s]."""
+        return self._forecaster.wind_mps
 
     def observe(self, o: Observation) -> None:
         """Take an observation."""

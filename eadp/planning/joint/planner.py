@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +131,16 @@ class JointPlanner(TrackingPlanner):
             self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._starts_s)
             self._replan(o, cause)
         return self._decision
+
+    def hold(self, held: Mapping[int, float]) -> None:
+        """Re-plan at the next update, with these parameters as they are."""
+        levels = {self._mission.plan.names[i]: (value,) for i, value in held.items() if i >= self._rho}
+        settings = replace(self._settings, levels={**self._settings.levels, **levels})
+        chosen = tuple([held.get(i, value) for i, value in enumerate(self._decision.parameters)])
+        self._forecaster.restrict(settings, self._own, held, chosen)
+        self._program = MissionProgram(len(self._forecaster.open), self.report)
+        self._decision = self._decision._replace(parameters=chosen)
+        self._next_s, self._evaluated_at = self._starts_s, None
 
     # --- decisions
 

@@ -25,7 +25,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert sample[5:] == (None, None, None, None, {})
+    assert sample[5:] == (None, None, None, None, {}, None, ())
 
 
 def test_all_keys():
@@ -37,10 +37,23 @@ def test_all_keys():
     assert sample.heading_rad == pytest.approx(0.0)
 
 
-def test_null_is_an_absent_optional_key():
-    sample, warnings = read(json.dumps({**GOOD, "stage": None, "wind_mps": None, "parameters": None}))
+@pytest.mark.parametrize("key", ["x_m", "power_w", "soc", "stage", "wind_mps", "stages_started"])
+def test_any_value_but_the_time_may_be_null(key):
+    sample, warnings = read(json.dumps({**GOOD, key: None}))
     assert warnings == []
-    assert (sample.stage, sample.parameters) == (None, {})
+    assert getattr(sample, key) is None
+    assert sample.position_m == (None if key == "x_m" else (2.0, 3.0))
+
+
+def test_missing_keys_give_one_warning_and_count_as_null():
+    reader = TelemetryReader("log.jsonl")
+    raw = json.dumps({"time_s": 1.0, "power_w": 36.5}).encode()
+    sample, _, warnings = reader.read(1, raw)
+    assert sample[:5] == (1.0, None, None, 36.5, None)
+    assert [str(warning) for warning in warnings] == [
+        "log.jsonl:1:1: warning: x_m, y_m, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc"
+    ]
+    assert reader.read(2, raw)[2] == []
 
 
 HEAD = "<stdin>:7:"
@@ -60,7 +73,11 @@ HEAD = "<stdin>:7:"
             "1: warning: time_s, x_m, y_m, power_w, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc",
         ),
         ('{"time_s": 1, "time_s": 2}', "15: warning: the key time_s stands twice; expected each key once"),
-        ('{"time_s": NaN}', "12: warning: NaN is no number of JSON; expected a finite number"),
+        ('{"time_s": NaN}', "12: warning: time_s cannot be nan; expected a time in seconds, of any clock that rises"),
+        (
+            '{"time_s": 3}',
+            "1: warning: x_m, y_m, power_w, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc",
+        ),
     ],
 )
 def test_what_is_no_line_of_telemetry(raw, warning):
@@ -72,7 +89,8 @@ def test_what_is_no_line_of_telemetry(raw, warning):
     [
         ("soc", "1.5", "1.5; expected a state of charge, 0 to 1"),
         ("soc", "-0.01", "-0.01; expected a state of charge, 0 to 1"),
-        ("soc", "null", "null; expected a state of charge, 0 to 1"),
+        ("power_w", "NaN", "nan; expected a power in watts, or null where the sensor has no reading"),
+        ("time_s", "null", "null; expected a time in seconds, of any clock that rises"),
         ("time_s", "1e999", "inf; expected a time in seconds, of any clock that rises"),
         ("time_s", "true", "true; expected a time in seconds, of any clock that rises"),
         ("x_m", '"2"', "'2'; expected a position in metres, east"),
@@ -92,12 +110,24 @@ def test_what_is_no_line_of_telemetry(raw, warning):
         ),
     ],
 )
-def test_what_is_no_value(key, value, shown):
+def test_an_invalid_value_costs_that_value_alone(key, value, shown):
     raw = json.dumps({name: inner for name, inner in GOOD.items() if name != key})[:-1] + f', "{key}": {value}}}'
-    sample, warnings = read(raw)
-    assert sample is None
+    sample, document, warnings = TelemetryReader("<stdin>").read(7, raw.encode())
+    whole, _ = read(json.dumps(GOOD))
+    rest = {"parameters": {}} if key == "parameters" else {key: None}
+    assert sample == (None if key == "time_s" else whole._replace(**rest))
+    assert document[key] is None
     assert len(warnings) == 1
-    assert warnings[0].startswith(f"{HEAD}{raw.rindex(value) + 1}: warning: {key} cannot be {shown}")
+    assert str(warnings[0]).startswith(f"{HEAD}{raw.rindex(value) + 1}: warning: {key} cannot be {shown}")
+
+
+def test_each_invalid_value_has_a_warning():
+    sample, warnings = read(json.dumps({**GOOD, "soc": 7, "x_m": "a"}))
+    assert sample[:5] == (1.0, None, 3.0, 36.5, None)
+    assert [warning.partition(" cannot")[0] for warning in warnings] == [
+        f"{HEAD}24: warning: x_m",
+        f"{HEAD}63: warning: soc",
+    ]
 
 
 def test_unknown_keys_give_one_warning_and_are_ignored():
@@ -129,8 +159,10 @@ def test_lines_of_a_stream_and_one_that_is_too_long():
 
 def test_the_schema_names_what_is_required():
     schema = json_schema()
-    assert schema["required"] == list(GOOD)
-    assert {"stage", "wind_mps", "velocity_mps", "heading_deg", "parameters"} < set(schema["properties"])
+    assert schema["required"] == ["time_s"]
+    assert {*GOOD, "stage", "stages_started", "wind_mps", "velocity_mps", "heading_deg", "parameters"} == set(
+        schema["properties"]
+    )
 
 
 JSON = st.recursive(
@@ -165,4 +197,4 @@ def test_no_object_crashes_it(document):
     assert sample is not None or warnings
     assert all(warning.startswith("<stdin>:7:") and "\n" not in warning for warning in warnings)
     if sample is not None:
-        assert all(math.isfinite(value) for value in sample[:3])
+        assert all(value is None or math.isfinite(value) for value in sample[:5])

@@ -1,0 +1,232 @@
+"""Samples of telemetry as received, and a gate: clocks that jump, positions that are wrong or do not move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from eadp.core.geometry.curves import Point
+
+GAP_S, GAP_STEPS = 5.0, 3.0
+"""A gap: minimum length [s], and in multiples of the step before."""
+
+MAX_GAP_S = 3600.0
+SPEED_FACTOR, SLACK_M = 3.0, 50.0
+"""Maximum distance of a sample from the last one: multiple of the cruise speed, and a constant [m]."""
+MIN_AGREEING, MIN_BACK = 3, 10
+"""Number of consecutive samples in agreement that are accepted however far they are from the last one; and however
+early, if the position does not go on."""
+
+FROZEN_S, MOVING_SHARE = 2.0, 0.3
+"""Time after which an unchanged position is frozen [s], if the aircraft moves: by this share of the cruise speed."""
+
+ON_SHARE, ON_M = 0.5, 20.0
+"""Distance from a straight line on at which a position goes on: a share of that at cruise speed, and a constant [m]."""
+
+DRAINED_SHARE = 0.5
+"""Share of the charge drained at the mean rate so far above which a time has passed."""
+
+CLOCK = "clock"
+
+
+class Sample(NamedTuple):
+    """One sample of telemetry; None where a quantity is not measured.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of any clock that rises [s].
+    x_m, y_m : float or None
+        Position in the local frame [m].
+    power_w : float or None
+        Measured power of motion and computations [W].
+    soc : float or None
+        State of charge, 0 to 1.
+    stage : int or None
+        Stage being flown, from 1 within the plan's stages; None if the autopilot does not report it.
+    wind_mps, velocity_mps : (float, float) or None
+        Vector that the wind blows towards, and ground velocity [m/s].
+    heading_rad : float or None
+        Heading of the nose, 0 east, counter-clockwise [rad].
+    parameters : mapping of name to value
+        Reported to be in force.
+    stages_started : int or None
+        Stages started over the whole flight, the first included.
+    warnings : tuple of str
+        Codes of what is wrong with it.
+    """
+
+    time_s: float
+    x_m: float | None
+    y_m: float | None
+    power_w: float | None
+    soc: float | None
+    stage: int | None = None
+    wind_mps: Point | None = None
+    velocity_mps: Point | None = None
+    heading_rad: float | None = None
+    parameters: Mapping[str, float] = {}
+    stages_started: int | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def position_m(self) -> Point | None:
+        """Its position [m]."""
+        return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)
+
+
+class Notice(NamedTuple):
+    """A warning about a sample: its key, what is wrong, and what was expected."""
+
+    key: str
+    message: str
+    expected: str = ""
+
+
+class OutlierGate:
+    """Accepts samples in order of time, on a time without jumps of the clock, and rejects positions that cannot be.
+
+    Parameters
+    ----------
+    cruise_mps : float
+        Airspeed of the aircraft [m/s].
+    """
+
+    def __init__(self, cruise_mps: float) -> None:
+        self._cruise_mps, self._max_mps = cruise_mps, SPEED_FACTOR * cruise_mps
+        self._last: Sample | None = None
+        self._step_s = self._clock_s = 0.0
+        self._position: tuple[float, Point] | None = None
+        self._velocity: Point | None = None
+        self._first: tuple[float, float] | None = None
+        self._odd: Sample | None = None
+        self._odd_count = 0
+        self._far: tuple[float, Point] | None = None
+        self._far_count = 0
+        self._frozen = False
+
+    def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
+        """A sample on the time without jumps, its position None where it cannot be; and a notice about it.
+
+        The sample is None where its time is not to be used.
+        """
+        sample, notice = sample._replace(time_s=sample.time_s + self._clock_s), None
+        last = self._last
+        if last is not None:
+            step_s = sample.time_s - last.time_s
+            gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
+            jump = self._jump(last, sample) if step_s <= 0 or gap else None
+            if jump is not None:
+                if not self._confirmed(sample, step_s):
+                    return None, jump
+                sample, notice = self._reset_clock(last, sample, step_s)
+            elif gap:
+                notice = Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
+            self._step_s = sample.time_s - last.time_s
+        self._last, self._odd, self._odd_count = sample, None, 0
+        if self._first is None and sample.soc is not None:
+            self._first = sample.time_s, sample.soc
+        wrong = self._position_fault(sample)
+        if wrong is not None or self._frozen:
+            return sample._replace(x_m=None, y_m=None), wrong or notice
+        return sample, notice
+
+    # --- the clock
+
+    def _jump(self, last: Sample, sample: Sample) -> Notice | None:
+        """A notice of a time that has to be confirmed; None where it is that of a gap."""
+        step_s = sample.time_s - last.time_s
+        if step_s <= 0:
+            what = f"late: {sample.time_s:.15g} s is not after {last.time_s:.15g} s"
+            return Notice("time_s", what, "a time after the last line's")
+        goes_on = self._goes_on(sample, (self._odd_count + 1) * self._step_s)
+        if step_s > MAX_GAP_S or (goes_on and not self._drained(last, sample)):
+            expected = f"{MAX_GAP_S:g} s or less, or {MIN_AGREEING} lines in a row that agree"
+            if step_s <= MAX_GAP_S:
+                expected = f"a position as far on, or {MIN_AGREEING} lines in a row that agree"
+            return Notice("time_s", f"{step_s:.6g} s after the last line", expected)
+        return None
+
+    def _drained(self, last: Sample, sample: Sample) -> bool:
+        """Whether the charge has fallen as if the time had passed."""
+        if self._first is None or last.soc is None or sample.soc is None or last.time_s <= self._first[0]:
+            return False
+        expected = (self._first[1] - last.soc) / (last.time_s - self._first[0]) * (sample.time_s - last.time_s)
+        return last.soc - sample.soc > DRAINED_SHARE * expected > 0
+
+    def _goes_on(self, sample: Sample, step_s: float) -> bool:
+        """Whether the position is that of a step of the usual length, and the aircraft moves."""
+        position, velocity = sample.position_m, self._velocity
+        if self._position is None or position is None or velocity is None or not self._moving(sample):
+            return False
+        (x, y), (vx, vy) = self._position[1], velocity
+        distance_m = math.dist(position, (x + step_s * vx, y + step_s * vy))
+        return distance_m <= ON_SHARE * self._cruise_mps * step_s + ON_M
+
+    def _confirmed(self, sample: Sample, step_s: float) -> bool:
+        """Whether enough consecutive samples agree with one another on another time."""
+        before, self._odd = self._odd, sample
+        agrees = before is not None and 0 < sample.time_s - before.time_s <= max(GAP_S, GAP_STEPS * self._step_s)
+        self._odd_count = self._odd_count + 1 if agrees else 1
+        if step_s > 0:
+            return self._odd_count >= MIN_AGREEING
+        if -step_s <= GAP_S:
+            return False
+        goes_on = self._goes_on(sample, self._odd_count * self._step_s)
+        return self._odd_count >= (MIN_AGREEING if goes_on else MIN_BACK)
+
+    def _reset_clock(self, last: Sample, sample: Sample, step_s: float) -> tuple[Sample, Notice]:
+        """The sample on the time that goes on: by the usual steps, or by the time that the distance takes."""
+        usual_s = self._odd_count * max(self._step_s, 1e-3)
+        way_s = 0.0
+        if self._position is not None and sample.position_m is not None and not self._goes_on(sample, usual_s):
+            way_s = math.dist(self._position[1], sample.position_m) / self._cruise_mps
+        passed_s = max(usual_s, way_s)
+        self._clock_s += passed_s - step_s
+        what = f"the clock has jumped by {step_s - passed_s:.6g} s"
+        sample = sample._replace(time_s=last.time_s + passed_s, warnings=(*sample.warnings, CLOCK))
+        return sample, Notice("time_s", what, "a clock that rises steadily")
+
+    # --- the position
+
+    def _position_fault(self, sample: Sample) -> Notice | None:
+        """A notice if the position cannot be, or is frozen from now on; else it is the reference of the next."""
+        position, time_s = sample.position_m, sample.time_s
+        if position is None:
+            return None
+        if self._position is None:
+            self._position = time_s, position
+            return None
+        since_s, (x, y) = self._position
+        if position == (x, y) and self._moving(sample):
+            if time_s - since_s <= FROZEN_S or self._frozen:
+                return None
+            self._frozen = True
+            return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
+        self._frozen = False
+        outlier = self._outlier(self._position, (time_s, position))
+        if outlier is not None and not self._confirmed_position((time_s, position)):
+            return outlier
+        if time_s > since_s:
+            self._velocity = (position[0] - x) / (time_s - since_s), (position[1] - y) / (time_s - since_s)
+        self._position, self._far, self._far_count = (time_s, position), None, 0
+        return None
+
+    def _moving(self, sample: Sample) -> bool:
+        velocity = sample.velocity_mps or self._velocity
+        return velocity is not None and math.hypot(*velocity) > MOVING_SHARE * self._cruise_mps
+
+    def _confirmed_position(self, now: tuple[float, Point]) -> bool:
+        """Whether enough consecutive positions agree with one another."""
+        before, self._far = self._far, now
+        agrees = before is not None and self._outlier(before, now) is None
+        self._far_count = self._far_count + 1 if agrees else 1
+        return self._far_count >= MIN_AGREEING
+
+    def _outlier(self, before: tuple[float, Point], now: tuple[float, Point]) -> Notice | None:
+        step_s, distance_m = now[0] - before[0], math.dist(before[1], now[1])
+        if distance_m <= self._max_mps * step_s + SLACK_M:
+            return None
+        expected = f"a position that can be reached, or {MIN_AGREEING} lines in a row that agree"
+        return Notice("x_m", f"{distance_m:.6g} m from the last line's position, {step_s:.6g} s before", expected)

@@ -1,0 +1,394 @@
+"""The position in a plan by telemetry: one hypothesis in ordinary flight, several after a gap.
+
+A hypothesis is a flight through the plan, with the logarithm of its likelihood. After a gap every stage and lap that
+the time allows is one, by position, course and time; the positions that follow decide between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.geometry.curves import Point, tangent
+from eadp.errors import EadpError, PathUndefined
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.legs import Leg, left_m, leg_points
+from eadp.models.plan.route import RoutePredictor
+
+STEP_M, MAX_STEPS = 1.0, 5000
+"""Distance of trigger checks between two samples [m], and their maximum number."""
+
+DISTANCE_STD_M, COURSE_STD_RAD = 15.0, 0.5
+"""Standard deviations of the distance from the path, and of the course from its direction, on the right stage: the
+aircraft joins each stage within a trigger's radius."""
+
+TIME_STD_S, TIME_STD_SHARE = 3.0, 0.08
+"""Standard deviation of the time flown in a gap: a constant [s], and a share of the forecast."""
+
+MAX_STDS, ALIKE = 5.0, 7.0
+"""Maximum mismatch of time, and of position and course together, in standard deviations; and the difference of log
+likelihoods at which a hypothesis is dropped: 1 to 1,000."""
+
+INDEPENDENT_S = 4.0
+"""Time between positions that are independent evidence [s]."""
+
+ENDS_ABOVE = 0.9
+"""Probability of the likeliest hypothesis above which its end of the plan is the flight's."""
+
+POINT_M, MAX_POINTS = 3.0, 400
+"""Distance of the points of a stage at which a position is sought [m], and their maximum number."""
+
+
+class Sighting(NamedTuple):
+    """What is known after a gap.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the flight [s].
+    position_m : (float, float) or None
+        Position [m].
+    course_rad : float or None
+        Direction of the ground velocity, 0 east, counter-clockwise [rad].
+    stage, stages_started : int or None
+        Reported: index of the stage, from 1 within the plan's stages; and number of stages started, the first included.
+    """
+
+    time_s: float
+    position_m: Point | None
+    course_rad: float | None = None
+    stage: int | None = None
+    stages_started: int | None = None
+
+    @property
+    def max_time_stds(self) -> float:
+        """Maximum mismatch of time in standard deviations: a report without a position decides, whatever the time."""
+        reported = self.stage is not None or self.stages_started is not None
+        return math.inf if reported and self.position_m is None else MAX_STDS
+
+    def allows(self, executor: PlanExecutor) -> bool:
+        """Whether a flight is on the stage that is reported, or before it."""
+        following = executor.cursor.next()
+        stages = None, executor.stage.index, following and following.stage.index
+        counts = None, executor.stages_started, executor.stages_started + 1
+        return self.stage in stages and self.stages_started in counts
+
+
+@dataclass
+class Hypothesis:
+    """A flight through the plan, the time at which its stage started [s], and the logarithm of its likelihood."""
+
+    executor: PlanExecutor
+    since_s: float = 0.0
+    log_likelihood: float = 0.0
+
+    @property
+    def stage(self) -> tuple[int, int, int]:
+        """Segment, lap and stage."""
+        cursor = self.executor.cursor
+        return cursor.segment, cursor.lap, cursor.stage.index
+
+
+class Locator:
+    """Where a flight is in its plan.
+
+    Parameters
+    ----------
+    executor : PlanExecutor
+        The flight at its start.
+    cruise_mps : float
+        Airspeed [m/s].
+    time_s : float
+        Time of the start [s].
+
+    Attributes
+    ----------
+    hypotheses : list of Hypothesis
+        The likeliest one first.
+    through_gap : bool
+        Whether the start of the stage, or the end of the one before, may have been in a gap.
+    """
+
+    def __init__(self, executor: PlanExecutor, cruise_mps: float, time_s: float) -> None:
+        self.hypotheses = [Hypothesis(executor, time_s)]
+        self.through_gap = False
+        self._speed = cruise_mps
+        self._predictor = RoutePredictor()
+        self._time_s, self._position = time_s, executor.joined_m
+        self._before: list[Hypothesis] = []
+        """Hypotheses at the last position before a gap, until the flight is found again."""
+
+    @property
+    def executor(self) -> PlanExecutor:
+        """The flight of the likeliest hypothesis."""
+        return self.hypotheses[0].executor
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether more than one hypothesis is left, or the flight has not been found again."""
+        return len(self.hypotheses) > 1 or bool(self._before)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the flight has not been found again."""
+        return bool(self._before)
+
+    # --- parameters
+
+    def decide(self, parameters: Sequence[float], position: Point) -> None:
+        """Take new parameters, see `PlanExecutor.decide`."""
+        self._each(lambda executor: executor.decide(parameters, position))
+
+    def take_in_force(self, parameters: Sequence[float], position: Point) -> None:
+        """Take parameters that are known to be in force, see `PlanExecutor.take_in_force`."""
+        self._each(lambda executor: executor.take_in_force(parameters, position))
+
+    def _each(self, change: Callable[[PlanExecutor], object]) -> None:
+        change(self.executor)
+        for hypothesis in [*self.hypotheses[1:], *self._before]:
+            try:
+                change(hypothesis.executor)
+            except EadpError:
+                hypothesis.log_likelihood = -math.inf
+
+    # --- ordinary flight
+
+    def follow(self, to: Sighting, skips: int | None, started: Callable[[float, Point, float], None]) -> None:
+        """Advance along the straight line from the last position.
+
+        Parameters
+        ----------
+        to : Sighting
+            With a position.
+        skips : int or None
+            Number of stages to skip there, as reported; None where positions decide.
+        started : function of a time, a position and a share
+            Called at each start of a stage of the likeliest hypothesis before `to`: [s], [m], and of the way to `to`.
+
+        Raises
+        ------
+        PathUndefined
+            As `PlanExecutor.advance`.
+        """
+        assert to.position_m is not None
+        time_s, position = self._time_s, self._position
+        self._time_s, self._position = to.time_s, to.position_m
+        (x0, y0), (x1, y1) = position, to.position_m
+        steps = min(max(1, math.ceil(math.dist(position, to.position_m) / STEP_M)), MAX_STEPS)
+        line = [(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0)) for k in range(1, steps + 1)]
+        for hypothesis in self.hypotheses[1:]:
+            try:
+                for x, y in line:
+                    if hypothesis.executor.advance(x, y):
+                        hypothesis.since_s = to.time_s
+            except EadpError:
+                hypothesis.log_likelihood = -math.inf
+        likeliest, executor = self.hypotheses[0], self.executor
+        for k, (x, y) in enumerate(line, 1):
+            if skips is not None:
+                executor.stay(x, y)
+            elif executor.advance(x, y):
+                self._start(likeliest, time_s + k / steps * (to.time_s - time_s))
+                if k < steps:
+                    started(likeliest.since_s, (x, y), k / steps)
+            if executor.complete:
+                break
+        for k in range(1, (skips or 0) + 1):
+            if executor.complete:
+                break
+            executor.skip(to.position_m)
+            self._start(likeliest, time_s + k / (skips or 1) * (to.time_s - time_s))
+            self.through_gap |= skips != 1
+            if k < (skips or 0) and not executor.complete:
+                started(likeliest.since_s, to.position_m, 1.0)
+        if len(self.hypotheses) > 1:
+            self._weigh(to, to.time_s - time_s)
+
+    def leads(self, stages: int) -> bool:
+        """Whether so many stages of the plan are left after this one."""
+        if stages < 2:
+            return stages >= 0
+        try:
+            return stages < len(self._predictor.route(self.executor.cursor, self.executor.joined_m).legs)
+        except PathUndefined:
+            return False
+
+    def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
+        hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
+
+    def _weigh(self, to: Sighting, step_s: float) -> None:
+        """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
+        for hypothesis in self.hypotheses:
+            mismatch = min(_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
+            hypothesis.log_likelihood -= mismatch / 2 * min(1.0, step_s / INDEPENDENT_S)
+        reported = [one for one in self.hypotheses if to.allows(one.executor)]
+        self._keep(reported or self.hypotheses)
+        if self.executor.complete and len(self.hypotheses) > 1:
+            best = self.hypotheses[0].log_likelihood
+            if 1 / sum(math.exp(one.log_likelihood - best) for one in self.hypotheses) < ENDS_ABOVE:
+                self._keep(self.hypotheses[1:])
+        flying = [one for one in self.hypotheses[1:] if not one.executor.complete]
+        self.hypotheses[1:] = [] if self.executor.complete else flying
+
+    def _keep(self, hypotheses: list[Hypothesis]) -> None:
+        """Keep the likely hypotheses, the likeliest first, and one of each stage and lap."""
+        ranked = sorted(hypotheses, key=lambda one: -one.log_likelihood)
+        lowest = ranked[0].log_likelihood - ALIKE
+        kept = {one.stage: one for one in reversed(ranked) if one.log_likelihood >= lowest}
+        self.hypotheses = sorted(kept.values(), key=lambda one: -one.log_likelihood) or ranked[:1]
+
+    # --- after a gap
+
+    def seek(self, sighting: Sighting, wind_mps: Point) -> Point | None:
+        """Find the flight again after a gap, or forecast where it is.
+
+        Parameters
+        ----------
+        sighting : Sighting
+            Without a position, or where none fits, the flight is where the time puts it.
+        wind_mps : (float, float)
+            Wind [m/s].
+
+        Returns
+        -------
+        (float, float) or None
+            Where the flight is [m]; None where the rest of the plan cannot be laid out.
+        """
+        if not self._before:
+            self._before = self.hypotheses
+        unknown = sighting._replace(position_m=None, course_rad=None)
+        stated = sighting.stage is not None or sighting.stages_started is not None
+        located = list(self._candidates(sighting, wind_mps)) if sighting.position_m is not None else []
+        found = located or list(self._candidates(unknown, wind_mps))
+        if not found and stated:
+            found = list(self._candidates(unknown._replace(stage=None, stages_started=None), wind_mps))
+            stated = False
+        self.through_gap = True
+        if not found:  # the rest of the plan cannot be laid out: straight on
+            self._before = []
+            return None
+        best = max(found, key=lambda one: one.log_likelihood)
+        lowest = best.log_likelihood - ALIKE
+        ranked = [one for one in found if one.log_likelihood >= lowest] if located else [best]
+        self._keep([one.placed(sighting.position_m) for one in ranked])
+        position = sighting.position_m or best.position_m
+        if located or (stated and sighting.position_m is not None):
+            self._before = []
+            self._time_s, self._position = sighting.time_s, position
+        return position
+
+    def _candidates(self, sighting: Sighting, wind_mps: Point) -> Iterator[_Candidate]:
+        """The best match on each leg that the time and the reports allow."""
+        elapsed_s = sighting.time_s - self._time_s
+        std_s = TIME_STD_S + TIME_STD_SHARE * elapsed_s
+        for before in self._before:
+            for leg in self._legs_ahead(before, wind_mps):
+                if leg.start_s > elapsed_s + sighting.max_time_stds * std_s:
+                    break
+                count = before.executor.stages_started + leg.number
+                if sighting.stage not in (None, leg.leg.stage.index) or sighting.stages_started not in (None, count):
+                    continue
+                match = leg.match(sighting, elapsed_s, std_s)
+                if match is not None:
+                    yield _Candidate(before, leg, sighting.time_s, *match)
+
+    def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
+        """The legs left to fly from a hypothesis at the last position, and when they are flown."""
+        cursor: PlanCursor | None = hypothesis.executor.cursor
+        try:
+            route = self._predictor.route(hypothesis.executor.cursor, hypothesis.executor.joined_m)
+            times_s = route.times_s(self._speed, wind_mps)[0].tolist()
+            flown_s = 0.0
+            if route.legs and 0 < times_s[0] < math.inf and route.legs[0].distance_m > 0:
+                leg = route.legs[0]
+                share = min(1.0, (self._time_s - hypothesis.since_s) / times_s[0])
+                left = left_m(
+                    leg, self._position, share * leg.distance_m, hypothesis.executor.cursor.table.plan.max_radius_m
+                )
+                flown_s = (1 - left / leg.distance_m) * times_s[0]
+            start_s = -flown_s
+            for number, (leg, time_s) in enumerate(zip(route.legs, times_s, strict=True)):
+                if cursor is None or not math.isfinite(time_s):
+                    return
+                yield _LegAhead(number, cursor, leg, start_s, time_s)
+                start_s, cursor = start_s + time_s, cursor.next()
+        except PathUndefined:
+            return
+
+
+class _LegAhead(NamedTuple):
+    """A leg, its number from that of the last position on, and its start after that and duration [s]."""
+
+    number: int
+    cursor: PlanCursor
+    leg: Leg
+    start_s: float
+    duration_s: float
+
+    def match(self, sighting: Sighting, elapsed_s: float, std_s: float) -> tuple[float, Point, float] | None:
+        """Share of the leg, point and log likelihood of the best match; None where none fits."""
+        leg = self.leg
+        max_stds = sighting.max_time_stds
+        if self.start_s + self.duration_s < elapsed_s - max_stds * std_s:
+            return None
+        points = list(leg_points(leg, max(POINT_M, leg.distance_m / MAX_POINTS)))
+        shares = np.linspace(0.0, 1.0, len(points))
+        late = ((self.start_s + shares * self.duration_s - elapsed_s) / std_s) ** 2
+        fit = np.zeros(len(points))
+        if sighting.position_m is not None:
+            offsets = np.array([(point.x_m, point.y_m) for point in points]) - sighting.position_m
+            fit += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
+            if sighting.course_rad is not None:
+                turned = np.array([point.heading_rad for point in points]) - sighting.course_rad
+                fit += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
+        total = np.where((late <= max_stds**2) & (fit <= MAX_STDS**2), late + fit, math.inf)
+        best = int(np.argmin(total))
+        if not math.isfinite(total[best]):
+            return None
+        return float(shares[best]), (points[best].x_m, points[best].y_m), -float(total[best]) / 2
+
+
+class _Candidate(NamedTuple):
+    """A match after a gap: where on which leg, and its log likelihood."""
+
+    before: Hypothesis
+    ahead: _LegAhead
+    time_s: float
+    share: float
+    position_m: Point
+    log_match: float
+
+    @property
+    def log_likelihood(self) -> float:
+        """That of the hypothesis before the gap included."""
+        return self.before.log_likelihood + self.log_match
+
+    def placed(self, position: Point | None) -> Hypothesis:
+        """The flight there, at a position if it is known [m]."""
+        leg, executor = self.ahead.leg, self.before.executor
+        joined = leg.start_m if self.ahead.number else executor.joined_m
+        count = executor.stages_started + self.ahead.number
+        placed = executor.placed(self.ahead.cursor, joined, count, position or self.position_m, self.share)
+        return Hypothesis(placed, self.time_s - self.share * self.ahead.duration_s, self.log_likelihood)
+
+
+def _mismatch(executor: PlanExecutor, to: Sighting) -> float:
+    """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations."""
+    assert to.position_m is not None
+    ox, oy = executor.cursor.offset_m
+    local = (to.position_m[0] - ox, to.position_m[1] - oy)
+    try:
+        phi, gx, gy, *_ = executor.path(*local)
+        dx, dy = tangent(executor.path, local, executor.stage.sense)
+    except (EadpError, ArithmeticError, ValueError):
+        return 0.0
+    mismatch = (phi / math.hypot(gx, gy) / DISTANCE_STD_M) ** 2
+    if to.course_rad is not None:
+        turned = math.remainder(math.atan2(dy, dx) - to.course_rad, 2 * math.pi)
+        mismatch += (turned / COURSE_STD_RAD) ** 2
+    return mismatch

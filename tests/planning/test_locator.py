@@ -1,0 +1,140 @@
+"""The position in a plan: found again after a gap by position, course and time; one hypothesis in ordinary flight."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from common import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.plan.cursor import PlanCursor, Rules
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.legs import leg_points
+from eadp.models.plan.route import RoutePredictor
+from eadp.planning.locator import Locator, Sighting
+
+PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
+START, SPEED = (-100.0, 220.0), 15.0
+PARAMETERS = (-300.0, 10.0)
+LEGS = RoutePredictor().route(PlanCursor.start(PLAN, PARAMETERS), START).legs
+ENDS_S = [sum(leg.distance_m for leg in LEGS[: i + 1]) / SPEED for i in range(len(LEGS))]
+
+
+def locator():
+    """At the start of the survey."""
+    return Locator(PlanExecutor(PLAN, PARAMETERS, START, Rules()), SPEED, 0.0)
+
+
+def nominal(time_s):
+    """Number of the leg, position and course at a time on the nominal flight in no wind."""
+    number = next(i for i, end_s in enumerate(ENDS_S) if time_s < end_s)
+    points = list(leg_points(LEGS[number], 0.1))
+    before_s = ENDS_S[number - 1] if number else 0.0
+    point = points[round((time_s - before_s) / (ENDS_S[number] - before_s) * (len(points) - 1))]
+    return number, (point.x_m, point.y_m), point.heading_rad
+
+
+def sighted(time_s, elapsed_s=None, **known):
+    number, position, course = nominal(time_s)
+    found = locator()
+    found.seek(Sighting(elapsed_s or time_s, position, course)._replace(**known), (0.0, 0.0))
+    return number, found
+
+
+def stages(found):
+    return [(one.executor.cursor.lap, one.executor.stage.index) for one in found.hypotheses]
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(1.0, ENDS_S[-1] - 1.0), st.floats(0.95, 1.05))
+def test_the_stage_is_found_again_after_any_gap(time_s, wrong_share):
+    number, found = sighted(time_s, time_s * wrong_share)
+    before_s, leg = ENDS_S[number - 1] if number else 0.0, LEGS[number]
+    near_end_s = min(time_s - before_s, ENDS_S[number] - time_s)
+    true = leg.lap, leg.stage.index
+    assert true in stages(found)
+    if near_end_s > 1.0:  # two stages meet at a trigger
+        assert stages(found)[0] == true
+        assert found.executor.stages_started == number + 1
+        assert found.hypotheses[0].since_s == pytest.approx(time_s * wrong_share - (time_s - before_s), abs=1.0)
+    assert found.through_gap
+
+
+def test_a_lap_that_the_time_does_not_allow_is_none():
+    number, found = sighted(100.0)
+    lap = LEGS[number].lap
+    assert all(abs(one - lap) <= 1 for one, _ in stages(found))
+    _, other = sighted(100.0, 30.0)
+    assert other.uncertain, "no stage fits position and time"
+
+
+def test_without_a_position_it_is_where_the_time_puts_it():
+    number, found = sighted(100.0, position_m=None, course_rad=None)
+    assert found.uncertain
+    assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
+    _, position, _ = nominal(100.0)
+    now = found.seek(Sighting(100.0, None), (0.0, 0.0))
+    assert math.dist(now, position) < 3.0
+
+
+def test_a_course_decides_between_two_lines():
+    """Two lines of opposite directions, side by side."""
+    number = next(i for i, leg in enumerate(LEGS) if leg.lap == 2 and leg.stage.kind == "line")
+    time_s = (ENDS_S[number - 1] + ENDS_S[number]) / 2
+    _, found = sighted(time_s, position_m=None, course_rad=None)
+    _, position, course = nominal(time_s)
+    found.seek(Sighting(time_s, position, course), (0.0, 0.0))
+    assert not found.lost
+    assert stages(found)[0] == (2, LEGS[number].stage.index)
+    back = locator()
+    back.seek(Sighting(time_s, position, course + math.pi), (0.0, 0.0))
+    assert (2, LEGS[number].stage.index) not in stages(back) or back.lost
+
+
+def test_a_number_of_stages_started_settles_it():
+    for number in (3, 12, 20):
+        found = locator()
+        found.seek(Sighting(1.0, None, stages_started=number + 1), (0.0, 0.0))
+        assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
+        assert found.executor.stages_started == number + 1
+
+
+def test_a_reported_stage_settles_it_at_a_position_that_fits_none():
+    found = locator()
+    found.seek(Sighting(60.0, (900.0, 900.0), stage=3), (0.0, 0.0))
+    assert not found.uncertain
+    assert stages(found)[0][1] == 3
+
+
+def test_positions_decide_between_hypotheses_and_the_wrong_ones_go():
+    """A lap of no time: two laps on the same line differ by the time alone, until the first turn."""
+    number, time_s = 9, ENDS_S[8] + 1.0
+    _, found = sighted(time_s, time_s + 7.0)
+    for _ in range(20):
+        time_s += 1.0
+        _, position, course = nominal(time_s)
+        found.follow(Sighting(time_s + 7.0, position, course), None, lambda *_: None)
+    assert not found.uncertain
+    true = LEGS[nominal(time_s)[0]]
+    assert stages(found) == [(true.lap, true.stage.index)]
+    assert number < found.executor.stages_started
+
+
+def test_a_placed_flight_fires_its_trigger_on_time():
+    """From any share of a stage, the stage ends where a flight from its start ends it."""
+    for number in range(4):
+        ends = []
+        for share in (0.1, 0.6):
+            points = list(leg_points(LEGS[number], 0.5))
+            first = round(share * (len(points) - 1))
+            executor = PlanExecutor(PLAN, PARAMETERS, START, Rules())
+            for _ in range(number):
+                executor.skip(LEGS[number].start_m)
+            here = (points[first].x_m, points[first].y_m)
+            placed = executor.placed(executor.cursor, LEGS[number].start_m, number + 1, here, share)
+            ends.append(next(i for i in range(first, len(points)) if placed.advance(points[i].x_m, points[i].y_m)))
+        assert ends[0] == ends[1]
