@@ -255,6 +255,20 @@ class Sample(NamedTuple):
     shares: tuple[float | None, ...]
 
 
+def sampled(
+    plane: Aeroplane,
+    shaft_w: float,
+    stage: int = 0,
+    parameters: tuple[float, ...] = (0.0, 0.0),
+    shares: tuple[float | None, ...] = (),
+) -> Sample:
+    """What the aeroplane does now."""
+    position, ground = (plane.x_m, plane.y_m, plane.altitude_m), (plane.east_mps, plane.north_mps)
+    heading, bank = math.degrees(math.pi / 2 - plane.heading_rad) % 360, math.degrees(plane.bank_rad)
+    motion = (plane.time_s, *position, plane.airspeed_mps, *ground, heading, bank, plane.climb_mps, shaft_w)
+    return Sample(*motion, stage, parameters, shares)
+
+
 class PlanFlight:
     """The aeroplane on a plan: `samples` flies it, `decide` gives other parameters on the way."""
 
@@ -282,7 +296,9 @@ class PlanFlight:
                 plane.control(self._bank())
                 shaft_w += plane.shaft_w / count
                 executor.advance(plane.x_m, plane.y_m)
-            yield self._sample(shaft_w)
+            values = executor.parameters
+            shares = [box.share(value) for box, value in zip(executor.stage.sets, values, strict=True)]
+            yield sampled(plane, shaft_w, executor.stage.index, values, tuple(shares))
 
     def right_m(self) -> float:
         """How far right of its path the aeroplane is."""
@@ -306,26 +322,6 @@ class PlanFlight:
         off = _wrapped(direction + math.atan(right_m / (1.6 * ground_mps)) - plane.course_rad)
         along = curvature * ground_mps * math.cos(plane.course_rad - direction)
         return _turn_rad(plane, along + 1.1 * off)
-
-    def _sample(self, shaft_w: float) -> Sample:
-        plane, executor = self.plane, self.executor
-        values, sets = executor.parameters, executor.stage.sets
-        return Sample(
-            plane.time_s,
-            plane.x_m,
-            plane.y_m,
-            plane.altitude_m,
-            plane.airspeed_mps,
-            plane.east_mps,
-            plane.north_mps,
-            math.degrees(math.pi / 2 - plane.heading_rad) % 360,
-            math.degrees(plane.bank_rad),
-            plane.climb_mps,
-            shaft_w,
-            executor.stage.index,
-            values,
-            tuple(box.share(value) for box, value in zip(sets, values, strict=True)),
-        )
 
 
 def battery_w(shaft_w: float | np.ndarray) -> float | np.ndarray:

@@ -14,7 +14,9 @@ those that keep the reserve, or else complete, the one with the largest U.
 
 - `--trouble NAME` adds one to each mission: a false peak of power, a gauge that sticks, a voltage that sags, a capacity
   15 % below what is stated, a gap, a position that freezes, a power that is unknown, an autopilot that is deaf to c1.
-- `--log DIR` writes each flight of `joint` as CSV.
+- `--log DIR` keeps the files of each mission: plan, scenario, the flight as CSV, log and messages of `eadp replan`; and
+  the CSV of a flight at several airspeeds, banks and climbs.
+- `--cache DIR` keeps the flights with constant parameters for other runs, with `--trouble` and without.
 - `--picture FILE` draws U and the forecasts of charge.
 - `--check` prints what the plant does open loop beside what physics expects.
 
@@ -25,6 +27,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
 import json
 import math
 import multiprocessing
@@ -61,6 +64,7 @@ from plant import (  # noqa: E402
     PlanFlight,
     Sample,
     battery_w,
+    sampled,
 )
 
 from eadp.api import read_plan  # noqa: E402
@@ -68,13 +72,13 @@ from eadp.models.plan.plan import Plan  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
 
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
-OWNER = ROOT / "benchmarks/twin/owner.yaml"
+OWNER, PLANT = ROOT / "benchmarks/twin/owner.yaml", ROOT / "benchmarks/plant.py"
 FIELDS = {
     "slanted": [[0, 0], [400, 100], [450, 450], [100, 380]],
     "corner": [[0, 0], [560, 0], [560, 240], [280, 240], [280, 420], [0, 420]],
 }
 COVER = ["--pattern", "zamboni", "--min-radius", "45", "--swath", "45", "--profile", str(PROFILE)]
-GRID, REFINED, RESERVE, PER_LINE = 11, 4, 0.05, round(1 / SAMPLE_S)
+GRID, REFINED, RESERVE, PER_LINE = 6, 4, 0.05, round(1 / SAMPLE_S)
 OHM_AH = 0.06
 """Resistance of a pack times its capacity."""
 ANSWER_S = 20.0
@@ -190,7 +194,8 @@ class Constant:
 class Constants:
     """Flights with constant parameters: neither path nor motion depend on computations and battery."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, cache: str | None) -> None:
+        self._cache = cache
         self.plan = read_plan(mission.plan_file, warn=lambda _: None)
         self.mission = mission
         self.flights: dict[float, list[Sample]] = {}
@@ -214,11 +219,24 @@ class Constants:
         return max(self.flown, key=lambda constant: constant.rank)
 
     def _fly(self, c1: float) -> None:
-        flight = plan_flight(self.mission, self.plan, (c1, float(LEVELS[-1])))
-        samples = list(flight.samples())
+        mission, saved = self.mission, self._saved(c1)
+        if saved is not None and saved.exists():
+            self.flights[c1] = [Sample(*row) for row in json.loads(saved.read_text())]
+            return
+        flight = plan_flight(mission, self.plan, (c1, float(LEVELS[-1])))
+        self.flights[c1] = samples = list(flight.samples())
         if not flight.executor.complete:
-            raise SystemExit(f"mission {self.mission.index}: the plan does not end at c1 = {c1:g}")
-        self.flights[c1] = samples
+            raise SystemExit(f"mission {mission.index}: the plan does not end at c1 = {c1:g}")
+        if saved is not None:
+            saved.write_text(json.dumps(samples))
+
+    def _saved(self, c1: float) -> Path | None:
+        """The file that keeps a flight, named after all that it depends on."""
+        if not self._cache:
+            return None
+        sources = [Path(self.mission.plan_file), *sorted((ROOT / "benchmarks/twin").rglob("*.xml")), PLANT]
+        given = [source.read_text() for source in sources] + [self.mission.wind_mps, self.mission.seed, c1]
+        return Path(self._cache) / f"{hashlib.sha256(repr(given).encode()).hexdigest()[:24]}.json"
 
     def _capacity_ah(self) -> float:
         """The mission's capacity: between those that keep the reserve with the lowest and the highest parameters."""
@@ -285,20 +303,13 @@ class Replan:
             "battery": {"capacity_ah": stated_ah, "resistance_ohm": round(OHM_AH / stated_ah, 4)},
             "reserve_soc": RESERVE,
         }
-        scenario_file = folder / f"{mission.index}.yaml"
-        scenario_file.write_text(json.dumps(scenario))
-        settings = ["--set", f"vehicle.airframe.propulsive_efficiency={efficiency:.4f}"]
-        command = [
-            sys.executable,
-            "-m",
-            "eadp",
-            "replan",
-            mission.plan_file,
-            "--scenario",
-            str(scenario_file),
-            *settings,
-        ]
-        self.messages = folder / f"{mission.index}.err"
+        name = f"mission-{mission.index}"
+        (folder / f"{name}.yaml").write_text(json.dumps(scenario))
+        log, self.messages = folder / f"{name}.jsonl", folder / f"{name}.txt"
+        log.unlink(missing_ok=True)
+        command = [sys.executable, "-m", "eadp", "replan", mission.plan_file, "--log", str(log)]
+        command += ["--scenario", str(folder / f"{name}.yaml")]
+        command += ["--set", f"vehicle.airframe.propulsive_efficiency={efficiency:.4f}"]
         self._errors = self.messages.open("wb")
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, bufsize=0)
@@ -345,7 +356,7 @@ class Flown:
     last_loss_s: float = 0.0
 
 
-def fly_joint(constants: Constants, folder: Path, log: TextIO | None) -> Flown:
+def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
     """A mission with `eadp replan` on board."""
     mission, plan = constants.mission, constants.plan
     highest = (ends(plan, 0)[1], ends(plan, 1)[1])
@@ -353,9 +364,8 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO | None) -> Flown:
     pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names)
     noise = mission.noise(round(7200 / SAMPLE_S))
     samples, result = [], Flown()
-    writer = None if log is None else csv.writer(log)
-    if writer:
-        writer.writerow(LOG_COLUMNS)
+    writer = csv.writer(log)
+    writer.writerow(LOG_COLUMNS)
     for k, sample in enumerate(flight.samples()):
         samples.append(sample)
         loss = constants.losses.get(k, 0.0)
@@ -365,8 +375,7 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO | None) -> Flown:
         telemetry.gauge(pack, loss)
         if loss:
             result.last_loss_s = sample.time_s
-        if writer:
-            writer.writerow(log_row(sample, pack, power_w))
+        writer.writerow(log_row(sample, pack, power_w))
         if pack.empty:
             break
         if (k + 1) % PER_LINE == 0:
@@ -455,19 +464,44 @@ def log_row(sample: Sample, pack: Lipo, power_w: float) -> list[float]:
     return [round(float(value), 4) for value in (*motion, *electric, sample.stage, *sample.parameters)]
 
 
+def write_identification(file: Path) -> None:
+    """Log a flight for the identification of the aeroplane: airspeeds, banks and climbs in wind and gusts."""
+    plane = Aeroplane((0.0, 0.0), 0.0, (3.0, 0.0), Dryden(3.0, 1, 3600.0))
+    pack, shaft_w = Lipo(3.0, OHM_AH / 3.0), 0.0
+    with file.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(LOG_COLUMNS)
+        for speed in (12.0, 13.5, 15.0, 17.0, 19.0):
+            plane.airspeed_target_mps = speed
+            for bank_deg, climb_m, seconds in (
+                (0, 0, 60),
+                (20, 0, 30),
+                (0, 0, 20),
+                (40, 0, 30),
+                (0, 40, 40),
+                (0, -40, 40),
+            ):
+                plane.altitude_target_m += climb_m
+                for k in range(round(seconds / CONTROL_S)):
+                    plane.control(math.radians(bank_deg))
+                    shaft_w += plane.shaft_w / round(SAMPLE_S / CONTROL_S)
+                    if (k + 1) % round(SAMPLE_S / CONTROL_S) == 0:
+                        power_w = float(battery_w(shaft_w))
+                        pack.step(power_w, SAMPLE_S)
+                        writer.writerow(log_row(sampled(plane, shaft_w), pack, power_w))
+                        shaft_w = 0.0
+
+
 # --- one mission
 
 
 def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     """A mission with constant parameters and with `joint`."""
-    mission, folder, log = task
-    constants = Constants(mission)
+    mission, folder, cache = task
+    constants = Constants(mission, cache)
     lowest, highest = (pick(constants.flown, key=lambda constant: constant.c) for pick in (min, max))
-    if log is None:
-        joint = fly_joint(constants, Path(folder), None)
-    else:
-        with (Path(log) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
-            joint = fly_joint(constants, Path(folder), stream)
+    with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
+        joint = fly_joint(constants, Path(folder), stream)
     return {
         "mission": mission,
         "capacity_ah": constants.capacity_ah,
@@ -692,17 +726,21 @@ def main() -> None:
     parser.add_argument("--only", type=int, nargs="+", metavar="INDEX")
     parser.add_argument("--trouble", choices=TROUBLES, default="")
     parser.add_argument("--log", metavar="DIR")
+    parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--picture", metavar="FILE")
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     if options.check:
         check()
         return
+    for made_folder in filter(None, (options.log, options.cache)):
+        Path(made_folder).mkdir(parents=True, exist_ok=True)
     if options.log:
-        Path(options.log).mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
+        write_identification(Path(options.log) / "identification.csv")
+    with tempfile.TemporaryDirectory() as passing:
+        folder = options.log or passing
         made = missions(options.missions, options.seed, plans(Path(folder)), options.trouble)
-        tasks = [(m, folder, options.log) for m in made if not options.only or m.index in options.only]
+        tasks = [(m, folder, options.cache) for m in made if not options.only or m.index in options.only]
         print(f"seed {options.seed}{', trouble ' + options.trouble if options.trouble else ''}\n{HEADER}")
         results = []
         with multiprocessing.Pool(options.jobs) as pool:
