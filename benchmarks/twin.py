@@ -10,7 +10,7 @@ capacity up to 5 %.
 Missions: the survey and three covered fields, wind of 0 to 8 m/s from anywhere, and in every second one, one or two
 sudden losses of charge. The capacity lies between what the lowest and what the highest parameters need, and a little
 beyond. `best` is the best of a grid of constant parameters, refined, each flown in the same wind, gusts and losses: of
-those that keep the reserve, or else complete, the one with the largest U.
+those that keep the reserve, or else complete, the one with the largest U. There c1 counts in the stages that it alters.
 
 - `--trouble NAME` adds one to each mission: a false peak of power, a gauge that sticks, a voltage that sags, a capacity
   15 % below what is stated, a gap, a position that freezes, a power that is unknown, an autopilot that is deaf to c1.
@@ -18,6 +18,7 @@ those that keep the reserve, or else complete, the one with the largest U.
   the CSV of a flight at several airspeeds, banks and climbs.
 - `--cache DIR` keeps the flights with constant parameters for other runs, with `--trouble` and without.
 - `--picture FILE` draws U and the forecasts of charge.
+- An interrupt ends the flights; the table is of those that are complete.
 - `--check` prints what the plant does open loop beside what physics expects.
 
 Needs jsbsim: pip install 'eadp[bench]'.
@@ -26,6 +27,7 @@ Needs jsbsim: pip install 'eadp[bench]'.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import hashlib
 import json
@@ -36,7 +38,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -69,6 +71,7 @@ from plant import (  # noqa: E402
 
 from eadp.api import read_plan  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402
+from eadp.models.plan.segments import Segment  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
 
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
@@ -261,7 +264,7 @@ class Constants:
         """One c1 with every level of the computations."""
         samples, levels = self.flights[c1], np.array(LEVELS)
         completed, soc = self._drained(np.full(len(LEVELS), self.capacity_ah), samples, levels)
-        u = utility([mean_share(samples, 0), (levels - LEVELS[0]) / (LEVELS[-1] - LEVELS[0])])
+        u = utility([mean_share(samples, 0, altered(self.plan)), (levels - LEVELS[0]) / (LEVELS[-1] - LEVELS[0])])
         return [
             Constant((c1, level), bool(completed[j]), float(soc[j]), float(u[j]), samples[-1].time_s)
             for j, level in enumerate(LEVELS)
@@ -275,10 +278,24 @@ def plan_flight(mission: Mission, plan: Plan, parameters: Sequence[float]) -> Pl
     return PlanFlight(plan, parameters, start, mission.wind_mps, gusts)
 
 
-def mean_share(samples: list[Sample], index: int) -> float | None:
-    """Time average of a parameter's share of its set, where that has more than one value."""
-    shares = [sample.shares[index] for sample in samples if sample.shares[index] is not None]
-    return statistics.fmean(shares) if shares else None
+def mean_share(samples: list[Sample], index: int, stages: Collection[int]) -> float | None:
+    """Time average of a parameter's share of its set, over the stages that count and leave it free."""
+    shares = [sample.shares[index] for sample in samples if sample.stage in stages]
+    free = [share for share in shares if share is not None]
+    return statistics.fmean(free) if free else None
+
+
+def altered(plan: Plan) -> set[int]:
+    """The stages whose path c1 alters, and those of the same laps."""
+    found = set()
+    for segment in plan.segments or (Segment(0, len(plan.stages), (), ()),):
+        stages = plan.stages[segment.first : segment.first + segment.count]
+        laps = set().union(*(q.first.names | (q.shift.names if q.shift else set()) for q in segment.variables))
+        names = [stage.path.names | stage.trigger[0].names | stage.trigger[1].names for stage in stages]
+        if segment.repeats and "c1" in laps.union(*names):
+            found |= {stage.index for stage in stages}
+        found |= {stage.index for stage, own in zip(stages, names, strict=True) if "c1" in own}
+    return found
 
 
 def utility(shares: list[Any]) -> Any:
@@ -386,7 +403,8 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
                 flight.decide(taken(decision, plan.names, mission, highest))
     replan.close()
     result.completed, result.soc = flight.executor.complete and not pack.empty, float(pack.soc)
-    result.u = utility([mean_share(samples, i) for i in range(len(plan.names))])
+    every = {stage.index for stage in plan.stages}
+    result.u = utility([mean_share(samples, 0, altered(plan)), mean_share(samples, 1, every)])
     result.time_s, result.unanswered = samples[-1].time_s, replan.unanswered
     result.warnings = len(replan.messages.read_text().splitlines())
     decided = [[d["parameters"][name] for d in result.decisions] for name in plan.names]
@@ -579,7 +597,7 @@ def report(results: list[dict[str, Any]]) -> None:
     done = [r for r in results if r["joint"].completed]
     lowest = [r for r in results if r["lowest"].completed]
     kept = [r for r in lowest if r["lowest"].rank[0]]
-    print(f"\ncompletes where the lowest parameters do: {sum(r in done for r in lowest)} of {len(lowest)}")
+    print(f"\ncompletes where the lowest parameters do: {sum(r['joint'].completed for r in lowest)} of {len(lowest)}")
     print(f"keeps the reserve where they do: {sum(r['joint'].soc >= RESERVE for r in kept)} of {len(kept)}")
     ratios = [value(r) / r["best"].u for r in results if r["best"].completed and r["best"].u > 0]
     if ratios:
@@ -745,9 +763,10 @@ def main() -> None:
         results = []
         with multiprocessing.Pool(options.jobs) as pool:
             each: Callable[..., Any] = pool.imap if options.jobs > 1 else map
-            for result in each(run, tasks):
-                results.append(result)
-                print(row(result), flush=True)
+            with contextlib.suppress(KeyboardInterrupt):  # the table of those that are flown
+                for result in each(run, tasks):
+                    results.append(result)
+                    print(row(result), flush=True)
     report(results)
     if options.picture:
         picture(results, options.picture)
