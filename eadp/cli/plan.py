@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from eadp.cli.options import LapsOption
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
@@ -28,7 +29,9 @@ def command(
     file: Annotated[
         str,
         Argument(
-            help="Plan in the papers' TEE format (trajectory explicit equations), - for standard input.", metavar="FILE"
+            help="Plan in the papers' TEE format (trajectory explicit equations), or mission (QGroundControl's plan, "
+            "WPL); - for standard input.",
+            metavar="FILE",
         ),
     ],
     format_: Annotated[
@@ -46,7 +49,8 @@ def command(
         ),
     ] = False,
     min_radius: Annotated[
-        float | None, Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
+        float | None,
+        Option(help="Smallest turning radius [m], for --check and the turns of a mission.", metavar="METRES", min=0),
     ] = None,
     set_: Annotated[
         list[str] | None, Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE")
@@ -57,6 +61,7 @@ def command(
     ] = None,
     plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
     machine: Annotated[bool, Option("--machine", help="With --plot: draw the state machine, not the path.")] = False,
+    laps: LapsOption = None,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -65,7 +70,7 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.errors import InputError, PathUndefined
-    from eadp.io.plan.reader import read_plan
+    from eadp.io.mission.reader import PlanReader
     from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
 
@@ -76,7 +81,7 @@ def command(
     if machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)
-    plan, findings = read_plan(text)
+    plan, findings = PlanReader(laps=laps).turning(min_radius or None)(text)
     report = None
     if check:
         from eadp.validation.check import check_plan
