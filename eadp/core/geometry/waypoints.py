@@ -34,7 +34,11 @@ class Waypoint(NamedTuple):
     centre_m: Point
     miss_m: float
     past_m: float = 0.0
-    radius_m: float = 0.0
+
+    @property
+    def radius_m(self) -> float:
+        """0, as of a circle that is a point [m]."""
+        return 0.0
 
 
 class Loiter(NamedTuple):
@@ -109,7 +113,8 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
     legs: list[_Leg] = []
     leave: Target = Waypoint(start, math.inf)
     kept = _kept(start, targets)
-    for (i, target), following in zip(kept, [*(target for _, target in kept[1:]), None], strict=True):
+    for k, (i, target) in enumerate(kept):
+        following = kept[k + 1][1] if k + 1 < len(kept) else None
         leg = _leg(i, leave, target)
         if leg.round is not None and abs(leg.round.radius_m) < radius_m:
             tight.append(TightTurn(i, 2 * abs(leg.round.radius_m), 2 * radius_m))
@@ -136,7 +141,9 @@ def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
             elif isinstance(before, Waypoint) and len(kept) > 1 and apart_m <= abs(target.radius_m) + ON_CIRCLE_M:
                 kept.pop()
         elif isinstance(before, Waypoint):
-            if apart_m < MIN_PIECE_M:
+            if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):
+                nearest = min(before.miss_m, target.miss_m)
+                kept[-1] = (kept[-1][0], Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m)))
                 continue
         elif abs(apart_m - abs(before.radius_m)) < ON_CIRCLE_M and i < len(targets) - 1:
             continue
@@ -232,7 +239,8 @@ def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
 
 def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
     pieces: list[tuple[int, Piece]] = []
-    for leg, after in zip(legs, [*legs[1:], None], strict=True):
+    for k, leg in enumerate(legs):
+        after = legs[k + 1] if k + 1 < len(legs) else None
         c, s = math.cos(leg.course_rad), math.sin(leg.course_rad)
         (ax, ay), (bx, by), (first, last) = leg.start, leg.end, leg.trim_m
         end: Pose = (bx - last * c, by - last * s, leg.course_rad)

@@ -12,7 +12,7 @@ from eadp import __version__
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import parse_energy
-from eadp.io.mission.reader import PlanReader
+from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.named import parse_named
@@ -132,10 +132,12 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    files.text(plan_path)
+    foreign = is_mission(files.text(plan_path))
     scenario = files.scenario(scenario_path, overrides)
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
-    plan_text, (plan, findings) = files.read(plan_path, PlanReader.of(vehicle, laps))
+    plan_text, (plan, findings) = files.read(
+        plan_path, PlanReader.of(vehicle, keys.battery, laps) if foreign else PlanReader()
+    )
     texts = {"plan": plan_text}
     warnings = [finding.fault(plan_text.name) for finding in findings]
     if scenario_path is not None:

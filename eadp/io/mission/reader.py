@@ -27,6 +27,7 @@ from eadp.io.plan import reader as plan_reader
 from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES
 from eadp.io.text.source import Location, SourceText
 from eadp.io.text.streams import Text
+from eadp.models.battery import Battery
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.stage import Stage
 from eadp.models.vehicle import Airframe, FixedWing
@@ -36,8 +37,6 @@ FARTHEST_M = 200_000.0
 HIGHEST_M = 1e5
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
-REPEATED_M = 200_000.0
-"""Distance after which a mission that repeats for ever goes on, if no number of laps is given [m]."""
 SAME_POINT_DEG = 1e-9
 
 _POSITIONED = frozenset((
@@ -75,20 +74,25 @@ class PlanReader:
     ----------
     turn_radius_m, airspeed_mps, climb_rate_mps : float
         The aircraft's: radius of its turns [m], airspeed [m/s] and rate of climb [m/s].
+    repeated_m : float
+        Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
     laps : int or None
-        How many times a mission that repeats for ever is flown; None for as many as `REPEATED_M` has.
+        How many times it is flown.
     """
 
     turn_radius_m: float = FixedWing().turn_radius_m
     airspeed_mps: float = FixedWing.airspeed_mps
     climb_rate_mps: float = FixedWing.max_climb_rate_mps
+    repeated_m: float = 100_000.0
     laps: int | None = None
 
     @classmethod
-    def of(cls, airframe: Airframe, laps: int | None = None) -> PlanReader:
-        """The reader for an aircraft."""
+    def of(cls, airframe: Airframe, battery: Battery, laps: int | None = None) -> PlanReader:
+        """The reader for an aircraft: what repeats for ever is longer than the battery lasts."""
         climb_rate = getattr(airframe, "max_climb_rate_mps", FixedWing.max_climb_rate_mps)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, climb_rate, laps)
+        endurance_s = battery.endurance_s(airframe.cruise_power_w)
+        repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, climb_rate, repeated_m, laps)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""
@@ -147,8 +151,6 @@ class _PlanBuilder:
             self._find((1, 1), "multirotor", message)
         visits = self._visits(self._order())
         refuse(self.faults)
-        if not visits:
-            raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
         return self._assembled(visits), self.findings
 
     def _fault(self, location: Location, item: DraftItem, message: str, expected: str) -> None:
@@ -241,7 +243,7 @@ class _PlanBuilder:
                 times = item.parameters[1]
                 forever = times < 0
                 limit = times if not forever else math.inf if self.motion.laps is None else self.motion.laps - 1
-                if forever and self.motion.laps is None and flown_m > REPEATED_M:
+                if forever and self.motion.laps is None and flown_m > self.motion.repeated_m:
                     limit = taken[i]
                     message = (
                         f"{item.label} repeats for ever: {taken[i] + 1} laps are planned, {flown_m / 1000:.0f} km; "
@@ -375,6 +377,8 @@ class _PlanBuilder:
         except Unreachable as error:
             item = visits[error.target].item
             raise self.source.error(item.locations[0], f"{item.label}: {error}", "a point outside of it") from None
+        if not path.pieces:
+            raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
         if len(path.pieces) > LIMIT_STAGES:
             raise self.source.error((1, 1), f"{len(path.pieces)} legs and turns", f"at most {LIMIT_STAGES}")
         seen: set[int] = set()
