@@ -94,8 +94,8 @@ def command(
     lines = [finding.fault(text.name) for finding in findings]
     try:
         if plot is not None:
-            _draw(plot, plan, _parameters(plan, set_), machine=machine)
-        points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None
+            _draw(plot, plan, parameters_of(plan, set_), machine=machine)
+        points = _trace_csv(plan, parameters_of(plan, set_), trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
     if points is not None:
@@ -125,7 +125,7 @@ def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) 
     (write_machine_figure if machine else write_plan_figure)(path, plan, parameters)
 
 
-def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
+def parameters_of(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     """Parameters from --set, else those at take-off: each at its maximum, or 0 without a set."""
     import math
 

@@ -175,7 +175,7 @@ def _tangent(leave: Target, target: Target) -> tuple[Point, Point, float] | None
     """Start, end and course of the straight from one circle to another; None where one lies in the other."""
     (ax, ay), (bx, by) = leave.centre_m, target.centre_m
     d, between = math.hypot(bx - ax, by - ay), target.radius_m - leave.radius_m
-    if d == 0 or abs(between) > d + (ON_CIRCLE_M if leave.radius_m * target.radius_m == 0 else 0.0):
+    if d == 0 or abs(between) > d + ON_CIRCLE_M:
         return None
     # with n to the left of the course, centre = point + radius n at both ends: (b − a)·n = radius_b − radius_a
     course = math.atan2(by - ay, bx - ax) - math.asin(min(max(between / d, -1.0), 1.0))
@@ -274,8 +274,8 @@ def _arc(circle: Loiter, start: Point, end: Point | None) -> list[Piece]:
         whole = math.floor(circle.turns)
     else:
         sweep = (turn * (math.atan2(end[1] - y, end[0] - x) - first)) % (2 * math.pi)
-        if sweep > 2 * math.pi - MIN_PIECE_M / max(radius, MIN_PIECE_M):
-            sweep = 0.0
+        if radius * min(sweep, 2 * math.pi - sweep) < MIN_PIECE_M:
+            sweep = 0.0  # whole turns end where they start
         whole = max(0, math.ceil(circle.turns - sweep / (2 * math.pi) - TURNS_TOLERANCE))
     last = first + turn * sweep
     poses = [

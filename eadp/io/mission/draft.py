@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from eadp.io.text.source import Location
 
@@ -24,6 +25,14 @@ MOTIONLESS = frozenset((
 ABSOLUTE, RELATIVE, TERRAIN, NO_POSITION = 0, 3, 10, 2
 FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
 """Frames of positions: the altitude is above the sea, above home, or above ground."""
+
+
+class MissionItem(NamedTuple):
+    """An item to write: MAVLink's command, frame and seven parameters, the position in degrees and metres."""
+
+    command: int
+    frame: int
+    parameters: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, printable
 from eadp.io.mission.draft import (
     ITEMS_LIMIT,
@@ -16,10 +19,12 @@ from eadp.io.mission.draft import (
     WAYPOINT,
     DraftItem,
     MissionDraft,
+    MissionItem,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
+ARDUPILOT = 3
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
 VERSIONS = {"survey": 5, "CorridorScan": 2, "StructureScan": 3}
@@ -168,3 +173,33 @@ def _read_landing(item: _Value, draft: MissionDraft) -> None:
     ):
         number = len(draft.items) + 1
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
+
+
+def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float) -> str:
+    """The file of a mission of a fixed wing."""
+    written = []
+    for number, (command, frame, parameters) in enumerate(items, 1):
+        item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
+        item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
+        if frame == RELATIVE:
+            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
+        written.append(item)
+    mission = {
+        "cruiseSpeed": airspeed_mps,
+        "firmwareType": ARDUPILOT,
+        "globalPlanAltitudeMode": 1,
+        "hoverSpeed": airspeed_mps,
+        "items": written,
+        "plannedHomePosition": [*(round(value, 9) for value in home_deg), 0.0],
+        "vehicleType": FIXED_WING,
+        "version": 2,
+    }
+    plan = {
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": mission,
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+    return json.dumps(plan, indent=4) + "\n"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
+from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, printable, refuse
-from eadp.io.mission.draft import ITEMS_LIMIT, DraftItem, MissionDraft
+from eadp.io.mission.draft import ABSOLUTE, ITEMS_LIMIT, WAYPOINT, DraftItem, MissionDraft, MissionItem
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.source import SourceText
 
@@ -61,3 +63,13 @@ def _row_faults(row: Row, index: int) -> list[Fault]:
             row.fault(0, f"the index {row.fields[0]}", f"{index}: the rows are counted from 0, which is home")
         )
     return faults
+
+
+def wpl_text(items: Sequence[MissionItem], home_deg: Point) -> str:
+    """The file of a mission: home, then its items."""
+    home = MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, 0.0))
+    lines = [VERSION]
+    for index, (command, frame, parameters) in enumerate([home, *items]):
+        numbers = [f"{value:.9f}".rstrip("0").rstrip(".") for value in parameters]
+        lines.append("\t".join([str(index), str(int(index == 0)), str(frame), str(command), *numbers, "1"]))
+    return "\n".join([*lines, ""])
