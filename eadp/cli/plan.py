@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from eadp.validation.check import Report
 
 
+STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
+"""Attributes of a stage that JSON has where they are set."""
+
 PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan", "sympy", "latex"])
 
 
@@ -248,6 +251,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
+        **({} if plan.start_m is None else {"start_m": plan.start_m}),
         "findings": [_finding(item) for item in findings],
     }
     if plan.segments:
@@ -289,6 +293,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "path": path.text,
         "kind": stage.kind,
         "trigger": _point(trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
+        **{key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())},
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)
