@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import math
 import threading
@@ -307,6 +306,7 @@ def test_pymavlink_loads_it(tmp_path):
 def test_mavsdk_imports_it():
     """MAVSDK's own importer, which works once a heartbeat has connected a system; by hand, with eadp[exchange-test]."""
     mavsdk = pytest.importorskip("mavsdk")
+    mission_raw = pytest.importorskip("mavsdk.plugins.mission_raw")
     mavutil = pytest.importorskip("pymavlink.mavutil")
     plan, _ = read_plan(Text("p", LINES))
     path = path_of(plan, home_deg=HOME, trigger_distance_m=20.0)
@@ -317,26 +317,23 @@ def test_mavsdk_imports_it():
         link = mavutil.mavlink_connection("udpout:127.0.0.1:14599", source_system=1, source_component=1)
         while not stop.wait(0.2):
             link.mav.heartbeat_send(1, 3, 0, 0, 4)
-
-    async def imported():
-        system = mavsdk.System()
-        await system.connect(system_address="udpin://127.0.0.1:14599")
-        async for state in system.core.connection_state():
-            if state.is_connected:
-                break
-        raw = system.mission_raw
-        from_qgc = await raw.import_qgroundcontrol_mission_from_string(EXPORTS["qgc"](path))
-        from_wpl = await raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](path))
-        return from_qgc.mission_items, from_wpl.mission_items
+        link.close()
 
     beats = threading.Thread(target=beat, daemon=True)
     beats.start()
     try:
-        qgc, wpl = asyncio.run(asyncio.wait_for(imported(), 60))
+        kind = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+        with mavsdk.Mavsdk(kind) as station:
+            station.add_any_connection("udpin://127.0.0.1:14599")
+            system = station.first_autopilot(30.0)
+            assert system is not None
+            raw = mission_raw.MissionRaw(system)
+            qgc = raw.import_qgroundcontrol_mission_from_string(EXPORTS["qgc"](path)).mission_items
+            wpl = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](path)).mission_items
     finally:
         stop.set()
         beats.join()
-    for taken in (qgc, wpl[-len(exported) :]):  # of WPL, home is an item too
+    for taken in (qgc[-len(exported) :], wpl[-len(exported) :]):  # home is an item of ArduPilot's
         assert [item.command for item in taken] == [item.command for item in exported]
         for found, item in zip(taken, exported, strict=True):
             if item.command == 16:
