@@ -4,6 +4,7 @@ EadpError
 ├── InputError       a file or an option is wrong: one or more faults, each with its location
 ├── ExpressionError  an expression breaks the grammar or a limit; the offset in its text
 ├── Infeasible       a request has no solution: the battery cannot deliver the power, no control is admissible
+│   └── Unreachable  a target of a path through waypoints and circles cannot be reached from the one before
 ├── CommandError     a command to be measured did not start, or ended by itself
 ├── PathUndefined    a path function has no value where the robot is
 └── SolverFailed     the solver gave no answer that may be used as one
@@ -100,6 +101,14 @@ class ExpressionError(EadpError):
 
 class Infeasible(EadpError):
     """A request has no solution."""
+
+
+class Unreachable(Infeasible):
+    """The target of a path with this index (from 0) cannot be reached."""
+
+    def __init__(self, target: int, message: str) -> None:
+        self.target = target
+        super().__init__(message)
 
 
 class CommandError(EadpError):
