@@ -36,6 +36,9 @@ BUSY_S = 60.0
 WAIT_S = 0.2
 """Interval of polling for the results of other processes [s]."""
 
+PAGE_BYTES = 4096
+"""Size of a file without tables."""
+
 KEYS_PER_QUERY = 500
 """SQLite's own limit may be 999."""
 
@@ -66,6 +69,7 @@ class Results:
         self._path = "the temporary results"
         if path is not None:  # whole, as SQLite has names of its own for what is no file
             path = self._path = str(output_file(path))
+        new = path is not None and not os.path.exists(path)
         self._connection = _connect(path, self._path, read_only)
         self._lock: int | None = None
         self._session = 0
@@ -74,6 +78,8 @@ class Results:
                 self._open(path, read_only)
         except BaseException:
             self.close()
+            if new and os.path.exists(self._path) and os.path.getsize(self._path) <= PAGE_BYTES:
+                os.unlink(self._path)
             raise
 
     def _open(self, path: str | None, read_only: bool) -> None:
