@@ -79,7 +79,9 @@ class Results:
         except BaseException:
             self.close()
             if new and os.path.exists(self._path) and os.path.getsize(self._path) <= PAGE_BYTES:
-                os.unlink(self._path)
+                for ending in ("", "-wal", "-shm", ".lock"):
+                    with suppress(OSError):
+                        os.unlink(f"{self._path}{ending}")
             raise
 
     def _open(self, path: str | None, read_only: bool) -> None:
@@ -137,7 +139,7 @@ class Results:
         with self._transaction():
             self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
             if self._lock is not None:
-                (last,) = self._connection.execute("SELECT max(id) FROM sessions").fetchone()
+                (last,) = self._connection.execute("SELECT coalesce(max(id), 0) FROM sessions").fetchone()
                 # sessions start within a transaction, so none starts between this check and the removal
                 if not any(self._alive(other) for other in range(1, last + 1)):
                     os.unlink(f"{self._path}.lock")
@@ -330,7 +332,7 @@ def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
 
 def _fault(path: str, error: Exception) -> InputError:
     name = getattr(error, "sqlite_errorname", "") or ""
-    if name.startswith("SQLITE_FULL") or name == "SQLITE_IOERR_WRITE":
+    if name.startswith("SQLITE_FULL") or name in ("SQLITE_IOERR_WRITE", "SQLITE_IOERR_SHMSIZE"):
         what = "the disk is full, or a limit reached"
         return InputError.at(
             path, 1, 1, what, "space for the rest; results stored so far are kept, the sweep can be continued"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import sqlite3
@@ -106,6 +107,16 @@ def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
     with pytest.raises(InputError, match="cannot be used"):
         Results(path)
     assert not os.listdir(os.path.dirname(path))
+
+
+def test_a_session_that_could_not_be_started_leaves_no_lock(path, monkeypatch):
+    def fails(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(results_file.fcntl, "lockf", fails)
+    with pytest.raises(InputError, match=r"results\.db\.lock:1:1: error: cannot be written: No space left"):
+        Results(path)
+    assert os.listdir(os.path.dirname(path)) in ([], ["results.db"])
 
 
 def test_a_damaged_index_is_refused(path):
