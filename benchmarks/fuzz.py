@@ -130,7 +130,7 @@ def scenario(data: bytes) -> None:
 
 
 def vehicle(data: bytes) -> None:
-    body = Path(SCENARIO).read_text().replace("survey-wing.yaml", "fuzz.yaml")
+    body = Path(SCENARIO).read_text() + "vehicle: ../vehicles/fuzz.yaml\n"
     named = str(ROOT / "scenarios/../vehicles/fuzz.yaml")
     flown(Text(str(ROOT / "scenarios/fuzz.yaml"), body), {named: replace(text_of(data), name=named)})
 

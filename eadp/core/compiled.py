@@ -14,6 +14,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import math
 import os
 from collections.abc import Callable
 from functools import cache
@@ -23,18 +24,30 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _on = False
+MEMORY_BYTES = 1 << 30
+"""Least address space: the compiler ends a process that has no memory left."""
 
 
 @cache
 def available() -> bool:
-    """Whether numba can be imported; imports it."""
-    if importlib.util.find_spec("numba") is None:
+    """Whether numba can be imported, and has the memory to compile; imports it."""
+    if importlib.util.find_spec("numba") is None or _address_space() < MEMORY_BYTES:
         return False
     try:
         importlib.import_module("numba")
     except Exception:  # for example built for another numpy: numba is optional
         return False
     return True
+
+
+def _address_space() -> float:
+    """Limit of this process's address space [bytes]."""
+    try:
+        import resource
+    except ImportError:  # a system without such limits
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def enable(on: bool = True) -> bool:
@@ -70,11 +83,11 @@ def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
     for helper in helpers:
         _registered(register_jitable, helper)
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_folder((function, *helpers)))
     try:
+        numba.config.CACHE_DIR = str(_folder((function, *helpers)))
         # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
         result: F = numba.njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no writable cache: compiled in every process
+    except RuntimeError:  # no home, or no writable cache: compiled in every process
         result = numba.njit(error_model="numpy")(function)
     finally:
         numba.config.CACHE_DIR = before

@@ -89,3 +89,23 @@ def test_a_disturbance_is_learned_alike(seed, switched_on):
     plain = disturbance.fit_disturbance(time_s, power_w, columns=columns, samples=128)
     for name in ("std_w", "time_s", "noise_w", "log_likelihood"):
         assert getattr(jitted, name) == pytest.approx(getattr(plain, name), rel=SAME)
+
+
+@fast
+def test_without_a_home_it_is_compiled_all_the_same(switched_on, monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(compiled.Path, "home", no_home)
+    assert compiled.jitted(lambda x: x + 1.0)(2.0) == 3.0
+
+
+@fast
+def test_nothing_is_compiled_where_memory_is_limited(monkeypatch):
+    resource = pytest.importorskip("resource")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (512 << 20, 1 << 40))
+    assert not compiled.available.__wrapped__()
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert compiled.available.__wrapped__()

@@ -82,6 +82,8 @@ class _KmlReader:
         raise self.source.error(self._location(), message, "a KML file without <!DOCTYPE>")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        if self.path[-4:] in _RING_PATHS:
+            raise self.source.error(self._location(), "an element within coordinates", "vertices alone")
         local = tag.rpartition(":")[2]
         self.path.append(local)
         if local == "Placemark":

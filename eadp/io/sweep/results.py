@@ -36,6 +36,9 @@ BUSY_S = 60.0
 WAIT_S = 0.2
 """Interval of polling for the results of other processes [s]."""
 
+PAGE_BYTES = 4096
+"""Size of a file without tables."""
+
 KEYS_PER_QUERY = 500
 """SQLite's own limit may be 999."""
 
@@ -66,6 +69,7 @@ class Results:
         self._path = "the temporary results"
         if path is not None:  # whole, as SQLite has names of its own for what is no file
             path = self._path = str(output_file(path))
+        new = path is not None and not os.path.exists(path)
         self._connection = _connect(path, self._path, read_only)
         self._lock: int | None = None
         self._session = 0
@@ -74,6 +78,10 @@ class Results:
                 self._open(path, read_only)
         except BaseException:
             self.close()
+            if new and os.path.exists(self._path) and os.path.getsize(self._path) <= PAGE_BYTES:
+                for ending in ("", "-wal", "-shm", ".lock"):
+                    with suppress(OSError):
+                        os.unlink(f"{self._path}{ending}")
             raise
 
     def _open(self, path: str | None, read_only: bool) -> None:
@@ -131,7 +139,7 @@ class Results:
         with self._transaction():
             self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
             if self._lock is not None:
-                (last,) = self._connection.execute("SELECT max(id) FROM sessions").fetchone()
+                (last,) = self._connection.execute("SELECT coalesce(max(id), 0) FROM sessions").fetchone()
                 # sessions start within a transaction, so none starts between this check and the removal
                 if not any(self._alive(other) for other in range(1, last + 1)):
                     os.unlink(f"{self._path}.lock")
@@ -324,7 +332,7 @@ def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
 
 def _fault(path: str, error: Exception) -> InputError:
     name = getattr(error, "sqlite_errorname", "") or ""
-    if name.startswith("SQLITE_FULL") or name == "SQLITE_IOERR_WRITE":
+    if name.startswith("SQLITE_FULL") or name in ("SQLITE_IOERR_WRITE", "SQLITE_IOERR_SHMSIZE"):
         what = "the disk is full, or a limit reached"
         return InputError.at(
             path, 1, 1, what, "space for the rest; results stored so far are kept, the sweep can be continued"

@@ -871,6 +871,10 @@ RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></Li
         ("<kml>\n", "2:1: error: is not XML: no element found; expected a KML file"),
         ("<kml>\x00</kml>", "1:6: error: is not XML: not well-formed (invalid token); expected a KML file"),
         ("<kml>&lol;</kml>", "1:6: error: is not XML: undefined entity; expected a KML file"),
+        (
+            f"<Polygon><outerBoundaryIs>{RING.replace('10,55 ', '<Polygon/>1')}</outerBoundaryIs></Polygon>",
+            "1:52: error: an element within coordinates; expected vertices alone",
+        ),
         ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
         (
             f"<Polygon><innerBoundaryIs>{RING}</innerBoundaryIs></Polygon>",

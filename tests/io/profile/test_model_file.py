@@ -775,3 +775,7 @@ def test_published_traces_are_the_published_model() -> None:
     std_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
     assert profile.std_w == pytest.approx(std_w)
     assert np.all(profile.standard_error_w < 0.007)
+
+
+def test_a_name_that_stands_twice_is_escaped():
+    assert "1:6: error: the column \\x1bfps stands twice; expected each once" in faults_of("\x1bfps,\x1bfps,power_w\n")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import random
 import sqlite3
 import subprocess
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from eadp.errors import InputError
+from eadp.io.sweep import results as results_file
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.simulation.sweep.design import Result, Run
 
@@ -97,6 +100,23 @@ def test_a_damaged_result_is_refused(path, damage):
         connection.commit()
     with closing(expecting(Results(path))) as results, pytest.raises(InputError, match=r"damaged|cannot be used"):
         [*results.rows(), *results.rows(summaries=True)]
+
+
+def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
+    monkeypatch.setattr(results_file, "_TABLES", "CREATE TABLE;")
+    with pytest.raises(InputError, match="cannot be used"):
+        Results(path)
+    assert not os.listdir(os.path.dirname(path))
+
+
+def test_a_session_that_could_not_be_started_leaves_no_lock(path, monkeypatch):
+    def fails(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(results_file.fcntl, "lockf", fails)
+    with pytest.raises(InputError, match=r"results\.db\.lock:1:1: error: cannot be written: No space left"):
+        Results(path)
+    assert os.listdir(os.path.dirname(path)) in ([], ["results.db"])
 
 
 def test_a_damaged_index_is_refused(path):
