@@ -49,6 +49,11 @@ def test_a_circle(sense):
         angle = -sense * BACK * (1 - k / 3)
         assert point == pytest.approx(on_round(angle), abs=NANOMETRE)
         assert heading == pytest.approx(angle + sense * math.pi / 2)
+    for (x, y), heading in circle.points((60.0, 20.0), 100 * math.pi, 1.0, 8):
+        assert (math.cos(heading), math.sin(heading)) == pytest.approx(
+            (sense * (20 - y) / 50, sense * (x - 10) / 50), abs=NANOMETRE
+        )
+        assert abs(heading) <= math.pi + NANOMETRE
     nodes = circle.nodes(before, 50 * BACK, 1.0)
     assert len(nodes.weights_m) == 2
     assert nodes.weights_m.sum() == pytest.approx(50 * BACK)
