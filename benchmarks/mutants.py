@@ -262,6 +262,8 @@ def mutants(layers: list[str], count: int, seed: int, only: list[str], jobs: int
         print(f"{layer}: {share} of {len(found)} possible mutants", file=sys.stderr)
         tests, lines = recorded(layer, jobs)
         for file, site in random.Random(seed).sample(found, share):
+            if not any(part.split(":")[0] in file for part in only):
+                continue
             text = modules[file].deep_replace(site.before, site.after).code
             change = described(modules[file].code, text)
             if not any(part in f"{file}:{change}" for part in only):
