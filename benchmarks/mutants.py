@@ -1,6 +1,6 @@
 """Mutation test: random changes of one operator or number, each against the tests of its own layer; by hand.
 
-usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT] [--jobs 2]
+usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...]
 
 The operators are mutmut's (pip install mutmut coverage), and `return x` to `return None`. The rest is our own: mutmut
 leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on.
@@ -240,7 +240,7 @@ def recorded(layer: str, jobs: int) -> tuple[dict[str, float], dict[str, dict[in
     return tests, lines
 
 
-def sites(layer: str, only: str) -> tuple[dict[str, cst.Module], list[tuple[str, Site]]]:
+def sites(layer: str) -> tuple[dict[str, cst.Module], list[tuple[str, Site]]]:
     """The modules of a layer, and all their possible changes."""
     modules: dict[str, cst.Module] = {}
     found: list[tuple[str, Site]] = []
@@ -249,25 +249,30 @@ def sites(layer: str, only: str) -> tuple[dict[str, cst.Module], list[tuple[str,
         wrapper.visit(changes)
         file = str(path.relative_to(ROOT))
         modules[file] = wrapper.module
-        found += [(file, site) for site in changes.sites if only in f"{file}:{site.lines[-1]}:"]
+        found += [(file, site) for site in changes.sites]
     return modules, found
 
 
-def mutants(layers: list[str], count: int, seed: int, only: str, jobs: int) -> Iterator[Mutant]:
+def mutants(layers: list[str], count: int, seed: int, only: list[str], jobs: int) -> Iterator[Mutant]:
     """Random mutants, each layer's share in proportion to its possible ones, and the tests that each meets."""
-    possible = {layer: sites(layer, only) for layer in layers}
+    possible = {layer: sites(layer) for layer in layers}
     total = sum(len(found) for _, found in possible.values())
     for layer, (modules, found) in possible.items():
         share = round(min(count, total) * len(found) / total)
         print(f"{layer}: {share} of {len(found)} possible mutants", file=sys.stderr)
         tests, lines = recorded(layer, jobs)
         for file, site in random.Random(seed).sample(found, share):
+            if not any(part.split(":")[0] in file for part in only):
+                continue
+            text = modules[file].deep_replace(site.before, site.after).code
+            change = described(modules[file].code, text)
+            if not any(part in f"{file}:{change}" for part in only):
+                continue
             met = set().union(*(lines[file][line] for line in site.lines))
             if (met and met <= {""}) or not site.in_function:  # executed on import
                 met = set().union(*lines[file].values())
-            text = modules[file].deep_replace(site.before, site.after).code
             chosen = {test: tests[test] for test in sorted(met & tests.keys(), key=lambda test: tests[test])}
-            yield Mutant(file, text, described(modules[file].code, text), chosen)
+            yield Mutant(file, text, change, chosen)
 
 
 def described(before: str, after: str) -> str:
@@ -287,7 +292,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--layers", nargs="+", default=["core", "models", "planning"])
-    parser.add_argument("--only", default="", help="part of FILE:LINE:, for example models/field.py:40:")
+    parser.add_argument("--only", nargs="+", default=[""], help="of these alone: parts of FILE:LINE: CHANGE")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     os.chdir(ROOT)
@@ -318,7 +323,7 @@ def main() -> None:
         of = {result: counts[layer, result] for result in ("falls", "hangs", "survives", "no test")}
         print(f"{layer}: {sum(of.values())} mutants, " + ", ".join(f"{n} {result}" for result, n in of.items()))
     fallen = sum(n for (_, result), n in counts.items() if result in ("falls", "hangs"))
-    print(f"{fallen} of {counts.total()} fall, {100 * fallen / counts.total():.1f} %")
+    print(f"{fallen} of {counts.total()} fall, {100 * fallen / max(1, counts.total()):.1f} %")
 
 
 if __name__ == "__main__":

@@ -754,7 +754,7 @@ def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int 
         times, power = bins.times_s, bins.power_w
     samples = _Samples(times - times[0], power - power.mean())
     shortest_s, longest_s = _range_s(samples, None)
-    if not np.any(samples.power_w):
+    if np.ptp(power) <= 1e-9 * np.max(np.abs(power)):
         return np.geomspace(shortest_s, longest_s, points), np.zeros(points)
     period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
     orders = [_max_order(samples, one, order) for one in period.tolist()]

@@ -42,13 +42,18 @@ def test_a_circle(sense):
     assert circle.ahead_m(on_round(sense * BACK)) == pytest.approx(50 * (2 * math.pi - BACK))
     assert circle.approach() == pytest.approx(on_round(-sense * math.pi / 2))
     # the distance left is known but for whole turns
-    for turns, guess_m in ((0, 30.0), (1, 330.0), (2, 660.0), (-1, -300.0)):
+    for turns, guess_m in ((0, 30.0), (0, 150.0), (0, -110.0), (1, 330.0), (2, 660.0), (-1, -300.0)):
         assert circle.remaining_m(before, guess_m) == pytest.approx(50 * (BACK + turns * 2 * math.pi))
     points = list(circle.points(before, 50 * BACK, 1.0, 3))
     for k, (point, heading) in enumerate(points):
         angle = -sense * BACK * (1 - k / 3)
         assert point == pytest.approx(on_round(angle), abs=NANOMETRE)
         assert heading == pytest.approx(angle + sense * math.pi / 2)
+    for (x, y), heading in circle.points((60.0, 20.0), 100 * math.pi, 1.0, 8):
+        assert (math.cos(heading), math.sin(heading)) == pytest.approx(
+            (sense * (20 - y) / 50, sense * (x - 10) / 50), abs=NANOMETRE
+        )
+        assert abs(heading) <= math.pi + NANOMETRE
     nodes = circle.nodes(before, 50 * BACK, 1.0)
     assert len(nodes.weights_m) == 2
     assert nodes.weights_m.sum() == pytest.approx(50 * BACK)

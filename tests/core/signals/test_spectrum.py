@@ -73,7 +73,7 @@ def test_a_periodogram_peaks_at_the_period() -> None:
     assert share.max() == pytest.approx(1.0, abs=0.05)
     # a period of the log and the grid: no harmonic fits well at a fifth of it
     assert share[np.argmin(np.abs(period - PERIOD_S / 5))] < 0.1
-    _, flat = periodogram(times, np.full(len(times), 36.5), order=3, points=7)
+    _, flat = periodogram(times, np.full(len(times), MEAN_W), order=3, points=7)
     assert flat.tolist() == [0.0] * 7
 
 

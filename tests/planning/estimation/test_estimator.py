@@ -231,6 +231,10 @@ def test_a_known_state_is_kept():
     estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, STATE_W)
     assert estimator.observe(0.0, None) == pytest.approx(signal_w(0.0))
     assert estimator.state_w == pytest.approx(STATE_W)
+    # a first reading corrects it, and does not take its place
+    assert estimator.observe(0.0, 50.0) == pytest.approx(signal_w(0.0))
+    assert np.count_nonzero(estimator.state_w) == 7
+    assert np.ptp(estimator.forecast(np.linspace(0, PERIOD_S, 8))) > 1.0
 
 
 def test_without_a_period_the_forecast_is_the_mean():

@@ -6,6 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 from statistics import NormalDist
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -349,3 +350,16 @@ def test_gusts_that_last_make_a_forecast_wider():
         forecaster.start_at(0.0, inputs.world.start_m, 0.0)
         stds.append(forecaster.forecast(best_at(forecaster.candidate(forecaster.shares))).remaining_std_s)
     assert stds[1] > 1.3 * stds[0]
+
+
+def test_an_uncertain_wind_makes_the_time_uncertain_by_its_gradient():
+    """Var ln t = gᵀ P g, with the gradient as last computed."""
+    inputs = inputs_of(**CALM)
+    forecaster = Forecaster(inputs.scenario.planner, inputs.mission)
+    forecaster._wind = SimpleNamespace(covariance=(0.04, 0.09, -0.03))
+    forecaster._time_s, forecaster._sensitivity = 5.0, (0.0, (0.02, -0.01))
+    gradient = np.array([0.02, -0.01])
+    expected = gradient @ np.array([[0.04, -0.03], [-0.03, 0.09]]) @ gradient
+    assert forecaster._wind_share(None) == pytest.approx(expected)
+    forecaster._measured_wind = (1.0, 0.0)
+    assert forecaster._wind_share(None) == 0.0
