@@ -1,6 +1,7 @@
 """Forecasts of the motion power in flight: ours beside the mean, statsmodels' and the papers' filter.
 
 usage: python benchmarks/forecast.py [--runs 6] [--seed 0] [--opterra FILE] [--px4 FILE]
+       python benchmarks/forecast.py --flights 300 [--jobs 2] [--out FILE] [--picture FILE.svg]
 
 Two figures, each for every method, over the same instants of the same signals:
 
@@ -19,27 +20,42 @@ Where a method has no period, or less than two, it tells the mean (seasonal naiv
 (additive, without a trend) and ARIMA (1, 0, 1), the latter also with the period's Fourier terms as regressors, are
 statsmodels'; they read means over 1 s. The papers' filter runs every 0.01 s on the last reading, as in their flights.
 Needs statsmodels: pip install 'eadp[bench]'.
+
+With `--flights`: how reliable the probabilities of a mission's end are, over flights of held parameters, see
+`reliability`.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import math
+import multiprocessing
 import statistics
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from quality import RESERVE, load, plans
 
 from eadp.core.signals import disturbance
 from eadp.core.signals.spectrum import analyse
 from eadp.errors import Infeasible
+from eadp.io.figures.canvas import COLOURS, GREY, figure_file
 from eadp.io.flight.inputs import load_flight
+from eadp.models.battery import Battery
+from eadp.planning.base import Decision, Observation, TrackingPlanner
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
+from eadp.planning.joint.held import HeldForecast
+from eadp.planning.joint.preflight import preflight
 from eadp.simulation.loop import Outcome, fly
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
@@ -49,7 +65,7 @@ try:
     from statsmodels.tsa.arima.model import ARIMA
     from statsmodels.tsa.holtwinters import ExponentialSmoothing
 except ImportError:
-    sys.exit("this benchmark compares with statsmodels, which is not installed: pip install 'eadp[bench]'")
+    ARIMA = ExponentialSmoothing = None
 
 ROOT = Path(__file__).resolve().parent.parent
 ORDER = 3
@@ -418,6 +434,169 @@ def verdict(what: str, own: str, figures: dict[str, float]) -> None:
         print(f"  {what}: better than eadp: {', '.join(better)}")
 
 
+# --- the reliability of the probabilities
+
+MOMENTS = {"take-off": 0.0, "30 s": 30.0, "10 %": 0.1, "25 %": 0.25, "50 %": 0.5, "75 %": 0.75, "95 %": 0.95}
+"""When forecasts are made: 0 before take-off; a time [s], or below 1 a share of the flight."""
+AIMS = {"take-off": 0.10, "25 %": 0.08, "95 %": 0.03}
+TRUTHS = {"as stated": (1.0, 1.0, 1.0), "voltage falls": (1.0, 1.1, 0.9), "15 % less": (0.85, 1.0, 1.0)}
+"""Batteries flown: capacity, voltage when full and voltage when empty, as shares of what is stated."""
+
+
+class Recording(TrackingPlanner):
+    """Keeps its parameters, and every observation."""
+
+    def update(self, observation: Observation) -> Decision:
+        """Keep an observation."""
+        self.seen.append(observation)
+        return super().update(observation)
+
+
+def reliability(count: int, seed: int, jobs: int, out: str | None, picture: str | None) -> None:
+    """Brier scores, calibration in ten bins, and standardised errors of the charge at the end, by moment.
+
+    Flights of random held parameters on the missions' plans of `quality.py`, in wind of 0 to 8 m/s with gusts of up to
+    1.5 m/s and of 5 or 20 s; the battery has 0.9 to 1.1 of the charge that they need. Each flight is forecast with each
+    of `TRUTHS`. Its gauge is exact, or shows whole per cents.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        found = plans(Path(folder))
+        tasks = [(found, seed, index) for index in range(count)]
+        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+            rows = [row for flight in pool.imap_unordered(forecasts_of, tasks, chunksize=2) for row in flight]
+    if out:
+        Path(out).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    print(f"seed {seed}, {count} flights")
+    for truth in TRUTHS:
+        print(f"\nbattery {truth}")
+        print(f"{'':<10}{'Brier':>8}{'aim':>7}{'stated':>9}{'kept':>7}{'z mean':>9}{'z std':>7}{'|z| > 4':>9}")
+        for moment in MOMENTS:
+            some = [row for row in rows if row["truth"] == truth and row["moment"] == moment]
+            stated, kept = np.array([row["stated"] for row in some]), np.array([row["kept"] for row in some])
+            z = np.array([row["z"] for row in some])
+            aim = f"{AIMS[moment]:.2f}" if moment in AIMS else ""
+            print(
+                f"{moment:<10}{np.mean((stated - kept) ** 2):>8.3f}{aim:>7}{stated.mean():>9.3f}{kept.mean():>7.3f}"
+                f"{z.mean():>9.2f}{z.std():>7.2f}{int((abs(z) > 4).sum()):>9}"
+            )
+    if picture:
+        draw([row for row in rows if row["truth"] == next(iter(TRUTHS))], picture)
+
+
+def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
+    """One flight, and what was forecast of it at every moment, with every battery."""
+    found, seed, index = task
+    rng = np.random.default_rng([seed, index])
+    place = list(found)[index % len(found)]
+    wind = {
+        "wind.speed_mps": float(rng.uniform(0, 8)),
+        "wind.towards_deg": float(rng.uniform(0, 360)),
+        "wind.gust_std_mps": float(rng.uniform(0, 1.5)),
+        "wind.gust_time_s": float(rng.choice([5.0, 20.0])),
+    }
+    keys = {
+        "vehicle.airframe.model": ("paper", "fixed-wing")[index // len(found) % 2],
+        "guidance.k_d": 1.0,
+        "planner.name": "static",
+        "seed": int(rng.integers(1 << 30)),
+        "battery.capacity_ah": 1000.0,
+        "battery.voltage_empty_v": None,
+        **wind,
+    }
+    share, quantum = float(rng.uniform(0.9, 1.1)), float(rng.choice([0.0, 0.01]))
+    plan = load(found[place], keys).mission.plan
+    boxes = [plan.hull(0), plan.hull(1)]
+    starts = rng.uniform(0, 1, 2)
+    keys["parameters"] = {
+        "c1": boxes[0].lo + float(starts[0]) * (boxes[0].hi - boxes[0].lo),
+        "c2": float(round(boxes[1].lo + float(starts[1]) * (boxes[1].hi - boxes[1].lo))),
+    }
+    inputs = load(found[place], keys)
+    recording = Recording(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
+    recording.seen, outcome = [], Outcome()
+    for _ in fly(inputs.world, recording, outcome):
+        pass
+    if not outcome.completed:
+        return []
+    times = np.array([o.time_s for o in recording.seen])
+    powers = np.array([o.power_w for o in recording.seen])
+    b = inputs.mission.battery
+    need_ah = float(np.sum(b.drain_per_s(powers, b.voltage_v) * np.diff(times, prepend=0.0))) * b.capacity_ah
+    rows = []
+    for truth, (capacity, full, empty) in TRUTHS.items():
+        true = replace(
+            b,
+            capacity_ah=share * need_ah / (1 - RESERVE),
+            voltage_v=full * b.voltage_v,
+            voltage_empty_v=empty * b.voltage_v,
+        )
+        stated = replace(b, capacity_ah=true.capacity_ah / capacity)
+        charges = charges_of(true, times, powers)
+        mission = replace(inputs.mission, battery=stated)
+        settings, gusts = inputs.scenario.planner, inputs.world.wind
+        held = HeldForecast(settings, mission)
+        forecast = preflight(settings, mission, gusts.steady_mps, gusts.gust_std_mps, None)
+        assert forecast is not None
+        made = [("take-off", forecast.forecast)]
+        due = {name: at if at >= 1 else at * outcome.duration_s for name, at in MOMENTS.items() if at}
+        for o, charge in zip(recording.seen, charges.tolist(), strict=True):
+            shown = math.ceil(charge / quantum - 1e-9) * quantum if quantum else charge
+            observation = o._replace(soc=shown)
+            held.observe(observation)
+            for name in [name for name, at_s in due.items() if o.time_s >= at_s]:
+                del due[name]
+                if (here := held.at(observation, mission.parameters)) is not None:
+                    made.append((name, here))
+        end = float(charges[-1])
+        for name, here in made:
+            rows.append(
+                {
+                    "index": index,
+                    "place": place,
+                    **wind,
+                    "quantum": quantum,
+                    "truth": truth,
+                    "moment": name,
+                    "stated": here.reserve_probability,
+                    "kept": bool(end >= RESERVE and charges.min() > 0),
+                    "z": (end - here.soc_end) / here.soc_end_std,
+                    "soc_end": here.soc_end,
+                    "std": here.soc_end_std,
+                    "end": end,
+                }
+            )
+    return rows
+
+
+def charges_of(b: Battery, times_s: np.ndarray, power_w: np.ndarray) -> np.ndarray:
+    """State of charge of a battery under powers."""
+    soc, charges = b.soc, []
+    for step_s, watts in zip(np.diff(times_s, prepend=0.0).tolist(), power_w.tolist(), strict=True):
+        soc -= b.drain_per_s(watts, b.voltage_at(max(soc, 0.0))) * step_s
+        charges.append(soc)
+    return np.array(charges)
+
+
+def draw(rows: list[dict[str, Any]], picture: str) -> None:
+    """Stated probabilities of the reserve against the shares that kept it, in ten bins."""
+    with figure_file(picture, 9.0, 3.4) as figure:
+        for axes, moment in zip(figure.subplots(1, len(AIMS), sharey=True), AIMS, strict=True):
+            some = [row for row in rows if row["moment"] == moment]
+            stated, kept = (np.array([row[key] for row in some], dtype=float) for key in ("stated", "kept"))
+            bins = np.minimum((10 * stated).astype(int), 9)
+            score = np.mean((stated - kept) ** 2)
+            axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.8)
+            for k in sorted(set(bins.tolist())):
+                mine = bins == k
+                count, share = int(mine.sum()), float(kept[mine].mean())
+                std = math.sqrt((share * count + 1) * ((1 - share) * count + 1) / (count + 2) ** 2 / (count + 3))
+                axes.errorbar(stated[mine].mean(), share, std, color=COLOURS[0], marker="o", markersize=4)
+                axes.annotate(str(count), (stated[mine].mean(), share), (5, -9), textcoords="offset points", fontsize=7)
+            axes.set_title(f"{moment}: Brier score {score:.3f}")
+            axes.set_xlabel("stated probability of the reserve")
+        figure.axes[0].set_ylabel("share of flights that kept it")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
@@ -425,7 +604,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--opterra", metavar="FILE")
     parser.add_argument("--px4", metavar="FILE")
+    parser.add_argument("--flights", type=int, default=0, help="flights to judge the probabilities of the end by")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", metavar="FILE", help="the forecasts of --flights, JSON lines")
+    parser.add_argument("--picture", metavar="FILE", help="stated against happened, SVG")
     arguments = parser.parse_args()
+    if arguments.flights:
+        reliability(arguments.flights, arguments.seed, arguments.jobs, arguments.out, arguments.picture)
+        return
+    if ARIMA is None:
+        sys.exit("this benchmark compares with statsmodels, which is not installed: pip install 'eadp[bench]'")
     warnings.simplefilter("ignore")  # statsmodels' about convergence and starting values
     seeds = range(arguments.seed, arguments.seed + arguments.runs)
     print(f"seeds {seeds.start} to {seeds.stop - 1}")

@@ -412,7 +412,7 @@ def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
             "seed": int(rng.integers(1 << 30)),
         }
         tasks.append(keys)
-    with multiprocessing.get_context("spawn").PoolEngine(jobs) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         ends = list(pool.imap_unordered(_end, tasks, chunksize=4))
     completed = [end for end in ends if end[0]]
     violated = sum(end[1] < RESERVE for end in completed)
@@ -505,7 +505,7 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
                 "seed": int(rng.integers(1 << 30)),
             }
         )
-    with multiprocessing.get_context("spawn").PoolEngine(jobs) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         scores = np.array([row for row in pool.imap_unordered(_scores, tasks, chunksize=4) if row is not None])
     print(f"seed {seed}, {len(scores)} of {count} flights completed; share that ends below the forecast less z std [%]")
     wanted = (0.8, 0.9, 0.95, 0.99)
@@ -566,7 +566,7 @@ def main() -> None:
             work, missions = run, cases(given.missions, given.seed, found)
         if given.only:
             missions = [missions[i] for i in given.only]
-        with multiprocessing.get_context("spawn").PoolEngine(given.jobs) as pool:
+        with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
             results = []
             for result in pool.imap_unordered(work, [(found, mission) for mission in missions]):
                 results.append(result)

@@ -1,4 +1,4 @@
-from eadp.api import cover, fit_power, read_plan, read_profile, simulate, sweep
+from eadp.api import cover, fit_power, read_mission, read_plan, read_profile, simulate, sweep
 from eadp.errors import EadpError, Infeasible, InputError
 from eadp.io.field.coverage import CoverageOptions, CoveragePlan
 from eadp.io.flight.folder import Flight
@@ -25,6 +25,7 @@ __all__ = [
     "SweepFlight",
     "cover",
     "fit_power",
+    "read_mission",
     "read_plan",
     "read_profile",
     "simulate",

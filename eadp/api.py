@@ -12,11 +12,12 @@ from contextlib import closing
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from eadp.errors import Fault
+from eadp.errors import Fault, InputError
 from eadp.io.energy.model_file import energy_yaml
 from eadp.io.flight.folder import Flight, fly_flight
 from eadp.io.flight.inputs import Files, load_flight
-from eadp.io.plan import reader, writer
+from eadp.io.mission.reader import PlanReader, is_mission
+from eadp.io.plan import writer
 from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
 from eadp.io.text.named import parse_named
@@ -43,13 +44,19 @@ def _python_warnings(faults: Sequence[Fault]) -> None:
         warnings.warn(str(fault), stacklevel=3)
 
 
-def read_plan(file: File, *, warn: Warn = _python_warnings) -> Plan:
-    """Read a plan.
+def read_plan(
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = _python_warnings
+) -> Plan:
+    """Read a plan, or a mission of other software.
 
     Parameters
     ----------
     file : str or path
         The file, `-` for standard input.
+    min_radius_m : float, optional
+        Radius of a mission's turns [m]; by default the default aircraft's.
+    laps : int, optional
+        How many times a mission that repeats for ever is flown.
     warn : function, optional
 
     Raises
@@ -57,8 +64,27 @@ def read_plan(file: File, *, warn: Warn = _python_warnings) -> Plan:
     InputError
         With every fault of the file.
     """
+    return _read_plan(read_text(str(file)), min_radius_m, laps, warn)
+
+
+def read_mission(
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = _python_warnings
+) -> Plan:
+    """Read a mission of other software as a plan: as `read_plan`, which also reads plans.
+
+    Raises
+    ------
+    InputError
+        With every fault of the file; where it is a plan of eadp, too.
+    """
     text = read_text(str(file))
-    plan, findings = reader.read_plan(text)
+    if not is_mission(text):
+        raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
+    return _read_plan(text, min_radius_m, laps, warn)
+
+
+def _read_plan(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn) -> Plan:
+    plan, findings = PlanReader(laps=laps).turning(min_radius_m)(text)
     warn([finding.fault(text.name) for finding in findings])
     return plan
 
@@ -127,6 +153,7 @@ def simulate(
     planner: str | None = None,
     seed: int | None = None,
     *,
+    laps: int | None = None,
     on_step: Callable[[Step], None] = lambda _step: None,
     warn: Warn = _python_warnings,
 ) -> Flight:
@@ -135,6 +162,7 @@ def simulate(
     Parameters
     ----------
     plan : path or Plan
+        A path may be that of a mission of other software.
     scenario : path or mapping, optional
         A scenario file, or its keys; by default the defaults.
     profile : path or profile, optional
@@ -146,6 +174,8 @@ def simulate(
         Name of the planner, by default the scenario's.
     seed : int, optional
         Seed of gusts and noise, by default the scenario's.
+    laps : int, optional
+        How many times a mission that repeats for ever is flown.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
@@ -169,6 +199,7 @@ def simulate(
         energy_path=None if energy is None else _path(energy, files.texts),
         overrides=read_overrides(texts),
         files=files,
+        laps=laps,
     )
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)

@@ -4,6 +4,7 @@ EadpError
 ├── InputError       a file or an option is wrong: one or more faults, each with its location
 ├── ExpressionError  an expression breaks the grammar or a limit; the offset in its text
 ├── Infeasible       a request has no solution: the battery cannot deliver the power, no control is admissible
+│   └── Unreachable  a target of a path through waypoints and circles cannot be reached from the one before
 ├── CommandError     a command to be measured did not start, or ended by itself
 ├── PathUndefined    a path function has no value where the robot is
 └── SolverFailed     the solver gave no answer that may be used as one
@@ -56,6 +57,8 @@ class Fault:
 
 
 FAULTS_SHOWN = 20
+FAULTS_READ = 10_000
+"""Faults after which a reader of rows leaves the rest of a file unread."""
 
 
 def first_faults(faults: Iterable[Fault]) -> list[Fault]:
@@ -63,7 +66,8 @@ def first_faults(faults: Iterable[Fault]) -> list[Fault]:
     ordered = sorted(faults, key=lambda fault: (fault.file, fault.line, fault.column))
     shown, hidden = ordered[:FAULTS_SHOWN], ordered[FAULTS_SHOWN:]
     if hidden:
-        count = f"{len(hidden)} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
+        many = f"at least {len(hidden)}" if len(ordered) >= FAULTS_READ else f"{len(hidden)}"
+        count = f"{many} more {'faults' if hidden[0].severity == 'error' else 'warnings'} from here on"
         shown.append(replace(hidden[0], message=count, expected="", source=""))
     return shown
 
@@ -97,6 +101,14 @@ class ExpressionError(EadpError):
 
 class Infeasible(EadpError):
     """A request has no solution."""
+
+
+class Unreachable(Infeasible):
+    """The target of a path with this index (from 0) cannot be reached."""
+
+    def __init__(self, target: int, message: str) -> None:
+        self.target = target
+        super().__init__(message)
 
 
 class CommandError(EadpError):

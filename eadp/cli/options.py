@@ -22,6 +22,10 @@ ProfileOption = Annotated[
 ]
 EnergyOption = Annotated[str | None, Option(help="Energy model made by eadp fit.", metavar="FILE")]
 PlannerOption = Annotated[PlannerName | None, Option(help="Which planner decides.")]
+LapsOption = Annotated[
+    int | None,
+    Option(help="How many times a mission that repeats for ever is flown.", metavar="N", min=1, max=10_000),
+]
 SetOption = Annotated[
     list[str] | None,
     Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),

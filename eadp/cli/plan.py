@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from eadp.cli.options import LapsOption
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from eadp.validation.check import Report
 
 
+STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
+"""Attributes of a stage that JSON has where they are set."""
+
 PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan", "sympy", "latex"])
 
 
@@ -28,7 +32,9 @@ def command(
     file: Annotated[
         str,
         Argument(
-            help="Plan in the papers' TEE format (trajectory explicit equations), - for standard input.", metavar="FILE"
+            help="Plan in the papers' TEE format (trajectory explicit equations), or mission (QGroundControl's plan, "
+            "WPL); - for standard input.",
+            metavar="FILE",
         ),
     ],
     format_: Annotated[
@@ -46,7 +52,8 @@ def command(
         ),
     ] = False,
     min_radius: Annotated[
-        float | None, Option(help="Smallest turning radius [m], for --check.", metavar="METRES", min=0)
+        float | None,
+        Option(help="Smallest turning radius [m], for --check and the turns of a mission.", metavar="METRES", min=0),
     ] = None,
     set_: Annotated[
         list[str] | None, Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE")
@@ -57,6 +64,7 @@ def command(
     ] = None,
     plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
     machine: Annotated[bool, Option("--machine", help="With --plot: draw the state machine, not the path.")] = False,
+    laps: LapsOption = None,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -65,7 +73,7 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.errors import InputError, PathUndefined
-    from eadp.io.plan.reader import read_plan
+    from eadp.io.mission.reader import PlanReader, is_mission
     from eadp.io.plan.writer import plan_text
     from eadp.io.text.streams import read_text
 
@@ -76,19 +84,21 @@ def command(
     if machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)
-    plan, findings = read_plan(text)
+    plan, findings = PlanReader(laps=laps).turning(min_radius or None)(text)
     report = None
     if check:
         from eadp.validation.check import check_plan
-        from eadp.validation.proof import prove_plan
+        from eadp.validation.proof import StageProof, prove_plan
 
-        report = check_plan(plan, min_radius_m=min_radius, proofs=prove_plan(plan))
+        # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
+        proofs = (StageProof(),) * len(plan.stages) if is_mission(text) else prove_plan(plan)
+        report = check_plan(plan, min_radius_m=min_radius, proofs=proofs)
         findings = [*findings, *report.findings]
     lines = [finding.fault(text.name) for finding in findings]
     try:
         if plot is not None:
-            _draw(plot, plan, _parameters(plan, set_), machine=machine)
-        points = _trace_csv(plan, _parameters(plan, set_), trace) if trace is not None else None
+            _draw(plot, plan, parameters_of(plan, set_), machine=machine)
+        points = _trace_csv(plan, parameters_of(plan, set_), trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
     if points is not None:
@@ -118,7 +128,7 @@ def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) 
     (write_machine_figure if machine else write_plan_figure)(path, plan, parameters)
 
 
-def _parameters(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
+def parameters_of(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     """Parameters from --set, else those at take-off: each at its maximum, or 0 without a set."""
     import math
 
@@ -241,6 +251,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
+        **({} if plan.start_m is None else {"start_m": plan.start_m}),
         "findings": [_finding(item) for item in findings],
     }
     if plan.segments:
@@ -282,6 +293,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "path": path.text,
         "kind": stage.kind,
         "trigger": _point(trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
+        **{key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())},
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)

@@ -8,12 +8,12 @@ from typing import Annotated, Any, BinaryIO
 
 from typer import Argument, Option
 
-from eadp.cli.options import EnergyOption, PlannerOption, ProfileOption, ScenarioOption, SetOption
+from eadp.cli.options import EnergyOption, LapsOption, PlannerOption, ProfileOption, ScenarioOption, SetOption
 from eadp.cli.output import usage_fault, warn
 
 
 def command(
-    plan: Annotated[str, Argument(help="Plan file.", metavar="PLAN")],
+    plan: Annotated[str, Argument(help="Plan, or mission (QGroundControl's plan, WPL).", metavar="PLAN")],
     telemetry: Annotated[
         str, Option(help="Telemetry, a JSON object a line; - for standard input.", metavar="FILE")
     ] = "-",
@@ -22,6 +22,7 @@ def command(
     energy: EnergyOption = None,
     planner: PlannerOption = None,
     set_: SetOption = None,
+    laps: LapsOption = None,
     log: Annotated[
         str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
@@ -49,7 +50,9 @@ def command(
         if given == "-" and telemetry == "-":
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
     overrides = read_overrides(override_texts(set_ or (), planner=planner and planner.value))
-    inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
+    inputs = load_flight(
+        plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides, laps=laps
+    )
     warn(inputs.warnings)
 
     def emit(line: dict[str, Any]) -> None:

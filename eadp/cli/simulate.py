@@ -11,6 +11,7 @@ from eadp.cli.options import (
     EnergyOption,
     Format,
     FormatOption,
+    LapsOption,
     PlannerOption,
     ProfileOption,
     ScenarioOption,
@@ -31,12 +32,16 @@ class FigureName(enum.StrEnum):
 
 
 def command(
-    plan: Annotated[str, Argument(help="Plan file, - for standard input.", metavar="PLAN")],
+    plan: Annotated[
+        str,
+        Argument(help="Plan, or mission (QGroundControl's plan, WPL), - for standard input.", metavar="PLAN"),
+    ],
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
     energy: EnergyOption = None,
     planner: PlannerOption = None,
     set_: SetOption = None,
+    laps: LapsOption = None,
     seed: Annotated[int | None, Option(min=0, help="Seed of gusts and noise.")] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
     force: Annotated[bool, Option("--force", help="Replace the folder if it exists.")] = False,
@@ -67,7 +72,7 @@ def command(
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
 
     name = planner and planner.value
-    flight = api.simulate(plan, scenario, profile, energy, set_ or (), name, seed, on_step=show, warn=warn)
+    flight = api.simulate(plan, scenario, profile, energy, set_ or (), name, seed, laps=laps, on_step=show, warn=warn)
     progress.close()
     summary = flight.summary
     if out is not None:

@@ -130,7 +130,7 @@ class _PlanBuilder:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)
                 x, y, _ = leg.end
-                self._add_stage(_piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1)
+                self._add_stage(piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1)
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:
@@ -234,8 +234,8 @@ def _linear(normal: Point) -> str:
     return _sum(_scaled(normal[0], "x"), _scaled(normal[1], "y"))
 
 
-def _piece_path(piece: Piece) -> tuple[str, int, float]:
-    """A piece's path function, rotation and gain."""
+def piece_path(piece: Piece) -> tuple[str, int, float]:
+    """The path function of a straight or an arc as text, its rotation [°] and its gain."""
     x, y, heading = piece.start
     if piece.centre_m is not None:
         cx, cy = map(_number, piece.centre_m)

@@ -16,6 +16,7 @@ from eadp.core.flight.aerodynamics import (
     induced_drag_factor,
     lift_coefficient,
     load_factor,
+    turn_radius_m,
 )
 
 Mass = Annotated[float, Ge(1e-3), Le(1e4)]
@@ -78,6 +79,16 @@ class PaperVehicle:
     def cruise_power_w(self) -> float:
         """Motion power in level flight [W]."""
         return self.idle_power_w + self.throttle_power_w * self.nominal_throttle / 100
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.idle_power_w + self.throttle_power_w
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of a turn at a bank of 45° [m]: it has no limit of its own."""
+        return turn_radius_m(self.airspeed_mps, math.pi / 4)
 
     def faults(self) -> list[str]:
         """Why the aircraft cannot hold its airspeed and bank: it has no limits of either."""
@@ -173,6 +184,16 @@ class FixedWing:
     def cruise_power_w(self) -> float:
         """Motion power in straight level flight at the airspeed held [W]."""
         return self.level_power_w(self.airspeed_mps)
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.max_power_w + self.avionics_w
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of a turn at its greatest bank, without wind [m]."""
+        return turn_radius_m(self.airspeed_mps, math.radians(self.max_bank_deg))
 
     @property
     def stall_mps(self) -> float:

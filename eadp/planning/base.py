@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 from annotated_types import Ge, Le, Len
 
 from eadp.core.bounds import NotNegative, Reserve
+from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.battery import LIMITS, Battery
@@ -285,7 +286,8 @@ class SolverReport:
 class Mission:
     """The mission as known before take-off.
 
-    `motion_w` is the power of straight level flight [W], if known; `home_m` the location to return to [m], if any.
+    `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest; `home_m` is
+    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s].
     """
 
     plan: Plan
@@ -298,6 +300,8 @@ class Mission:
     motion_w: float | None = None
     home_m: Point | None = None
     rules: Rules = field(default_factory=Rules)
+    max_motion_w: float = math.inf
+    gust_time_s: float = GUST_TIME_S
 
 
 class Planner(Protocol):

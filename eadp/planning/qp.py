@@ -4,7 +4,7 @@ minimise gᵀ z + ½ ε |z − z₀|²  subject to  l ≤ A z ≤ u
 
 The problems are linear, and a small ε keeps the solution near z₀ where others are as good. Callers scale their data to
 magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfies the optimality conditions of the data,
-computed here. A run that fails is repeated once from scratch, with OSQP's own scaling, more iterations and a larger ε.
+computed here. A run that fails is repeated once from scratch, with a smaller step ρ, more iterations and a larger ε.
 The report of the planner counts every run.
 
 This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
@@ -27,12 +27,12 @@ from eadp.errors import SolverFailed
 from eadp.planning.base import SolverReport
 
 UNBOUNDED = 1e30
-SETTINGS = {"scaling": 0, "max_iter": 4000}
-RETRY = {"scaling": 10, "max_iter": 20_000}
+SETTINGS: dict[str, float] = {"scaling": 0, "max_iter": 4000}
+RETRY: dict[str, float] = {"scaling": 0, "max_iter": 20_000, "rho": 0.01}
 """Settings of the first run, and of its repetition."""
 
-RETRY_PROXIMAL = 100.0
-"""Factor of ε in the repetition."""
+RETRY_PROXIMAL = 100.0, 1e-2
+"""Factor of ε in the repetition, and the least ε."""
 
 VERIFIED = 1e-4
 """Maximum violation of an optimality condition: OSQP's tolerance holds for its own scaled iterates."""
@@ -80,14 +80,14 @@ class QuadraticProgram:
         self, filled: NDArray[np.bool_], proximal: float, report: SolverReport, tolerance: float = 1e-6
     ) -> None:
         self._rows, self._columns = filled.shape
-        # OSQP wants A by columns
-        self._filled = np.ascontiguousarray(filled.T)
-        self._indices = np.nonzero(self._filled)[1]
-        self._indptr = np.concatenate([[0], np.cumsum(self._filled.sum(axis=1))])
-        self._proximal = proximal
+        # OSQP wants A by columns; `places` are its entries in a matrix stored by rows
+        columns, self._indices = np.nonzero(filled.T)
+        self._places = self._indices * self._columns + columns
+        self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
+        self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
         self._solver: Any = None
-        self._entries: FloatArray | None = None
+        self._entries = b""
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -119,7 +119,7 @@ class QuadraticProgram:
             self._solver = None  # a failed run leaves a poor starting point
             self._report.retried += 1
         try:
-            return self._run(data, RETRY_PROXIMAL * self._proximal, RETRY)
+            return self._run(data, self._retry_proximal, RETRY)
         finally:
             self._solver = None  # the next problem starts with the settings of a first run
 
@@ -134,31 +134,34 @@ class QuadraticProgram:
         if (data[2] > data[3]).any():
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
-    def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, int]) -> QpSolution:
+    def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
         report = self._report
         report.calls += 1
-        status, result = SOLVED, None
+        status, solution = SOLVED, None
         try:
             result = self._result(data, proximal, settings)
+            # OSQP writes its next solution into the same memory
+            solution = QpSolution(np.array(result.x), np.array(result.y), int(result.info.iter))
             if result.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
                 status = str(result.info.status)
-            elif not _is_optimal(data, proximal, np.asarray(result.x), np.asarray(result.y)):
+            elif not _is_optimal(data, proximal, solution.x, solution.multipliers):
                 status = UNVERIFIED
         except Exception as error:  # whatever the extension raises is a failed run
             status = type(error).__name__
         report.by_status[status] = report.by_status.get(status, 0) + 1
-        if status != SOLVED or result is None:
+        if status != SOLVED or solution is None:
             report.failed += 1
             raise SolverFailed(f"OSQP: {status}")
         report.solved += 1
-        return QpSolution(np.array(result.x), np.array(result.y), int(result.info.iter))
+        return solution
 
-    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, int]) -> Any:
+    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> Any:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
-        entries = matrix.T[self._filled]
+        entries = matrix.take(self._places)
+        before, self._entries = self._entries, entries.tobytes()
         if self._solver is None:
             locations = range(self._columns)
             identity = csc_matrix((np.full(self._columns, proximal), (locations, locations)))
@@ -177,11 +180,9 @@ class QuadraticProgram:
                 eps_rel=self._tolerance,
                 **settings,
             )
-        elif self._entries is not None and np.array_equal(entries, self._entries):
-            self._solver.update(q=linear, l=lower, u=upper)
         else:
-            self._solver.update(q=linear, Ax=entries, l=lower, u=upper)
-        self._entries = entries
+            changed = {} if self._entries == before else {"Ax": entries}
+            self._solver.update(q=linear, l=lower, u=upper, **changed)
         self._solver.warm_start(x=centre)
         return self._solver.solve(raise_error=False)
 
@@ -190,10 +191,14 @@ def _is_optimal(data: tuple[FloatArray, ...], proximal: float, x: FloatArray, y:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
     gradient, matrix, lower, upper, centre = data
     values = matrix @ x
-    room = np.where(y > 0, upper - values, values - lower)
-    size = max(1.0, float(np.abs(y).max(initial=0.0)))
+    below, above = upper - values, values - lower
+    forces = gradient + proximal * (x - centre) + y @ matrix
+    pushed = np.abs(y)
+    room = np.minimum(np.where(y > 0, below, above), ROOM)
+    largest, smallest = np.maximum.reduce, np.minimum.reduce
+    bound = VERIFIED * max(1.0, largest(pushed, initial=0.0))
     return bool(
-        max((lower - values).max(), (values - upper).max()) <= VERIFIED
-        and np.abs(gradient + proximal * (x - centre) + matrix.T @ y).max() <= VERIFIED * size
-        and np.abs(y) @ np.minimum(room, ROOM) <= VERIFIED * size
+        min(smallest(below), smallest(above)) >= -VERIFIED
+        and largest(np.abs(forces)) <= bound
+        and pushed @ room <= bound
     )

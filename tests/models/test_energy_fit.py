@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from eadp.core.signals.disturbance import DisturbanceFit
+from eadp.models import energy_fit
+from eadp.models.energy import EnergyModel
 from eadp.models.energy_fit import fit_energy
 
 PERIOD_S, STEP_S = 46.0, 0.5
@@ -38,6 +41,27 @@ def test_a_disturbance_is_told_from_noise() -> None:
     assert len(known) == 4
     assert np.mean([one.std_w for one in known]) == pytest.approx(0.5, rel=0.25)
     assert np.mean([one.time_s for one in known]) == pytest.approx(4.0, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("std_w", "time_s", "of_whole", "share"),
+    [(3.0, 4.0, False, energy_fit.MIN_VARIANCE_SHARE), (0.03, 100.0, True, energy_fit.MIN_VARIANCE_SHARE_LONG)],
+)
+def test_a_disturbance_counts_from_a_share_of_the_variance(monkeypatch, std_w, time_s, of_whole, share) -> None:
+    """σ² beyond a share of σ² + ν²; the share of a long disturbance is another one, and a short one is noise."""
+    assert (time_s > energy_fit.LONG_SHARE * TIMES[-1]) == of_whole
+
+    def found(noise_share: float, time_s: float = time_s, mean_w: float = 36.0) -> bool:
+        noise_w = np.sqrt(noise_share * (std_w**2 / share - std_w**2))
+        known = DisturbanceFit(std_w, time_s, noise_w, 0.0)
+        monkeypatch.setattr(energy_fit, "fit_disturbance", lambda *args, **keys: known)
+        return energy_fit._disturbance(TIMES, WAVE, EnergyModel(None, mean_w)) is not None
+
+    assert found(0.99)
+    assert not found(1.01)
+    assert not found(0.5, time_s=0.99 * energy_fit.MIN_TIME_STEPS * STEP_S)
+    assert found(0.1, mean_w=0.99e6 * std_w)
+    assert not found(0.1, mean_w=1.01e6 * std_w)
 
 
 def test_a_log_without_a_period_has_a_mean_its_spread_and_a_disturbance() -> None:

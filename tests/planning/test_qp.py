@@ -172,7 +172,7 @@ def test_a_failed_run_is_repeated_once_and_counted(monkeypatch):
     program = QuadraticProgram(data[1] != 0, PROXIMAL, report)
     monkeypatch.setattr(qp, "SETTINGS", {"scaling": 0, "max_iter": 2})
     z = program.solve(*data).x
-    assert kkt_residual(qp.RETRY_PROXIMAL * PROXIMAL, *data, z) < KKT
+    assert kkt_residual(qp.RETRY_PROXIMAL[0] * PROXIMAL, *data, z) < KKT
     assert (report.calls, report.solved, report.retried, report.failed) == (2, 1, 1, 1)
     assert report.by_status == {"maximum iterations reached": 1, "solved": 1}
     monkeypatch.setattr(qp, "RETRY", {"scaling": 10, "max_iter": 2})

@@ -19,7 +19,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlanner, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
@@ -83,6 +83,20 @@ def test_static_never_changes_and_forecasts():
     assert pilot.report.replans == 0
 
 
+def test_readings_are_taken_as_often_as_the_sensor_has_them():
+    pilot = TrackingPlanner(SETTINGS, EstimatorSettings(every_s=0.1), mission())
+    assert pilot.next_update_s == 0.0
+    pilot.update(observation(1.0, power_w=30.0))
+    assert pilot.next_update_s == pytest.approx(1.1)
+    before = pilot.update(observation(1.05, power_w=90.0))
+    assert before.power_forecast_w == pytest.approx(30.0)
+    assert pilot.next_update_s == pytest.approx(1.1)
+    pilot.ingest(Readings([1.1, 1.2], [0, 0], [0, 0], [30.0, 30.0], [1, 1], [0, 0], [0, 0], [0, 0]))
+    assert pilot.next_update_s == pytest.approx(1.3)
+    pilot.update(observation(1.3, power_w=30.0))
+    assert pilot.next_update_s == pytest.approx(1.4)
+
+
 def test_it_replans_every_so_often_from_when_it_may_start():
     pilot = planner(replace(OWN, start_after_s=5.0), replace(SETTINGS, every_s=2.0))
     run(pilot, 20.05)
@@ -132,6 +146,17 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
     solved = solve_ivp(rate, (0, 5000), [0.8], events=empty, rtol=1e-10, atol=1e-12)
     assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(solved.t_events[0][0], rel=2e-3)
     assert pilot._time_to_reserve_s(o._replace(soc=0.1), o.parameters) == 0.0
+
+
+def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
+    """Against the energy between two charges at a mean current: V(b) = 12.8 + 4 b, 0.9 to 0.3, without resistance."""
+    battery = Battery(16.8, 0.0, 3.2, 1 / 3600, 1.0, None, voltage_empty_v=12.8)
+    pilot = planner(settings=replace(SETTINGS, reserve_soc=0.3), battery=battery)
+    run(pilot, 20)
+    # ∫ V db = (12.8 · 0.6 + 2 (0.9² − 0.3²)) V of 3.2 Ah, at 36 W
+    expected_s = (12.8 * 0.6 + 2 * (0.81 - 0.09)) * 3.2 * 3600 / 36.0
+    o = observation(20.0, soc=0.9)
+    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(expected_s, rel=0.01)
 
 
 def test_time_to_an_empty_battery_follows_a_periodic_power():

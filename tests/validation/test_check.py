@@ -243,6 +243,19 @@ def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn(count):
     assert f"{0.1 * 8 * sum(weight > 0 for weight in weights):.2f} m" in message
 
 
+@pytest.mark.parametrize("count", [8, 9])
+def test_corners_of_a_plan_of_segments_are_sampled_beyond_256(count):
+    sets = "[0, 1]\n" * count
+    top = "100" + "".join(f" + c{i + 1}" for i in range(count))
+    text = (
+        f"path:\n0.1; 270; x\n0, {top}\n{sets}"
+        f"init:\na = 0, 30\npath:\n0.01; 270; (x - a - 15)^2 + (y - {top})^2 - 225\na + 30, {top}\n{sets}"
+        f"trig:\na >= 30\npath:\n0.1; 90; x - 30\n30, 0\n{sets}"
+    )
+    found = [item.message for item in checked(text).findings if item.code == "corners-sampled"]
+    assert [f"2^{count} combinations" in message for message in found] == [True] * (count > 8)
+
+
 def test_a_parameter_of_a_high_index_alone_is_checked_at_every_corner():
     text = "0.1; 90; x - c111\nc111, 200\n" + "[0, 80]\n" * 111
     assert codes(checked(text)) == []

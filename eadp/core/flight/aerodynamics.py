@@ -57,6 +57,11 @@ def load_factor(bank_rad: float) -> float:
     return 1.0 / math.cos(bank_rad)
 
 
+def turn_radius_m(airspeed_mps: float, bank_rad: float) -> float:
+    """r = V²/(g tan φ) of a level turn [m]. Source: Anderson 1999."""
+    return airspeed_mps * airspeed_mps / (GRAVITY_MPS2 * math.tan(bank_rad))
+
+
 def speed_of_least_power_mps(
     weight_n: float, area_m2: float, density_kgpm3: float, zero_lift_drag: float, induced_drag: float
 ) -> float:

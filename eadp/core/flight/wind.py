@@ -22,7 +22,7 @@ DRIFT_M2PS3 = 0.5**2 / 300
 """Random-walk intensity of the mean wind: half a metre per second in five minutes."""
 
 GUST_TIME_S = 5.0
-"""Correlation time of gusts: readings within it count as one."""
+"""Correlation time of gusts, unless it is known [s]."""
 
 INITIAL_GUST_MPS, MIN_GUST_MPS = 1.0, 0.02
 BEND = 10.0
@@ -88,18 +88,20 @@ class WindFilter:
 
     With a heading, v − s(cos θ, sin θ) measures the wind. Without one, ‖v − w‖ = s, linearised, measures its component
     along the air velocity: courses in several directions determine both components. Gusts are noise with a correlation
-    time of `GUST_TIME_S`, so that the weight of a reading is its share of that time.
+    time, so that the weight of a reading is its share of that time.
 
     Parameters
     ----------
     airspeed_mps : float
         s [m/s].
+    gust_time_s : float
+        Correlation time of gusts [s].
 
     Source: Kalman filter of a random walk; wind triangle.
     """
 
-    def __init__(self, airspeed_mps: float) -> None:
-        self._s = airspeed_mps
+    def __init__(self, airspeed_mps: float, gust_time_s: float = GUST_TIME_S) -> None:
+        self._s, self._gust_time_s = airspeed_mps, gust_time_s
         self._state: _WindState = (0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
 
     @property
@@ -120,7 +122,9 @@ class WindFilter:
     def observe(self, velocity_mps: Point, heading_rad: float | None, step_s: float) -> None:
         """Take a reading, `step_s` [s] after the last one."""
         heading = math.nan if heading_rad is None else heading_rad
-        self._state = jitted(_updated, _corrected, _gust_variance)(self._state, self._s, *velocity_mps, heading, step_s)
+        self._state = jitted(_updated, _corrected, _gust_variance)(
+            self._state, self._s, self._gust_time_s, *velocity_mps, heading, step_s
+        )
 
     def observe_batch(
         self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
@@ -129,7 +133,9 @@ class WindFilter:
         columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
         if enabled():
             columns = [np.array(values) for values in columns]
-        self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(self._state, self._s, *columns)
+        self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(
+            self._state, self._s, self._gust_time_s, *columns
+        )
 
 
 _WindState = tuple[float, float, float, float, float, float, float]
@@ -142,18 +148,25 @@ _WindState = tuple[float, float, float, float, float, float, float]
 def _batch_updated(
     state: _WindState,
     airspeed_mps: float,
+    gust_time_s: float,
     vx_mps: Sequence[float] | FloatArray,
     vy_mps: Sequence[float] | FloatArray,
     headings_rad: Sequence[float] | FloatArray,
     steps_s: Sequence[float] | FloatArray,
 ) -> _WindState:
     for i in range(len(steps_s)):
-        state = _updated(state, airspeed_mps, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
+        state = _updated(state, airspeed_mps, gust_time_s, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
     return state
 
 
 def _updated(
-    state: _WindState, airspeed_mps: float, vx: float, vy: float, heading_rad: float, step_s: float
+    state: _WindState,
+    airspeed_mps: float,
+    gust_time_s: float,
+    vx: float,
+    vy: float,
+    heading_rad: float,
+    step_s: float,
 ) -> _WindState:
     """The state after a reading; without a velocity unchanged. The heading may be NaN."""
     if math.isnan(vx + vy):
@@ -162,7 +175,7 @@ def _updated(
     step_s = max(step_s, 1e-3)
     pxx += DRIFT_M2PS3 * step_s
     pyy += DRIFT_M2PS3 * step_s
-    noise = gusts * max(1.0, 2 * GUST_TIME_S / step_s)
+    noise = gusts * max(1.0, 2 * gust_time_s / step_s)
     if not math.isnan(heading_rad):
         ex = vx - airspeed_mps * math.cos(heading_rad) - wx
         ey = vy - airspeed_mps * math.sin(heading_rad) - wy
@@ -170,7 +183,7 @@ def _updated(
         wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 1.0, 0.0, ex, noise)
         # the second component's error, after the first one's correction
         wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 0.0, 1.0, ey - (wy - before), noise)
-        gusts, seen_s = _gust_variance(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s)
+        gusts, seen_s = _gust_variance(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s, gust_time_s)
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
     ax, ay = vx - wx, vy - wy
     air = math.sqrt(ax * ax + ay * ay)
@@ -182,10 +195,10 @@ def _updated(
     across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
     error = airspeed_mps - air - across / (2 * air)
     bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
-    bend = BEND * bent * max(1.0, 2 * GUST_TIME_S / step_s)
+    bend = BEND * bent * max(1.0, 2 * gust_time_s / step_s)
     wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, hx, hy, error, noise + bend)
     independent_s = gusts / (gusts + along + bent) * step_s
-    gusts, seen_s = _gust_variance(gusts, seen_s, error * error, along + bent, independent_s, step_s)
+    gusts, seen_s = _gust_variance(gusts, seen_s, error * error, along + bent, independent_s, step_s, gust_time_s)
     return wx, wy, pxx, pyy, pxy, gusts, seen_s
 
 
@@ -200,13 +213,13 @@ def _corrected(
 
 
 def _gust_variance(
-    gusts: float, seen_s: float, squared: float, state: float, counted_s: float, step_s: float
+    gusts: float, seen_s: float, squared: float, state: float, counted_s: float, step_s: float, gust_time_s: float
 ) -> tuple[float, float]:
     """The gusts' variance and the time observed after an innovation, less the variance of the wind estimate.
 
     The initial estimate of the variance fades as readings come in.
     """
     seen_s += step_s
-    share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * GUST_TIME_S))
+    share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * gust_time_s))
     gusts += share * (max(squared - state, 0.0) - gusts)
     return max(gusts, MIN_GUST_MPS**2), seen_s

@@ -12,7 +12,7 @@ from eadp import __version__
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import parse_energy
-from eadp.io.plan.reader import read_plan
+from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.named import parse_named
@@ -84,7 +84,7 @@ class Files:
 
     def load(self, run: Run) -> FlightInputs:
         """The flight of a run, ready to be flown."""
-        paths = {f"{kind}_path": path for kind, path in run.files.items()}
+        paths: dict[str, Any] = {f"{kind}_path": path for kind, path in run.files.items()}
         return load_flight(**paths, overrides=run.overrides, files=self)
 
 
@@ -122,8 +122,9 @@ def load_flight(
     energy_path: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
+    laps: int | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files; those in `files` are not read again.
+    """Read and check a flight's files; those in `files` are not read again. `laps` as in `PlanReader`.
 
     Raises
     ------
@@ -131,10 +132,14 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    plan_text, (plan, findings) = files.read(plan_path, read_plan)
+    foreign = is_mission(files.text(plan_path))
+    scenario = files.scenario(scenario_path, overrides)
+    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
+    plan_text, (plan, findings) = files.read(
+        plan_path, PlanReader.of(vehicle, keys.battery, laps) if foreign else PlanReader()
+    )
     texts = {"plan": plan_text}
     warnings = [finding.fault(plan_text.name) for finding in findings]
-    scenario = files.scenario(scenario_path, overrides)
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
@@ -152,7 +157,6 @@ def load_flight(
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
     start, heading = _start(plan, plan_text, scenario, parameters)
-    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
     if faults := vehicle.faults():
         expected = "an aeroplane that can fly so"
         raise InputError(*(scenario.fault("vehicle.airframe", fault, expected) for fault in faults))
@@ -201,6 +205,8 @@ def load_flight(
         vehicle.cruise_power_w,
         keys.home.position_m,
         scenario.rules,
+        vehicle.max_motion_w,
+        keys.wind.gust_time_s,
     )
     _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)

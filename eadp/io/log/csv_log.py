@@ -16,7 +16,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
 from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_warning
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
 from eadp.io.text.streams import Text
@@ -221,6 +221,8 @@ def _readings(
     columns = [(index, limit * per) for index, per, limit in zip(layout.index, layout.per, limits, strict=True)]
     count = 0
     for row in rows:
+        if len(faults) >= FAULTS_READ:
+            break
         count += 1
         if layout.width and any(row.fields[layout.width :]):
             message = f"{len(row.fields)} fields"

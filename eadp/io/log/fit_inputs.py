@@ -14,7 +14,7 @@ from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import energy_document, energy_yaml
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
-from eadp.io.plan.reader import read_plan
+from eadp.io.mission.reader import PlanReader
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
 from eadp.models.energy_fit import EnergyFit, fit_energy
@@ -174,7 +174,7 @@ def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
         return options.period_prior_s, "option"
     if options.plan:
         return plan_lap_s(
-            read_plan(read_text(options.plan))[0], options.plan, options.airspeed_mps or AIRSPEED_MPS
+            PlanReader()(read_text(options.plan))[0], options.plan, options.airspeed_mps or AIRSPEED_MPS
         ), "plan"
     lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
     return lap_s, "" if lap_s is None else "position"

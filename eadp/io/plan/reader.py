@@ -22,6 +22,7 @@ from eadp.core.expressions.tree import (
     substituted,
     total,
 )
+from eadp.core.geometry.curves import Point
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
@@ -39,6 +40,8 @@ _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
+_STAGE_HEADERS = ("altitude", "airspeed", "command")
+"""Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
 """Longest plan, in characters and in stages: a survey has hundreds of stages."""
 
@@ -75,6 +78,9 @@ class _Draft:
     trigger: PointExpression | None = None
     trigger_line: _Line | None = None
     radius_m: float | None = None
+    altitude_m: float | None = None
+    airspeed_mps: float | None = None
+    commands: tuple[tuple[float, ...], ...] = ()
     sets: list[Box | None] = field(default_factory=list)
     set_lines: list[_Line] = field(default_factory=list)
 
@@ -123,6 +129,9 @@ class _Reader:
         self._section = ""
         self._groups: list[_Group] = []
         self._numbered = 0
+        self._altitude_m: float | None = None
+        self._airspeed_mps: float | None = None
+        self._commands: list[tuple[float, ...]] = []
 
     @property
     def _coordinates(self) -> Mapping[str, object]:
@@ -254,7 +263,8 @@ class _Reader:
     # --- lines of a stage
 
     def _read_head(self, line: _Line) -> None:
-        draft = _Draft(line)
+        draft = _Draft(line, altitude_m=self._altitude_m, airspeed_mps=self._airspeed_mps)
+        draft.commands, self._commands = tuple(self._commands), []
         self._drafts.append(draft)
         parts = line.text.split(";")
         if len(parts) != 3:
@@ -404,7 +414,10 @@ class _Reader:
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
-        known = ("computations", "sets", "trigger-radius", "min-radius", "origin")
+        known = ("computations", "sets", "trigger-radius", "min-radius", "origin", "start", *_STAGE_HEADERS)
+        if key in _STAGE_HEADERS:
+            self._read_stage_header(key, line.after(start))
+            return
         if key not in known:
             message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
             self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
@@ -412,6 +425,34 @@ class _Reader:
         if key in self._headers:
             self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
         self._headers[key] = line.after(start)
+
+    def _read_stage_header(self, key: str, line: _Line) -> None:
+        """What holds from the next stage on, or a command as it starts."""
+        if key == "altitude":
+            self._altitude_m = self._number(line, line.text, 0, "an altitude within ±1e5 m", lambda v: abs(v) <= 1e5)
+        elif key == "airspeed":
+            self._airspeed_mps = self._number(
+                line, line.text, 0, "an airspeed from 0.1 to 1000 m/s", lambda v: 0.1 <= v <= 1000
+            )
+        elif (values := self._header_numbers(line, (8,), "a command and its seven parameters")) is not None:
+            self._commands.append(values)
+
+    def _header_numbers(self, line: _Line, counts: Collection[int], expected: str) -> tuple[float, ...] | None:
+        """Numbers of a header, separated by blanks or commas."""
+        words = line.text.replace(",", " ").split()
+        try:
+            values = tuple(float(word) for word in words)
+        except ValueError:
+            values = ()
+        if len(values) not in counts or not all(abs(value) <= 1e9 for value in values):
+            self._fault(line, 0, f"{len(words)} words here, or no numbers", expected)
+            return None
+        return values
+
+    def _header_start(self) -> Point | None:
+        line = self._headers.get("start")
+        values = self._header_numbers(line, (2,), "x and y in metres, like -100 220") if line else None
+        return (values[0], values[1]) if values else None
 
     def _header_radius(self, key: str) -> float | None:
         line = self._headers.get(key)
@@ -477,6 +518,8 @@ class _Reader:
 
     def _finish_stages(self) -> None:
         """Checks that need all stages."""
+        if self._commands:
+            self._fault(_Line(len(self._source.lines), "", 1), 0, "a command after the last stage", "a stage after it")
         for index, draft in enumerate(self._drafts, 1):
             if draft.trigger_line is None:
                 expected = f"the trigger of stage {index} on the next line, like -115, 146"
@@ -565,6 +608,7 @@ class _Reader:
             origin_deg=self._header_origin(),
             header_shift=self._header_shift,
             segments=parts,
+            start_m=self._header_start(),
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured
@@ -614,7 +658,20 @@ class _Reader:
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
         sets = own or boxes
-        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, sets, part, draft.radius_m)
+        return Stage(
+            index,
+            draft.line.number,
+            draft.gain,
+            draft.rotation,
+            path,
+            trigger,
+            sets,
+            part,
+            draft.radius_m,
+            draft.altitude_m,
+            draft.airspeed_mps,
+            draft.commands,
+        )
 
     def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
         """Name, first value and shift of the coordinates of the short form; none without sections."""

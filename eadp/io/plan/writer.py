@@ -23,6 +23,8 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
     if plan.origin_deg is not None:
         lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
+    if plan.start_m is not None:
+        lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:
@@ -38,7 +40,7 @@ def plan_text(plan: Plan) -> str:
         lines += [f"{name} = {first.text}, {move.text}" for name, first, move in short.coordinates]
         lines.append("path:")
     for stage, (path, trigger) in zip(plan.stages, parts, strict=True):
-        lines += _stage_lines(stage, path, trigger)
+        lines += _stage_lines(plan, stage, path, trigger)
     if short is not None and plan.final is not None:
         lines += ["trig:", point_text(plan.final)]
     return "\n".join([*lines, ""])
@@ -53,15 +55,23 @@ def _part_lines(plan: Plan, part: Segment) -> list[str]:
             lines.append(f"{q.name} = {q.first.text}" + (f", {q.shift.text}" if q.shift is not None else ""))
     lines.append("path:")
     for stage in plan.stages[part.first : part.first + part.count]:
-        lines += _stage_lines(stage, stage.path, stage.trigger)
+        lines += _stage_lines(plan, stage, stage.path, stage.trigger)
     if part.until is not None:
         lines += ["trig:", f"{part.until[0].text} >= {part.until[1].text}"]
     return lines
 
 
-def _stage_lines(stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
+def _stage_lines(plan: Plan, stage: Stage, path: Expression, trigger: PointExpression) -> list[str]:
     own = "" if stage.radius_m is None else f", {number_text(stage.radius_m)}"
+    before = plan.stages[stage.index - 2] if stage.index > 1 else None
+    headers = []
+    for key, name in (("altitude", "altitude_m"), ("airspeed", "airspeed_mps")):
+        value = getattr(stage, name)
+        if value is not None and value != getattr(before, name, None):
+            headers.append(f"%: {key} {number_text(value)}")
+    headers += [f"%: command {' '.join(map(number_text, command))}" for command in stage.commands]
     return [
+        *headers,
         f"{number_text(stage.gain)}; {stage.rotation_deg}; {path.text}",
         point_text(trigger) + own,
         *(f"[{number_text(box.lo)}, {number_text(box.hi)}]" for box in stage.sets),

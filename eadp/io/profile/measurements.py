@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.signals.averaging import SampleMean, average
-from eadp.errors import Fault, Infeasible, InputError, printable, refuse
+from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
 from eadp.models.profile import MIN_EFFECTIVE_SAMPLES, Profile, configuration_text
@@ -99,22 +100,23 @@ def read_measurements(
     readings: _Readings = {}
     layouts: list[_Layout] = []
     sources: list[str] = []
-    rows: list[Row] = []
+    last: Row
     for file in files:
-        rows = list(read_rows(file.text.name, file.text.body))
-        if not rows:
+        rows = read_rows(file.text.name, file.text.body)
+        first = next(rows, None)
+        if first is None:
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(rows[0], names, file.configuration, nameless, device)
+        layout = _layout(first, names, file.configuration, nameless, device)
         if layouts:
-            layout = _in_order_of(layouts[0], layout, rows[0])
-        _read_rows(rows[layout.first :], layout, readings)
+            layout = _in_order_of(layouts[0], layout, first)
+        last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
         layouts.append(layout)
         name = "standard input" if file.text.name == "<stdin>" else os.path.basename(file.text.name)
         sources.append(" ".join(map(str.strip, _SOURCE.findall(file.text.body))) or name)
     if len(readings) < 2:
         message = "one configuration only" if readings else "no measurements"
-        raise InputError(rows[-1].fault(0, message, "measurements of two configurations or more"))
+        raise InputError(last.fault(0, message, "measurements of two configurations or more"))
     layout = layouts[0]
     averages = [average([[reading.power_w for reading in run] for run in runs]) for runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
@@ -134,8 +136,8 @@ def read_measurements(
             soc=_means(readings, 1),
         )
     except Infeasible as error:
-        first = rows[layouts[-1].first]
-        raise InputError(first.fault(0, str(error), "a full grid, or points that span an area")) from None
+        row = next(iter(readings.values()))[0][0].row
+        raise InputError(row.fault(0, str(error), "a full grid, or points that span an area")) from None
     return profile, {point: runs[0][0].row.fault(0, "") for point, runs in readings.items()}, warnings
 
 
@@ -153,8 +155,8 @@ def is_trace(text: Text) -> bool:
 class _Layout:
     """What the columns of a table mean.
 
-    `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; the first
-    measurement is in row `first`, and each row has `width` fields. A trace has no columns of parameters, but the
+    `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; whether the
+    first row is a `header`; and each row has `width` fields. A trace has no columns of parameters, but the
     values `constant` of all of them. `overall` are the indices of powprofiler's energy and charge of the `device`.
     """
 
@@ -164,7 +166,7 @@ class _Layout:
     power: int
     width: int
     per_watt: float = 1.0
-    first: int = 1
+    header: bool = True
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
     device: str = ""
@@ -225,7 +227,7 @@ def _headerless(row: Row, names: Sequence[str], nameless: bool) -> _Layout:
     if d > 1 and len(names) != d:
         message = f"{d + 1} columns without names"
         raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
-    return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, first=0)
+    return _Layout(list(names) if d > 1 else ["c"], [""] * d, list(range(d)), power=d, width=d + 1, header=False)
 
 
 def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | None:
@@ -280,7 +282,7 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
 def _check_headings(row: Row, headings: Sequence[ColumnHeading]) -> None:
     faults = [row.fault(i, heading.problem, _A_HEADER) for i, heading in enumerate(headings) if heading.problem]
     twice = repeated([heading.name for heading in headings])
-    faults += [row.fault(i, f"the column {headings[i].name} stands twice", "each once") for i in twice]
+    faults += [row.fault(i, f"the column {printable(headings[i].name, 80)} stands twice", "each once") for i in twice]
     refuse(faults)
 
 
@@ -341,12 +343,18 @@ _Run = list[_Reading]
 _Readings = dict[tuple[float, ...], list[_Run]]
 
 
-def _read_rows(rows: Sequence[Row], layout: _Layout, readings: _Readings) -> None:
-    """Add a file's power readings [W] and their rows by configuration: consecutive rows make a run."""
+def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row | None:
+    """Add a file's power readings [W] and their rows by configuration: consecutive rows make a run.
+
+    Returns the last row, if there is one.
+    """
     faults: list[Fault] = []
     before: tuple[float, ...] | None = None
+    row = None
     columns = (*layout.parameters, layout.power)
     for row in rows:
+        if len(faults) >= FAULTS_READ:
+            break
         if len(row.fields) != layout.width:
             at = min(len(row.fields), layout.width)
             faults.append(row.fault(at, f"{len(row.fields)} fields", f"{layout.width}, as in the first row"))
@@ -367,6 +375,7 @@ def _read_rows(rows: Sequence[Row], layout: _Layout, readings: _Readings) -> Non
         runs[-1].append(_Reading(power_w, (energy, soc), row))
         before = point
     refuse(faults)
+    return row
 
 
 def _known(field: str) -> float:

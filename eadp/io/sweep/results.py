@@ -4,12 +4,14 @@ Guarantees: A result is in the file whole or not at all, and once: the table's p
 all that it depends on. A process that is killed at any moment leaves a readable file; the next process makes the runs
 that were under way and does not repeat those that were stored. Two sweeps at once do not make the same run: each claims
 runs before it makes them. A claim is valid as long as its process lives, which shows in a lock on a byte of
-`FILE.lock`, not in a clock.
+`FILE.lock`, not in a clock. A file whose structure is damaged is refused when it is opened, and a row that is not as
+it was stored, by its digest, when it is read.
 """
 
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
 import sqlite3
@@ -27,7 +29,7 @@ from eadp.simulation.sweep.design import Result, Run
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -41,7 +43,7 @@ _TABLES = """
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
     completed INTEGER, reason TEXT, duration_s REAL, soc_final REAL, quality REAL,
-    error TEXT, summary TEXT, took_s REAL NOT NULL, session INTEGER NOT NULL
+    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL, session INTEGER NOT NULL
 );
 CREATE TABLE claims (key TEXT PRIMARY KEY, session INTEGER NOT NULL) WITHOUT ROWID;
 CREATE TABLE sessions (
@@ -50,8 +52,8 @@ CREATE TABLE sessions (
 );
 """
 COLUMNS = ("completed", "reason", "duration_s", "soc_final", "quality")
-_KINDS = {"completed": int, "reason": str, "error": str, "summary": str}
-"""Types of the columns that hold no number."""
+_ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
+"""Columns of a row that its digest is of, which follows them; the session is the last."""
 
 
 class Results:
@@ -167,17 +169,20 @@ class Results:
         InputError
             At a row that is damaged.
         """
-        columns = "summary, error" if summaries else ", ".join((*COLUMNS, "error"))
-        query = f"SELECT {columns} FROM wanted JOIN runs USING (key) ORDER BY place"
+        names = ("summary", "error") if summaries else (*COLUMNS, "error")
         with self._sqlite_errors():
-            cursor = self._connection.execute(query)
-            names = [column[0] for column in cursor.description]
-            try:
-                for values in cursor:
-                    yield _checked(dict(zip(names, values, strict=True)))
-            except ValueError:  # a text that is no UTF-8 is one, too
-                message = "a result is damaged"
-                raise InputError.at(self._path, 1, 1, message, "a copy of the file, or a new one") from None
+            for stored in self._whole_rows("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
+                row = dict(zip(_ROW, stored, strict=False))
+                if row["completed"] is not None:
+                    row |= {"completed": bool(row["completed"]), "summary": json.loads(row["summary"])}
+                yield {name: row[name] for name in names}
+
+    def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Rows of the results; raises InputError at one that is not as it was stored."""
+        for row in self._connection.execute(query):
+            if _digest(row[:-2]) != row[-2]:
+                raise _damaged(self._path)
+            yield row
 
     # --- the ledger of `simulation.sweep`
 
@@ -221,7 +226,8 @@ class Results:
         text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
-        return (run.key, files, overrides, seed, *figures, result.error, text, result.took_s, self._session)
+        row = (run.key, files, overrides, seed, *figures, result.error, text, result.took_s)
+        return (*row, _digest(row), self._session)
 
     def wait(self) -> None:
         """Wait a moment for other processes."""
@@ -240,8 +246,8 @@ class Results:
         other = Results(path, read_only=True)
         try:
             with other._sqlite_errors():
-                rows = other._connection.execute("SELECT * FROM runs")
-                marks = ", ".join("?" * len(rows.description))
+                rows = other._whole_rows("SELECT * FROM runs")
+                marks = ", ".join("?" * (len(_ROW) + 2))
                 elsewhere = ((*row[:-1], 0) for row in rows)  # sessions are numbered within a file
                 with self._sqlite_errors(), self._transaction():
                     self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", elsewhere)
@@ -293,25 +299,26 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise _fault(name, error) from None
 
 
-def _checked(row: dict[str, Any]) -> dict[str, Any]:
-    """A row of `Results.rows`; raises ValueError if it is none that was stored."""
-    if any(value is not None and type(value) is not _KINDS.get(name, float) for name, value in row.items()):
-        raise ValueError
-    if row.get("completed") is not None:
-        row["completed"] = bool(row["completed"])
-    if row.get("summary") is not None:
-        row["summary"] = json.loads(row["summary"])
-        json.dumps(row["summary"], allow_nan=False)
-    return row
+def _digest(row: Sequence[Any]) -> str:
+    """A hash of a row's values; of a number, as SQLite's column may make it a real one."""
+    values = [float(value) if isinstance(value, int) else value for value in row]
+    return hashlib.blake2b(repr(values).encode(), digest_size=16).hexdigest()
+
+
+def _damaged(path: str) -> InputError:
+    return InputError.at(path, 1, 1, "is damaged", "a copy of the file, or a new one")
 
 
 def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
-    """Whether a database has our tables; another application's is refused."""
-    keys = ("application_id", "user_version")
-    found = tuple(connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
+    """Whether a database has our tables; that of another application or version, or a damaged one, is refused."""
+    keys = ("application_id", "user_version", "integrity_check(1)")
+    application, version, damage = (connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    if tables and found != (APPLICATION_ID, SCHEMA_VERSION):
-        raise InputError.at(name, 1, 1, "is a database of another application", "results of eadp sweep, or a new file")
+    if tables and (application, version) != (APPLICATION_ID, SCHEMA_VERSION):
+        other = "version of eadp" if application == APPLICATION_ID else "application"
+        raise InputError.at(name, 1, 1, f"is a database of another {other}", "results of eadp sweep, or a new file")
+    if damage != "ok":
+        raise _damaged(name)
     return bool(tables)
 
 

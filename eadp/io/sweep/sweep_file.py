@@ -17,7 +17,7 @@ from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
-from eadp.io.plan.reader import read_plan
+from eadp.io.mission.reader import PlanReader
 from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text
@@ -364,7 +364,7 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
 
 def _read_all(document: Document, paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
-    parsers: dict[str, Callable[[Text], Any]] = {"plan": read_plan, "profile": profile_of, "energy": parse_energy}
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
     for kind, path, location in paths:
         if kind in parsers:
             sweep.kept.read(path, parsers[kind], document.fault(location, ""))

@@ -17,7 +17,8 @@ _OURS = re.compile(
     (?: [^\n]*power                                     # the header of measurements
       | [-+0-9.eE,;\s]+$                                # or numbers
       | [^\n;]+;[^\n;]+;                                # the first line of a stage
-      | \s*(?:init|path)\s*:\s*$ )                      # of sections
+      | \s*(?:init|path)\s*:\s*$                        # of sections
+      | QGC[ ]WPL | \{\s*"fileType" )                   # missions
     | ^[\s{]*["']?schema["']?\s*:\s*["']?eadp\.         # the key of every YAML file
     | ^(?:airframe|battery|wind|planner|points)\s*:       # or a key of one where that is missing""",
     re.VERBOSE | re.MULTILINE | re.IGNORECASE,

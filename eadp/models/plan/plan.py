@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from eadp.core.expressions.tree import Expression
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
@@ -54,8 +55,8 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. A plan of `segments` flies them one after the other; the last once, so
-    that its last trigger is the final point.
+    file's first line says, with its own sign. `start_m` is where a flight starts by default. A plan of `segments` flies
+    them one after the other; the last once, so that its last trigger is the final point.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Plan:
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
     segments: tuple[Segment, ...] = ()
+    start_m: Point | None = None
 
     @property
     def has_sets(self) -> bool:
@@ -128,14 +130,17 @@ class Plan:
     def whole_laps(self) -> bool:
         """Whether the plan is laps of the same stages, moved: given as such, or found in explicit stages.
 
-        Found stages are laps where they are whole ones, and agree in gains, sets and trigger radii too.
+        Found stages are laps where they are whole ones, and agree in all but their paths and triggers too.
         """
         n = self.primitive_stages
         if self.repeats or n is None:
             return self.repeats
         if len(self.stages) % n:
             return False
-        rules = [(stage.gain, stage.sets, self.radius_m(stage)) for stage in self.stages]
+        rules = [
+            (stage.gain, stage.sets, self.radius_m(stage), stage.altitude_m, stage.airspeed_mps, stage.commands)
+            for stage in self.stages
+        ]
         return rules[n:] == rules[:-n]
 
     def laps(self) -> Plan:

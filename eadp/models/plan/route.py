@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,20 +27,42 @@ from eadp.models.plan.stage import Stage
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
-"""A lap counts as final only if it clears the end by this much, or by twice the cross-track error: a search over
-parameters finds those whose last lap just reaches the end."""
+"""Clearance of the end beyond which a lap is certainly the last, at least [m]."""
+
+CLEARANCE_STEP_M = 0.05
+"""Accuracy of an uncertain end's clearance [m]."""
+
+
+class UncertainEnd(NamedTuple):
+    """Where a plan may or may not end: on a leg that passes the end, or misses it, by little.
+
+    Attributes
+    ----------
+    leg : int
+        Index of the leg.
+    flown_m : float
+        Distance flown along it to the end [m].
+    clearance_m : float
+        How far the leg passes the end [m]; negative where it misses it.
+    """
+
+    leg: int
+    flown_m: float
+    clearance_m: float
 
 
 @dataclass(frozen=True)
 class Route:
     """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
 
-    `parameters` holds for each leg the parameters in force on it; computations there mean nothing.
+    `parameters` holds for each leg the parameters in force on it; computations there mean nothing. `ends` are those
+    before the last leg's, in the order of their clearance.
     """
 
     legs: tuple[Leg, ...]
     parameters: tuple[Vector, ...]
     nodes: tuple[Nodes, ...]
+    ends: tuple[UncertainEnd, ...] = ()
 
     @cached_property
     def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
@@ -110,7 +132,8 @@ class Route:
 
     def after(self) -> Route:
         """The same without its first leg."""
-        return Route(self.legs[1:], self.parameters[1:], self.nodes[1:])
+        ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
+        return Route(self.legs[1:], self.parameters[1:], self.nodes[1:], ends)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -139,7 +162,8 @@ class RoutePredictor:
         joined_m : (float, float)
             Where it was joined [m].
         margin_m : float
-            By how much the end of the plan has to be passed to count [m]; below 0, so much before it counts.
+            By how much the end of the plan has to be passed to be certain [m]. Ends that are passed by less, or missed
+            by less, are uncertain.
 
         Raises
         ------
@@ -149,6 +173,7 @@ class RoutePredictor:
         legs: list[Leg] = []
         values: list[Vector] = []
         nodes: list[Nodes] = []
+        ends: list[UncertainEnd] = []
         plan, start = cursor.table.plan, joined_m
         following: PlanCursor | None = cursor
         while following is not None:
@@ -160,16 +185,26 @@ class RoutePredictor:
             values.append(cursor.parameters)
             end = cursor.end()
             if end is not None and not end.at_trigger:
-                over_m = first_beyond_m(leg, end.final_m, end.shift_m, plan.final_radius_m, -margin_m)
-                if over_m is not None:
-                    legs.append(replace(leg, flown_m=over_m))
+                over_m = partial(first_beyond_m, leg, end.final_m, end.shift_m, plan.final_radius_m)
+                certain_m = over_m(-margin_m)
+                if certain_m is None and margin_m > 0:
+                    # the stage ends where its trigger fires: the next one passes what lies beyond
+                    clearance_m = _clearance_m(over_m, margin_m, leg.length_m - plan.radius_m(stage))
+                    if clearance_m is not None and all(before.clearance_m < clearance_m for before in ends):
+                        flown_m = over_m(max(0.0, -clearance_m))
+                        assert flown_m is not None
+                        ends.append(UncertainEnd(len(legs), flown_m, clearance_m))
+                if certain_m is not None:
+                    flown_m = over_m(0.0) if margin_m > 0 else certain_m
+                    assert flown_m is not None
+                    legs.append(replace(leg, flown_m=flown_m))
                     share = legs[-1].distance_m / leg.length_m if leg.length_m else 1.0
                     nodes.append(leg.track().nodes((start[0] - ox, start[1] - oy), legs[-1].distance_m, share))
                     break
             legs.append(leg)
             nodes.append(shape.nodes)
             following, start = cursor.next(), goal
-        return Route(tuple(legs), tuple(values), tuple(nodes))
+        return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends))
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
         """A leg in the frame of lap 0."""
@@ -184,6 +219,22 @@ class RoutePredictor:
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
             self._shapes[key] = _Shape(path, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
+
+
+def _clearance_m(over_m: Callable[[float], float | None], margin_m: float, length_m: float) -> float | None:
+    """Greatest clearance within ±`margin_m` at which the plan ends on `length_m` of a leg [m], from below."""
+
+    def ends(clearance_m: float) -> bool:
+        flown_m = over_m(-clearance_m)
+        return flown_m is not None and flown_m <= length_m
+
+    low, high = -margin_m, margin_m
+    if not ends(low):
+        return None
+    while high - low > CLEARANCE_STEP_M:
+        middle = (low + high) / 2
+        low, high = (middle, high) if ends(middle) else (low, middle)
+    return low
 
 
 class _Shape(NamedTuple):

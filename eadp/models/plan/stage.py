@@ -61,7 +61,9 @@ class Stage:
     """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
 
     `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
-    holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables.
+    holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables. `altitude_m` is
+    above the origin. `commands` are what an autopilot does as the stage starts, as MAVLink's numbers: a command and its
+    parameters; they do not move it.
     """
 
     index: int
@@ -73,6 +75,9 @@ class Stage:
     sets: tuple[Box, ...] = ()
     segment: Segment | None = None
     radius_m: float | None = None
+    altitude_m: float | None = None
+    airspeed_mps: float | None = None
+    commands: tuple[tuple[float, ...], ...] = ()
 
     @cached_property
     def kind(self) -> str:

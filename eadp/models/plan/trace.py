@@ -95,7 +95,9 @@ def _leg(cursor: PlanCursor, start: Point) -> Leg:
 
 
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
-    """Position [m] and heading [rad] to start from: on the first path, 100 m (circle: a quarter) before its trigger.
+    """Position [m] and heading [rad] to start from: the plan's own, or on the first path 100 m before its trigger.
+
+    On a circle it is a quarter of it before its trigger.
 
     Raises
     ------
@@ -104,7 +106,7 @@ def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float
     """
     stage = plan.stages[0]
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-    point = stage.track(path, trigger).approach()
+    point = plan.start_m or stage.track(path, trigger).approach()
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 

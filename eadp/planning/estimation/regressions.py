@@ -37,6 +37,17 @@ JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS = 1e-8, 0.02, 60
 """Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely."""
 
+RATIO_OF_USE_STD, SLOPE_OF_USE_STD, MAX_USE = 0.03, 0.1, 2.0
+"""Prior standard deviations of the ratio of charge used to charge predicted, and of its change with the charge; and
+the ratio's greatest value, and its least one's inverse."""
+
+USE_DRIFT, USE_NOISE = 0.02, 5e-4
+"""Standard deviations per √charge: of the ratio's random walk, and of the charge used."""
+
+GAUGE_QUANTUM, MAX_QUANTUM, CHECKED_DRAIN, CHECKED_QUANTA, CHECKED_STDS, MIN_FALL = 0.01, 0.1, 0.02, 2.5, 10.0, 0.25
+"""Resolution of a gauge until it is seen, and at most; drain over which a gauge is checked, at least, in resolutions
+and in standard deviations of its noise; and the least share of it by which it has to fall."""
+
 
 class TimeRatio:
     """Ratio of flown to forecast leg times, and the noise of each.
@@ -181,67 +192,168 @@ class MotionPower:
 
 
 class ChargeFilter:
-    """Scalar Kalman filter of the state of charge: gauge readings against the charge drained by the power.
+    """Kalman filter of the state of charge b: gauge readings against the charge drained by the power.
 
-    The gauge's noise is estimated from differences of readings. Two outliers in a row are a jump, which is accepted.
+    The battery uses κ of the drain predicted, and κ changes by s for each charge: an inaccurate capacity, and a voltage
+    that falls. Over a predicted drain d
+
+        b ← b − κ d − ½ s d²,  κ ← κ + s d
+
+    and κ drifts. A reading that repeats the last one says nothing: a coarse gauge is read where it changes. Its noise
+    is estimated from differences. Two outliers in a row are accepted as a loss, or as the end of a false one. A gauge
+    that falls by less than `MIN_FALL` of the drain, over more of it than the gauge resolves, is disbelieved until it
+    agrees with the integral.
 
     Attributes
     ----------
-    soc : float
-    variance : float
+    believed : bool
+        Whether the gauge is.
 
-    Source: scalar Kalman filter.
+    Source: Kalman filter.
     """
 
     def __init__(self) -> None:
-        self.soc = math.nan
-        self.variance = 0.0
-        self._noise = 0.0
+        # κ is what is stated at half of the charge: when full, it is less by half of s
+        slope = SLOPE_OF_USE_STD**2
+        of_ratio = RATIO_OF_USE_STD**2 + slope / 4
+        self._state: _ChargeState = (math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope)
+        self._noise = self._drained = self._total = 0.0
         self._last: float | None = None
         self._outliers = 0
-        self._count = 1
+        self._count = self._readings = 1
+        self._quantum, self._lost = GAUGE_QUANTUM, 0.0
+        self.believed = True
+        self._checked = (math.nan, self._state, 0.0)
+
+    @property
+    def soc(self) -> float:
+        """b."""
+        return _drained(self._state, self._drained)[0]
+
+    @property
+    def variance(self) -> float:
+        """Variance of b."""
+        return _drained(self._state, self._drained)[3]
+
+    def use(self, drain: float) -> tuple[float, float]:
+        """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
+
+        A slope below 0 is 0: no voltage rises while the charge falls.
+
+        Source: b ← b − κ d − ½ s d².
+        """
+        now = _drained(self._state, self._drained)
+        now = (*now[:2], max(now[2], 0.0), *now[3:])
+        then = _drained(now, drain)
+        return now[0] - then[0], then[3]
 
     def observe(self, reading: float, drained: float) -> bool:
-        """Take a reading, with the charge drained since the last; return whether it has jumped."""
+        """Take a reading, with the charge drained since the last by prediction; return whether some was lost."""
         if self._last is None:
-            self.soc = self._last = reading
+            self._last = reading
+            self._state = (reading, *self._state[1:])
+            self._checked = (reading, self._state, 0.0)
             return False
-        change = reading - self._last + drained
-        self._last = reading
+        self._drained += drained
+        self._total += drained
+        self._readings += 1
+        fell, self._last = self._last - reading, reading
+        jumped = self._taken(reading, fell) if fell or self._outliers or not drained else False
+        self._check(reading)
+        return jumped
+
+    def _taken(self, reading: float, fell: float) -> bool:
+        """Update with a reading that is another than the last; return whether charge was lost."""
         self._count += 1
-        expected = self.soc - drained
-        self.variance += (0.05 * drained) ** 2 + 1e-14
-        self._bound_variance()
-        error = reading - expected
-        if self._jumps(error, drained):
+        since, state = self._drained, _drained(self._state, self._drained)
+        error, variance = reading - state[0], self._bounded(state[3])
+        if self._is_outlier(error, math.sqrt(variance + self._noise), since):
             self._outliers += 1
-            if self._outliers > 1 or self._noise < EXACT_GAUGE:
-                self.soc, self.variance, self._outliers, self._count = reading, self._noise, 0, 2
+            exact, back = self._noise < EXACT_GAUGE, self.believed and error <= self._lost + MIN_JUMP
+            if (self._outliers > 1 or exact) and (error < 0 or back):
+                self.believed = True
+                self._lost = max(self._lost - error, 0.0)
+                self._state = (reading, *state[1:3], self._noise, 0.0, 0.0, *state[6:])
+                self._drained, self._outliers, self._count, self._readings = 0.0, 0, 2, 2
+                self._checked = (reading, self._state, self._total)
                 return True
-            self.soc = expected
             return False
         self._outliers = 0
+        if not self.believed:
+            return False
+        change = state[1] * since - fell
         self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
-        self._bound_variance()
-        gain = self.variance / (self.variance + self._noise) if self._noise > 1e-12 else 1.0
-        self.soc = expected + gain * error
-        self.variance *= 1 - gain
+        self._quantum = min(max(self._quantum, fell), MAX_QUANTUM)
+        self._state = _corrected(state, self._bounded(variance), error, self._noise)
+        self._drained = 0.0
         return False
+
+    def _check(self, reading: float) -> None:
+        """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
+        first, state, total = self._checked
+        drain = self._total - total
+        if drain < max(CHECKED_DRAIN, CHECKED_QUANTA * self._quantum, CHECKED_STDS * math.sqrt(self._noise)):
+            return
+        fell, expected = first - reading, state[1] * drain
+        falls = MIN_FALL * expected <= fell
+        if self.believed and not falls:
+            self.believed = False
+            self._state, self._drained = _drained(state, drain), 0.0
+        elif falls and fell <= expected / MIN_FALL:
+            far = max(CHECKED_QUANTA * self._quantum, JUMP_STDS * math.sqrt(self.variance))
+            self.believed = self.believed or reading <= self.soc + far
+        self._checked = (reading, _drained(self._state, self._drained), self._total)
 
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the last reading, or a charge not yet taken, may be an outlier: the next reading decides."""
         return self._outliers > 0 or abs(soc - self.soc) > MIN_JUMP
 
-    def _bound_variance(self) -> None:
-        """Keep the variance at or above that of the mean of the first readings."""
-        if self._count <= FIRST_READINGS:
-            self.variance = max(self.variance, self._noise / (self._count - 1))
+    def _bounded(self, variance: float) -> float:
+        """A variance of b, at or above that of the mean of the first readings."""
+        return max(variance, self._noise / (self._count - 1)) if self._count <= FIRST_READINGS else variance
 
-    def _jumps(self, error: float, drained: float) -> bool:
-        if self._noise < EXACT_GAUGE and self._count > 2:
+    def _is_outlier(self, error: float, std: float, drained: float) -> bool:
+        if self._noise < EXACT_GAUGE and self._readings > 2:
             return abs(error) > MIN_JUMP + 10 * drained
-        std = math.sqrt(self.variance + self._noise)
-        return self._count > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * std
+        return self._readings > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * std
+
+
+_ChargeState = tuple[float, float, float, float, float, float, float, float, float]
+"""b, κ, s; their covariances bb, bκ, bs, κκ, κs, ss."""
+
+
+def _drained(state: _ChargeState, d: float) -> _ChargeState:
+    """The state after a predicted drain d."""
+    b, ratio, slope, bb, bk, bs, kk, ks, ss = state
+    h = d * d / 2
+    # F P Fᵀ + Q with F = [[1, −d, −d²/2], [0, 1, d], [0, 0, 1]]
+    row_b, row_k, row_s = bb - d * bk - h * bs, bk - d * kk - h * ks, bs - d * ks - h * ss
+    drift = USE_DRIFT**2 * d
+    return (
+        b - ratio * d - slope * h,
+        ratio + slope * d,
+        slope,
+        row_b - d * row_k - h * row_s + USE_NOISE**2 * d + drift * d * d / 3,
+        row_k + d * row_s - drift * d / 2,
+        row_s,
+        kk + 2 * d * ks + d * d * ss + drift,
+        ks + d * ss,
+        ss,
+    )
+
+
+def _corrected(state: _ChargeState, variance: float, error: float, noise: float) -> _ChargeState:
+    """The state after a reading of b that is off by `error`, of variance `noise`; b's is `variance`."""
+    b, ratio, slope, _, bk, bs, kk, ks, ss = state
+    total = max(variance + noise, 1e-18)
+    gain = variance / total if noise > 1e-12 else 1.0
+    k, s = bk / total, bs / total
+    left = 1.0 - gain
+    ratio = min(max(ratio + k * error, 1 / MAX_USE), MAX_USE)
+    return (
+        *(b + gain * error, ratio, slope + s * error),
+        *(variance * left, bk * left, bs * left, kk - k * bk, ks - k * bs, ss - s * bs),
+    )
 
 
 class ParameterAverages:

@@ -8,7 +8,7 @@ the battery model.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from statistics import NormalDist
 from typing import NamedTuple
@@ -17,17 +17,18 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.compiled import jitted
-from eadp.core.flight.wind import GUST_TIME_S, WindFilter
+from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
+from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
 from eadp.planning.joint.settings import JointSettings
-from eadp.planning.joint.terms import FlownShares, KnapsackTerms, RouteLoad, TermBuilder
+from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
 
 WIND_STEP_MPS = 0.02
 """A smaller change of the estimated wind is ignored."""
@@ -41,19 +42,66 @@ ALIKE_STDS = 0.1
 """Plans whose final charge differs by less, in standard deviations, are equally safe: probabilities differ by at most
 four points, near 0.95 by one."""
 
-MIN_STD = 1e-6
+MIN_STD, SAME_SOC = 1e-6, 1e-6
+NAVIGATION_M, NAVIGATION_STDS = (0.25, 10.0), 2.5
+"""Least and greatest standard deviation of how far the aircraft reaches [m]; ends that it passes, or misses, by more
+than so many are certain."""
+
+PASSED_S = 3.0
+"""An end that has been passed for this long without the flight having ended there is none [s]."""
+
 MEASURED_WIND_S = 60.0
 """How long a measured wind is used [s]."""
 
-OFF_PATH_S, MAX_OFF_PATH_M = 60.0, 10.0
-"""Time constant of the cross-track error [s], and its maximum [m]: an aircraft farther off is joining the path."""
+OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
+"""Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
+
+
+class FinalCharge(NamedTuple):
+    """State of charge at the end: a normal distribution for each end that the flight may have, of one variance.
+
+    Attributes
+    ----------
+    std : float
+    shares, means : tuple of float
+        Probability of each end, and its mean.
+    """
+
+    std: float = MIN_STD
+    shares: tuple[float, ...] = (1.0,)
+    means: tuple[float, ...] = (0.0,)
+
+    @property
+    def mean(self) -> float:
+        """Mean over all ends."""
+        return _moments(self.shares, self.means)[0]
+
+    @property
+    def variance(self) -> float:
+        """Variance over all ends."""
+        return self.std**2 + _moments(self.shares, self.means)[1]
+
+    def probability_above(self, soc: float) -> float:
+        """Probability of a state of charge above one."""
+        cdf = NormalDist(0.0, max(self.std, MIN_STD)).cdf
+        return sum(share * cdf(mean - soc) for share, mean in zip(self.shares, self.means, strict=True))
+
+    def level(self, probability: float) -> float:
+        """State of charge above which it is with a probability."""
+        quantile = NormalDist().inv_cdf(probability) * self.std
+        low, high = min(self.means) - quantile, max(self.means) - quantile
+        while high - low > SAME_SOC:
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.probability_above(middle) > probability else (low, middle)
+        return low
 
 
 class Forecast(NamedTuple):
     """Forecast of the rest of a mission at given parameters, see `DecisionRecord`.
 
-    `stages` holds time [s] and energy [Wh] of each stage of the plan, over all its laps. At `empty_soc` the battery is
-    empty: the cut-off voltage is reached.
+    Means and standard deviations are over all the ends that the flight may have, whose charges are `ends`. `stages`
+    holds time [s] and energy [Wh] of each stage of the plan, over all its laps. At `empty_soc` the battery is empty:
+    the cut-off voltage is reached.
     """
 
     remaining_s: float
@@ -65,16 +113,17 @@ class Forecast(NamedTuple):
     reserve_soc: float
     stages: dict[int, tuple[float, float]]
     empty_soc: float = 0.0
+    ends: FinalCharge = FinalCharge()
 
     @property
     def completes_probability(self) -> float:
         """Probability that the battery is not empty before the end."""
-        return NormalDist().cdf((self.soc_end - self.empty_soc) / max(self.soc_end_std, MIN_STD))
+        return self.ends.probability_above(self.empty_soc)
 
     @property
     def reserve_probability(self) -> float:
         """Probability that the reserve is kept."""
-        return NormalDist().cdf((self.soc_end - max(self.reserve_soc, self.empty_soc)) / max(self.soc_end_std, MIN_STD))
+        return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
 
 
 class Forecaster:
@@ -87,8 +136,6 @@ class Forecaster:
     mission : Mission
     own : JointSettings, optional
         Probability of the reserve, trade-offs and objective. Default: its defaults.
-    margin_m : float
-        Minimum distance by which the last lap has to clear the end of the plan [m].
 
     Attributes
     ----------
@@ -96,6 +143,8 @@ class Forecaster:
         Indices of the free path parameters; `Shares` follow this order.
     shares : tuple of float
         Shares decided.
+    gate : PowerGate
+        Every reading of power passes it first.
     """
 
     def __init__(
@@ -103,27 +152,28 @@ class Forecaster:
         settings: PlannerSettings,
         mission: Mission,
         own: JointSettings | None = None,
-        margin_m: float = MARGIN_M,
     ) -> None:
         own = own or JointSettings()
-        plan = mission.plan
+        plan, battery = mission.plan, mission.battery
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
         self.term_builder = TermBuilder(mission, settings, own)
-        self._z = NormalDist().inv_cdf(own.reserve_probability)
+        self._own = own
         self._speed = mission.cruise_mps
         self._position: Point = mission.start_m or (0.0, 0.0)
         self._predictor = RoutePredictor()
         self._cursor = PlanCursor.start(plan, mission.parameters, mission.rules)
         self._joined = self._position
-        self._min_margin_m = self._margin_m = margin_m
-        self._wind = WindFilter(mission.cruise_mps)
+        self._margin_m = MARGIN_M
+        self._wind = WindFilter(mission.cruise_mps, mission.gust_time_s)
         self._wind_used: Point = (0.0, 0.0)
         self._measured_wind: Point | None = None
         self._measured_until_s = -math.inf
         self._ratio = TimeRatio()
         self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
+        limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
+        self.gate = PowerGate(mission.motion_w, limit_w)
         self._slope = 0.0
         self._charge = ChargeFilter()
         self._flown = ParameterAverages(len(plan.parameters))
@@ -137,8 +187,8 @@ class Forecaster:
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
         self._ripple_w = 0.0
-        self._off_path_m2 = 0.0
-        self._power_w = 0.0
+        self._navigation_std_m = NAVIGATION_M[0]
+        self._power_w = self._computing_w = 0.0
         self._stages_started = 1
         self._through_gap = False
         self._home_s: float | None = 0.0
@@ -155,6 +205,11 @@ class Forecaster:
     def soc(self) -> float:
         """Filtered state of charge."""
         return self._charge.soc
+
+    @property
+    def believes_gauge(self) -> bool:
+        """Whether the gauge's charge is used, and not the integral of the power."""
+        return self._charge.believed
 
     @property
     def wind_mps(self) -> Point:
@@ -183,6 +238,8 @@ class Forecaster:
 
     def observe(self, o: Observation, computing_w: float) -> bool:
         """Update the estimates of wind, motion power and charge; return whether the charge has jumped.
+
+        Its power has passed the gate.
 
         Parameters
         ----------
@@ -232,7 +289,11 @@ class Forecaster:
         return step_s
 
     def _off_path(self, position: Point, step_s: float) -> None:
-        """Update position and mean square cross-track error: the last lap has to clear the end by twice its root."""
+        """Update position and the standard deviation of the cross-track error, by its median: stages are joined from
+        far off.
+
+        Source: recursive median, a step up or down for each reading above or below it.
+        """
         self._position = position
         route = self._routes.get(self.shares)
         if route is None or not route.legs or step_s <= 0:
@@ -244,13 +305,14 @@ class Forecaster:
             return
         square = gx * gx + gy * gy
         if square > 0 and math.isfinite(phi):
-            share = min(1.0, step_s / OFF_PATH_S)
-            self._off_path_m2 += share * (min(phi * phi / square, MAX_OFF_PATH_M**2) - self._off_path_m2)
+            above = phi * phi > square * (MEDIAN_PER_STD * self._navigation_std_m) ** 2
+            std_m = self._navigation_std_m * math.exp((1.0 if above else -1.0) * min(1.0, step_s / OFF_PATH_S))
+            self._navigation_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
 
     def assume(self, wind_mps: Point, gust_std_mps: float, soc: float) -> None:
         """Before take-off: assume the wind of the weather forecast [m/s], its gusts, and a state of charge."""
         self._measured_wind, self._measured_until_s = wind_mps, math.inf
-        self._ratio.expect(gust_std_mps, self._speed, GUST_TIME_S)
+        self._ratio.expect(gust_std_mps, self._speed, self._mission.gust_time_s)
         self._charge.observe(soc, 0.0)
 
     def _observe_charge(self, time_s: float, power_w: float | None, soc: float) -> bool:
@@ -276,9 +338,10 @@ class Forecaster:
         route = self._route(self.shares)
         if route is not None and self._stages_started > 1 and not self._through_gap:
             forecast_s = float(route.times_s(self._speed, self.wind_mps)[0][0])
-            self._ratio.learn(forecast_s, duration, self._wind.gust_std_mps, self._speed, GUST_TIME_S)
+            gusts = self._wind.gust_std_mps, self._speed, self._mission.gust_time_s
+            self._ratio.learn(forecast_s, duration, *gusts)
         self._motion.end_window(self._slope)
-        self._margin_m = max(self._min_margin_m, 2 * math.sqrt(self._off_path_m2))
+        self._margin_m = max(MARGIN_M, NAVIGATION_STDS * self._navigation_std_m)
         next_leg, self._stages_started = o.stages_started == self._stages_started + 1, o.stages_started
         self._cursor, self._joined = o.cursor, o.joined_m
         self._clear_routes()
@@ -345,11 +408,9 @@ class Forecaster:
 
     def _route(self, shares: Shares) -> Route | None:
         if shares not in self._routes:
-            # the shares decided had the margin when they were; they stay valid when it grows
-            margin_m = min(0.0, self._margin_m) if shares == self.shares else self._margin_m
             cursor = self._cursor.decide(self.parameters_of(shares))
             try:
-                self._routes[shares] = self._predictor.route(cursor, self._joined, margin_m)
+                self._routes[shares] = self._predictor.route(cursor, self._joined, self._margin_m)
             except PathUndefined:
                 self._routes[shares] = None
         return self._routes[shares]
@@ -357,7 +418,10 @@ class Forecaster:
     # --- forecasts
 
     def start_at(self, time_s: float, position: Point, ripple_w: float) -> None:
-        """Forecast from a time and location on; `ripple_w` is the rise of the motion's power above its mean."""
+        """Forecast from a time and location on; `ripple_w` is the rise of the motion's power above its mean.
+
+        It counts up to the greatest power that was measured, and that of the motor.
+        """
         self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
         self._evaluated.clear()
 
@@ -379,43 +443,54 @@ class Forecaster:
         return self._evaluated[shares]
 
     def candidate(self, shares: Shares) -> Candidate | None:
-        """The program's candidate at shares: the margin is z standard deviations of the final charge."""
+        """The program's candidate at shares: the margin keeps the reserve with its probability.
+
+        Where the objective is the total, shares whose last lap is uncertain are none, but for those in force.
+        """
         evaluated = self._evaluate(shares)
         if evaluated is None:
             return None
         terms, load = evaluated
-        std = self._soc_std(terms, load)
-        available = self.soc - max(self._settings.reserve_soc, terms.min_soc) - self._z * std
+        if load.ends and self._own.objective == TOTAL and shares != self.shares:
+            return None
+        ends = self._final_charge(terms, load, self.soc, load.motion_w + terms.base_w)
+        available = ends.level(self._own.reserve_probability) - max(self._settings.reserve_soc, terms.min_soc)
         if terms.beyond_w > 0:
             # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
             excess_j = terms.beyond_w * float(load.times_s.sum())
             available = min(available, terms.increments.base_use) - excess_j * terms.soc_per_j
-        return Candidate(shares, self.route(shares).shape, terms.increments, available, ALIKE_STDS * std)
+        return Candidate(shares, self.route(shares).shape, terms.increments, available, ALIKE_STDS * ends.std)
 
     def forecast(self, solution: Solution) -> Forecast:
         """Forecast of the rest of the mission as planned."""
         terms, load = self.terms(solution.candidate.shares)
         powers = load.motion_w + _computing_w(terms, solution)
         energies_wh = powers * load.times_s / 3600
-        mean_w = float(powers @ load.times_s) / max(float(load.times_s.sum()), 1e-9)
+        total_s = max(float(load.times_s.sum()), 1e-9)
+        mean_w = float(powers @ load.times_s) / total_s
+        self._computing_w = mean_w - float(load.motion_w @ load.times_s) / total_s
         of_leg = self.route(solution.candidate.shares).stages
-        seconds, of_stage_wh = (np.bincount(of_leg, values) for values in (load.times_s, energies_wh))
+        seconds, of_stage_wh = (np.bincount(of_leg, of * load.expected_s) for of in (1.0, powers / 3600))
         stages = {i: (float(seconds[i]), float(of_stage_wh[i])) for i in np.unique(of_leg).tolist()}
+        ends = self._final_charge(terms, load, self.soc - solution.allocation.use, powers)
+        energy_std_j = math.hypot(load.energy_std_j, mean_w * load.time_std_s)
         return Forecast(
-            remaining_s=float(load.times_s.sum()),
-            remaining_std_s=load.time_std_s,
-            energy_wh=float(energies_wh.sum()),
-            energy_std_wh=math.hypot(load.energy_std_j, mean_w * load.time_std_s) / 3600,
-            soc_end=self.soc - solution.allocation.use,
-            soc_end_std=self._soc_std(terms, load),
+            remaining_s=float(seconds.sum()),
+            remaining_std_s=math.sqrt(load.time_std_s**2 + _spread(load, load.times_s)),
+            energy_wh=float(of_stage_wh.sum()),
+            energy_std_wh=math.sqrt((energy_std_j / 3600) ** 2 + _spread(load, energies_wh)),
+            soc_end=ends.mean,
+            soc_end_std=math.sqrt(ends.variance),
             reserve_soc=self._settings.reserve_soc,
             stages=stages,
             empty_soc=max(terms.delivered_soc, 0.0),
+            ends=ends,
         )
 
     def _load(self, shares: Shares, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""
-        wind = self.wind_mps
+        wind, b = self.wind_mps, self._mission.battery
+        volts = b.voltage_at(min(max(self.soc, 0.0), 1.0))
         if shares not in self._times:
             self._times[shares] = route.times_s(self._speed, wind)
         whole, turning = self._times[shares]
@@ -427,7 +502,31 @@ class Forecaster:
         )
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(route)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
-        return RouteLoad(times, motion_w, motion_w + self._ripple_w, math.sqrt(time_var), math.sqrt(energy_var))
+        drain = b.drain_per_s(float(motion_w @ times) / total_s + self._computing_w, volts) * total_s
+        used, charge_var = self._charge.use(drain)
+        max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
+        peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), motion_w)
+        stds = math.sqrt(time_var), math.sqrt(energy_var)
+        use = used / max(drain, MIN_STD), math.sqrt(charge_var)
+        return RouteLoad(times, motion_w, peak_w, *stds, *use, self._ends(route, left))
+
+    def _ends(self, route: Route, left: float) -> tuple[tuple[float, FloatArray], ...]:
+        """Uncertain ends ahead, see `RouteLoad`; `left` is the remaining share of the first leg."""
+        reach = NormalDist(0.0, self._navigation_std_m)
+        before, ends = 0.0, []
+        for end in route.ends:
+            leg = route.legs[end.leg]
+            ahead_m = leg.distance_m * (left if end.leg == 0 else 1.0)
+            unflown_m = leg.distance_m - end.flown_m
+            if ahead_m - unflown_m < -PASSED_S * self._speed:
+                continue
+            unflown = np.zeros(len(route.legs))
+            unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, MIN_STD))
+            unflown[end.leg + 1 :] = 1.0
+            reached = reach.cdf(end.clearance_m)
+            ends.append((reached - before, unflown))
+            before = reached
+        return tuple(ends)
 
     def _left_share(self, route: Route, whole_s: float) -> float:
         """Remaining share of the first leg by the position; elapsed time distinguishes the turns of a circle."""
@@ -458,10 +557,12 @@ class Forecaster:
         pxx, pyy, pxy = self._wind.covariance
         return max(gx * gx * pxx + 2 * gx * gy * pxy + gy * gy * pyy, 0.0)
 
-    def _soc_std(self, terms: KnapsackTerms, load: RouteLoad) -> float:
-        """Standard deviation of the final state of charge."""
+    def _final_charge(self, terms: KnapsackTerms, load: RouteLoad, soc: float, powers_w: FloatArray) -> FinalCharge:
+        """The final state of charge, of mean `soc` where the whole route is flown, at powers of its legs [W]."""
         energy_j2 = load.energy_std_j**2 + (terms.mean_w * load.time_std_s) ** 2
-        return math.sqrt(terms.soc_per_j**2 * energy_j2 + self._charge.variance)
+        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + load.charge_std**2)
+        unused_j = _unspent(load, powers_w * load.times_s)
+        return FinalCharge(std, _shares_of(load), tuple([soc + terms.soc_per_j * energy_j for energy_j in unused_j]))
 
     def home(self, solution: Solution) -> tuple[bool | None, float | None]:
         """Whether home can be reached with the reserve kept; if not, when it last could [s]. None without a home."""
@@ -499,6 +600,28 @@ def _remaining_load(
     bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio
     slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
     return times_s, np.maximum(level_w + slope_w * slopes, 0.0), max(times_s.sum(), 1e-3), bank_s
+
+
+def _shares_of(load: RouteLoad) -> tuple[float, ...]:
+    """Probability of the route's end, and of each before it."""
+    shares = tuple([share for share, _ in load.ends])
+    return (1.0 - sum(shares), *shares)
+
+
+def _unspent(load: RouteLoad, values: FloatArray) -> list[float]:
+    """What is not spent of some values of the segments, shape (segments,), at the route's end and each before it."""
+    return [0.0, *(float(values @ unflown) for _, unflown in load.ends)]
+
+
+def _moments(shares: Sequence[float], values: Sequence[float]) -> tuple[float, float]:
+    """Mean and variance of values with probabilities."""
+    mean = sum(share * value for share, value in zip(shares, values, strict=True))
+    return mean, sum(share * (value - mean) ** 2 for share, value in zip(shares, values, strict=True))
+
+
+def _spread(load: RouteLoad, values: FloatArray) -> float:
+    """Variance of a sum over the segments flown, by where the flight ends."""
+    return _moments(_shares_of(load), _unspent(load, values))[1]
 
 
 def _computing_w(terms: KnapsackTerms, solution: Solution) -> FloatArray:

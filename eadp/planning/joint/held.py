@@ -10,9 +10,6 @@ from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
 from eadp.planning.joint.program import best_at
 
-NEAR_END_M = 0.5
-"""A fixed path is not chosen to clear the end of the plan: a lap that comes this near to it is the last [m]."""
-
 
 def held_settings(settings: PlannerSettings, mission: Mission, parameters: Vector) -> PlannerSettings:
     """Settings that allow each computation a single level."""
@@ -31,9 +28,7 @@ class HeldForecast:
 
     def __init__(self, settings: PlannerSettings, mission: Mission) -> None:
         self._settings, self._mission = settings, mission
-        self._forecaster = Forecaster(
-            held_settings(settings, mission, mission.parameters), mission, margin_m=-NEAR_END_M
-        )
+        self._forecaster = Forecaster(held_settings(settings, mission, mission.parameters), mission)
         self._held = mission.parameters
 
     @property
@@ -44,7 +39,9 @@ class HeldForecast:
     def observe(self, o: Observation) -> None:
         """Take an observation."""
         self._forecaster.update_stage(o)
-        self._forecaster.observe(o, self._mission.computing.power_w(o.parameters, o.cursor.stage.sets))
+        computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
+        power_w = self._forecaster.gate.passed(o.time_s, o.power_w, computing_w)
+        self._forecaster.observe(o._replace(power_w=power_w), computing_w)
 
     def at(self, o: Observation, parameters: Vector) -> Forecast | None:
         """Forecast from an observation at parameters; None where the plan cannot be flown at them."""

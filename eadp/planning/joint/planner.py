@@ -46,6 +46,9 @@ from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 UPDATE_EVERY_S = 1.0
 """Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans."""
 
+GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
+"""Warning in the reason of a decision."""
+
 ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
@@ -102,6 +105,9 @@ class JointPlanner(TrackingPlanner):
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the next update responds to a jump of the charge among them."""
+        passed, now_w = self._forecaster.gate.passed, self._computing_w
+        powers_w = [passed(t, power, now_w) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
+        readings = readings._replace(powers_w=powers_w)
         self._jumped |= self._forecaster.observe_batch(readings, self._computing_w)
         return super().ingest(readings)
 
@@ -110,6 +116,8 @@ class JointPlanner(TrackingPlanner):
         o, forecaster = observation, self._forecaster
         cause = NEW_STAGE if forecaster.update_stage(o) else ""
         read = o.time_s >= self._next_reading_s - 1e-9
+        if read:
+            o = o._replace(power_w=forecaster.gate.passed(o.time_s, o.power_w, self._computing_w))
         self._track(o)
         self._jumped |= read and forecaster.observe(o, self._computing_w)
         self._updated_s, self._ambiguous = o.time_s, forecaster.is_ambiguous(o.soc)
@@ -160,6 +168,8 @@ class JointPlanner(TrackingPlanner):
         reason = with_limit(
             self._reason(o, solution, terms, chosen, searched=searched), self._battery_limit(solution, terms)
         )
+        if not forecaster.believes_gauge:
+            reason += GAUGE_DISBELIEVED
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.decide(chosen, shares)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record)

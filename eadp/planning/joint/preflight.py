@@ -8,10 +8,9 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import Infeasible
-from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.joint.forecaster import Forecast, Forecaster
-from eadp.planning.joint.held import NEAR_END_M, held_settings
+from eadp.planning.joint.held import held_settings
 from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.settings import JointSettings
 
@@ -52,10 +51,9 @@ def preflight(
     plan, battery = mission.plan, mission.battery
     if battery.prescribed:
         return None
-    margin_m = MARGIN_M
     if own is None:
-        settings, margin_m = held_settings(settings, mission, mission.parameters), -NEAR_END_M
-    forecaster = Forecaster(settings, mission, own, margin_m)
+        settings = held_settings(settings, mission, mission.parameters)
+    forecaster = Forecaster(settings, mission, own)
     forecaster.assume(wind_mps, gust_std_mps, battery.soc)
     forecaster.start_at(0.0, mission.start_m or (0.0, 0.0), 0.0)
     if own is not None and forecaster.open:

@@ -38,6 +38,11 @@ class RouteLoad(NamedTuple):
         Mean and maximum power of the motion within the segment [W].
     time_std_s, energy_std_j : float
         Standard deviations of the total time [s] and of the motion's energy over it [J].
+    use_ratio, charge_std : float
+        Ratio of charge used to charge predicted, and the standard deviation of the final state of charge due to it and
+        to that of now.
+    ends : tuple of (float, array of shape (segments,))
+        Ends before the last segment's: their probability, and the share of each segment that is not flown then.
     """
 
     times_s: FloatArray
@@ -45,6 +50,17 @@ class RouteLoad(NamedTuple):
     peak_w: FloatArray
     time_std_s: float
     energy_std_j: float
+    use_ratio: float = 1.0
+    charge_std: float = 0.0
+    ends: tuple[tuple[float, FloatArray], ...] = ()
+
+    @property
+    def expected_s(self) -> FloatArray:
+        """Duration of each segment times the probability that it is flown [s], shape (segments,)."""
+        expected_s = self.times_s
+        for probability, unflown in self.ends:
+            expected_s = expected_s - probability * unflown * self.times_s
+        return expected_s
 
 
 class FlownShares(NamedTuple):
@@ -157,7 +173,8 @@ class TermBuilder:
             State of charge now, and the one to keep at the end.
         """
         times, total_s = load.times_s, float(load.times_s.sum())
-        value_rates, base_value = self._value_rates(route, times, past)
+        expected_s = load.expected_s
+        value_rates, base_value = self._value_rates(route, expected_s, past)
         b = self._battery
         max_w, base_w = np.zeros(len(times)), np.zeros(len(times))
         alike = route.grouped(lambda stage, own: self._key(stage.sets, own))
@@ -166,8 +183,10 @@ class TermBuilder:
             base_w[members], max_w[members] = powers[0], powers[-1]
         # the reserve bounds the state of charge from below on the whole route
         power_limits = jitted(_power_limits, drains_per_s, max_power_w, min_voltage_v)
+        per_as = b.drain_per_as * load.use_ratio
+        cell = (*self._cell[:3], per_as, *self._cell[4:])
         volts, room, by_letter, beyond, letter_soc, delivered_soc = power_limits(
-            times, load.motion_w, load.peak_w, base_w, max_w, soc, min(reserve_soc, soc), self._cell
+            times, load.motion_w, load.peak_w, base_w, max_w, soc, min(reserve_soc, soc), cell
         )
         kinds: list[ConcaveEnvelope] = []
         found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
@@ -181,20 +200,20 @@ class TermBuilder:
             for count in sorted({*allowed.tolist()}):
                 index = members[allowed == count]
                 envelope = self._envelope(sets, own, count, value_rates)
-                seconds, own_use, segment, level, use, gain = increments_of(
-                    index, times, load.motion_w, volts, envelope.powers_w, envelope.values, self._cell
+                seconds, expected, own_use, segment, level, use, gain = increments_of(
+                    index, times, expected_s, load.motion_w, volts, envelope.powers_w, envelope.values, cell
                 )
                 kind_of[index] = len(kinds)
                 kinds.append(envelope)
                 found.append((segment, level, use, gain))
                 energy_j += seconds * float(envelope.powers_w[0] + envelope.powers_w[-1]) / 2
                 base_use += own_use
-                base_value += seconds * float(envelope.values[0])
+                base_value += expected * float(envelope.values[0])
         segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         mean_w = (float(load.motion_w @ times) + energy_j) / max(total_s, 1e-9)
         voltage = float(volts.mean())
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
-        slope = b.drain_per_as / math.sqrt(discriminant)
+        slope = per_as / math.sqrt(discriminant)
         increments = Increments(segment, level, use, gain, base_use, base_value)
         return KnapsackTerms(
             *(increments, tuple(kinds), kind_of, slope, mean_w, beyond, letter_soc, delivered_soc),
@@ -279,7 +298,7 @@ class TermBuilder:
         return np.array(rows, dtype=float).reshape(len(rows), len(levels))[order], np.array(powers)[order]
 
 
-_EnvelopeIncrements = tuple[float, float, IntArray, IntArray, FloatArray, FloatArray]
+_EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
 _Cell = tuple[float, float, float, float, float, float, float]
 """Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
 cut-off voltage [V]."""
@@ -351,13 +370,17 @@ def _power_limits(
 def _increments(
     index: IntArray,
     times_s: FloatArray,
+    expected_s: FloatArray,
     motion_w: FloatArray,
     volts: FloatArray,
     powers_w: FloatArray,
     values: FloatArray,
     cell: _Cell,
 ) -> _EnvelopeIncrements:
-    """Increments of segments that share an envelope, after their total time [s] and their use at minimum power."""
+    """Increments of segments that share an envelope.
+
+    Before them their total time [s], the time expected to be flown [s], and their use at minimum power.
+    """
     resistance_ohm, per_as = cell[2], cell[3]
     count = len(powers_w) - 1
     seconds = times_s[index]
@@ -366,9 +389,11 @@ def _increments(
         motion_w[index].reshape(-1, 1) + powers_w, volts[index].reshape(-1, 1), resistance_ohm, per_as
     )
     level = np.arange(len(index) * count) % max(count, 1)
-    gain = column * (values[1:] - values[:-1])
+    expected = expected_s[index]
+    gain = expected.reshape(-1, 1) * (values[1:] - values[:-1])
     return (
         seconds.sum(),
+        expected.sum(),
         use[:, 0].sum(),
         np.repeat(index, count),
         level,

@@ -170,12 +170,20 @@ class HorizonSolution(NamedTuple):
 class _Table(NamedTuple):
     """Every choice at every step: value, charge that it takes, and power limit; arrays of shape (M, J).
 
-    `limit` is the state of charge that the power of a choice requires.
+    `limit` is the state of charge that the power of a choice requires. `deliverable`: the battery delivers all powers.
     """
 
     value: FloatArray
     drop: FloatArray
     limit: FloatArray
+    deliverable: bool
+
+
+class _Shape(NamedTuple):
+    """Whether values rise with every choice, and whether the chord from first to last is their concave envelope."""
+
+    rising: bool
+    straight: bool
 
 
 class _Problem(NamedTuple):
@@ -183,7 +191,7 @@ class _Problem(NamedTuple):
 
     gain: FloatArray
     rows: FloatArray
-    slack: FloatArray
+    spare: FloatArray
     base_value: float
 
 
@@ -202,7 +210,10 @@ class _Mixture:
         steps = len(vertices)
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
         self.step, self.low, self.high = np.array(pairs, dtype=np.intp).reshape(-1, 3).T
-        self.size, self.each = len(pairs), np.arange(len(pairs))
+        self.size, each = len(pairs), np.arange(len(pairs))
+        # entries of the table and of the rows, by their places
+        self.below, self.above = (self.step * len(powers_w) + end for end in (self.low, self.high))
+        self.own = self.step * len(pairs) + each
         self.rises_w = powers_w[self.high] - powers_w[self.low]
         self.until = (self.step <= np.arange(steps)[:, None]).astype(float)
         filled = np.vstack([np.eye(self.size), self.until]) > 0
@@ -212,16 +223,14 @@ class _Mixture:
         # the same variables a step later
         self.shifts = all(list(own) == list(vertices[0]) for own in vertices)
         per_step = self.size // steps
-        self.later = np.minimum(self.each + per_step, self.each % max(per_step, 1) + self.size - per_step)
+        self.later = np.minimum(each + per_step, each % max(per_step, 1) + self.size - per_step)
 
-    def problem(self, table: _Table, soc: float) -> _Problem:
-        """The data of the QP."""
-        step, low, high = self.step, self.low, self.high
-        gain, drop, limit = (array[step, high] - array[step, low] for array in table)
+    def problem(self, table: _Table, spare: FloatArray) -> _Problem:
+        """The data of the QP; `spare` is the charge that minimum power leaves above its limit at each step."""
+        gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table[:3])
         rows = self.until * drop
-        rows[step, self.each] += limit
-        slack = np.maximum(soc - table.drop[:, 0].cumsum() - table.limit[:, 0], 0.0)
-        return _Problem(gain, rows, slack, float(table.value[:, 0].sum()))
+        rows.ravel()[self.own] += limit
+        return _Problem(gain, rows, spare, float(table.value[:, 0].sum()))
 
     def power_w(self, z: FloatArray) -> FloatArray:
         """What mixtures add to the minimum power at each step [W]."""
@@ -257,7 +266,7 @@ class Horizon:
         self._c = computations
         self._battery = battery
         self._steps = steps
-        self._at = np.arange(steps)
+        self._delivered_w = float(battery.max_power_w(battery.voltage_v))
         self._cost = cost or HorizonCost()
         self._report = report or SolverReport()
         self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, len(computations.low))
@@ -273,6 +282,10 @@ class Horizon:
             )
         else:
             self._control_values = (u * u).sum(axis=1)
+        # places of the steps' rows in the table
+        self._at = np.arange(steps) * len(self.choices)
+        self._constant = np.repeat(self._control_values[None], steps, axis=0)
+        self._constant_shape = self._shape_of(self._constant) if len(self.choices) else _Shape(True, True)
         self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
         self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
 
@@ -304,11 +317,14 @@ class Horizon:
 
     def table(self, forecast: HorizonForecast) -> _Table:
         """Value, use of charge and limit of every choice at every step."""
-        b, p, motion = self._battery, self.powers_w, forecast.mean_motion_w[:, None]
-        drop = drains_per_s(motion + p, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
-        drop = np.where(motion + p > b.max_power_w(b.voltage_v), UNDELIVERABLE, drop)
+        b, p = self._battery, self.powers_w
+        power = forecast.mean_motion_w[:, None] + p
+        drop = drains_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
+        deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
+        if not deliverable:
+            drop[power > self._delivered_w] = UNDELIVERABLE
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
-        return _Table(self._values(forecast), drop, limit)
+        return _Table(self._values(forecast), drop, limit, deliverable)
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
         """l of each choice at each step, with l_f at the last."""
@@ -317,7 +333,7 @@ class Horizon:
         if cost.kind == OUTPUT:
             values = 0.5 * (forecast.limit_motion_w[:, None] + p) ** 2
         elif cost.kind == CONTROL:
-            values = np.repeat(self._control_values[None], self._steps, axis=0)
+            values = self._constant
         else:
             q = self._states(forecast, 0, self._steps)
             if cost.kind == POWER:
@@ -329,6 +345,7 @@ class Horizon:
                 values = 0.5 * ((q * forces).sum(axis=1)[:, None] + p * (2 * forces[:, :1] + weights[0, 0] * p))
                 values += self._control_values
         if cost.terminal_weight:
+            values = values.copy()
             values[-1] += cost.terminal_weight * _output_value(self._states(forecast, self._steps, 1), p)[0]
         return values
 
@@ -343,9 +360,10 @@ class Horizon:
 
     def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
         """The first step whose power requires more charge than is left."""
-        at = self._at, made
-        short = ~(table.limit[at] <= soc - table.drop[at].cumsum())
-        return int(short.argmax()) if short.any() else None
+        at = self._at + made
+        short = ~(table.limit.take(at) <= soc - table.drop.take(at).cumsum())
+        step = int(short.argmax())
+        return step if short[step] else None
 
     # --- solution
 
@@ -362,12 +380,14 @@ class Horizon:
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
         table = self.table(forecast)
-        if not (math.isfinite(forecast.soc) and np.isfinite(table.limit).all() and np.isfinite(table.drop).all()):
+        if not math.isfinite(forecast.soc + table.limit.sum() + table.drop.sum()):
             raise SolverFailed("a forecast that is not finite")
-        if not self.feasible(np.zeros(self._steps, dtype=np.intp), table, forecast.soc):
+        spare = forecast.soc - table.drop[:, 0].cumsum() - table.limit[:, 0]
+        if spare.min() < 0:
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
-        mixture = self._mixture(table)
-        problem = mixture.problem(table, forecast.soc)
+        shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
+        mixture = self._mixture(table, shape.straight)
+        problem = mixture.problem(table, spare)
         iterations, kept = 0, self._kept(mixture, problem, table, forecast.soc)
         if kept is not None:
             z, multipliers = kept
@@ -375,8 +395,8 @@ class Horizon:
             z, multipliers, iterations = self._solved(mixture, problem)
         self._last = mixture, z, multipliers
         power_w = self.powers_w[0] + mixture.power_w(z)
-        made = self._rounded(power_w, table, forecast.soc)
-        objective = float(table.value[self._at, made].sum())
+        made = self._rounded(power_w, table, shape.rising, forecast.soc)
+        objective = float(table.value.take(self._at + made).sum())
         bound = _bound(multipliers, table, forecast.soc)
         limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
         return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None, limit)
@@ -388,20 +408,28 @@ class Horizon:
 
     def _battery_limit(self, above: IntArray, made: IntArray, table: _Table, soc: float) -> str | None:
         """Limit that choices exceed at some step, each alone in place of those made."""
-        drop, taken = table.drop[self._at, above], table.drop[self._at, made]
-        if (drop >= UNDELIVERABLE).any():
+        at = self._at + above
+        drop = table.drop.take(at)
+        if not table.deliverable and (drop >= UNDELIVERABLE).any():
             return self._battery.limit_at(self._battery.voltage_v)
-        short = table.limit[self._at, above] > soc - (taken.cumsum() - taken + drop)
-        return LETTER if self._battery.letter_crate_per_h is not None and short.any() else None
+        if self._battery.letter_crate_per_h is None:
+            return None
+        taken = table.drop.take(self._at + made)
+        short = table.limit.take(at) > soc - (taken.cumsum() - taken + drop)
+        return LETTER if short.any() else None
 
-    def _mixture(self, table: _Table) -> _Mixture:
-        """The mixtures of the choices on the concave envelope of value over power at each step."""
-        p, value, deliverable = self.powers_w, table.value, bool(table.drop[:, -1].max() < UNDELIVERABLE)
+    def _shape_of(self, value: FloatArray) -> _Shape:
+        p = self.powers_w
         rises = value[:, -1:] - value[:, :1]
         chord = value[:, :1] + rises * ((p - p[0]) / max(self._span_w, 1e-12))
-        key, last = None, len(p) - 1
-        vertices: Sequence[Sequence[int]] = [[0, last]] * self._steps
-        if not (last and deliverable and rises.min() > 0 and (value - chord).max() <= 1e-12 * chord.max()):
+        straight = len(p) > 1 and rises.min() > 0 and (value - chord).max() <= 1e-12 * chord.max()
+        return _Shape(bool((value[:, 1:] > value[:, :-1]).all()), bool(straight))
+
+    def _mixture(self, table: _Table, straight: bool) -> _Mixture:
+        """The mixtures of the choices on the concave envelope of value over power at each step."""
+        p, value, key = self.powers_w, table.value, None
+        vertices: Sequence[Sequence[int]] = [[0, len(p) - 1]] * self._steps
+        if not (straight and table.deliverable):
             vertices = [
                 upper_envelope(p[:count], row[:count], 1e-12 * abs(float(row[0])))
                 for row, count in zip(value, (table.drop < UNDELIVERABLE).sum(axis=1).tolist(), strict=True)
@@ -426,7 +454,7 @@ class Horizon:
         centre = np.zeros(size) if last is None else last[0] / reach
         matrix = mixture.matrix
         matrix[size:] = rows / units[:, None]
-        upper = np.concatenate([1.0 / reach, problem.slack / units])
+        upper = np.concatenate([1.0 / reach, problem.spare / units])
         solution = mixture.program.solve(gain / -largest, matrix, mixture.lower, upper, centre)
         multipliers = np.maximum(solution.multipliers[size:], 0.0) * (largest / units)
         return np.clip(solution.x * reach, 0.0, 1.0), multipliers, solution.iterations
@@ -443,21 +471,23 @@ class Horizon:
     ) -> tuple[FloatArray, FloatArray] | None:
         """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
         last = self._shifted(mixture)
-        if last is None or (problem.rows @ last[0] > problem.slack).any():
+        if last is None or (problem.rows @ last[0] > problem.spare).any():
             return None
         bound = _bound(last[1], table, soc)
         value = problem.base_value + float(problem.gain @ last[0])
         return last if bound - value <= OPTIMAL * abs(bound) else None
 
-    def _rounded(self, power_w: FloatArray, table: _Table, soc: float) -> IntArray:
+    def _rounded(self, power_w: FloatArray, table: _Table, rising: bool, soc: float) -> IntArray:
         """The best choice of each step within the QP's power, verified.
 
         Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps that the QP
         mixed.
         """
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
-            within = self.powers_w <= power_w[:, None] + slack
-            made: IntArray = np.where(within, table.value, -math.inf).argmax(axis=1)
+            made: IntArray = np.maximum(self.powers_w.searchsorted(power_w + slack, "right") - 1, 0)
+            if not rising:
+                within = np.arange(len(self.choices)) <= made[:, None]
+                made = np.where(within, table.value, -math.inf).argmax(axis=1)
             violated = self._violated(made, table, soc)
             if violated is None:
                 break
@@ -475,20 +505,29 @@ class Horizon:
 
         None if the constraints admit none.
         """
-        at, now, value = self._at, table.drop[self._at, made], table.value[self._at, made]
-        better = (table.value > value[:, None]) & (np.arange(len(self.powers_w)) > made[:, None])
-        above = better.argmax(axis=1)
-        gain = table.value[at, above] - value
-        short = table.limit[at, above] - (soc - now.cumsum() + now - table.drop[at, above])
-        possible = mixed & better.any(axis=1) & (short <= np.maximum.accumulate(now - table.drop[:, 0]))
-        for step in np.flatnonzero(possible)[np.argsort(-gain[possible], kind="stable")].tolist():
-            saving, loss = now[:step, None] - table.drop[:step], value[:step, None] - table.value[:step]
-            lowered = np.argwhere((saving >= max(short[step], 1e-15)) & (loss < gain[step]))
-            order = lowered[np.argsort(loss[tuple(lowered.T)], kind="stable")].tolist()
-            for other, choice in [(step, above[step]), *order] if short[step] <= 0 else order:
+        at = self._at + made
+        now, value = table.drop.take(at), table.value.take(at)
+        left, most = soc - now.cumsum() + now, np.maximum.accumulate(now - table.drop[:, 0])
+        raises = []
+        for step in np.flatnonzero(mixed).tolist():
+            better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
+            if len(better):
+                above = made[step] + 1 + better[0]
+                short = table.limit[step, above] - (left[step] - table.drop[step, above])
+                if short <= most[step]:
+                    raises.append((value[step] - table.value[step, above], step, above, short))
+        for loss, step, above, short in sorted(raises):
+            losses = value[:step, None] - table.value[:step]
+            enough = now[:step, None] - table.drop[:step] >= max(short, 1e-15)
+            places = np.flatnonzero(enough & (losses < -loss))
+            others = [
+                divmod(place, len(self.choices))
+                for place in places[np.argsort(losses.take(places), kind="stable")].tolist()
+            ]
+            for other, choice in [(step, above), *others] if short <= 0 else others:
                 trial = made.copy()
                 trial[other] = choice
-                trial[step] = above[step]
+                trial[step] = above
                 if self.feasible(trial, table, soc):
                     return trial
         return None
@@ -531,7 +570,7 @@ def _reach(problem: _Problem) -> FloatArray:
 
     With little charge the reach is small; without this scaling OSQP stalls.
     """
-    shares = np.divide(problem.slack[:, None], problem.rows, out=np.ones_like(problem.rows), where=problem.rows > 0)
+    shares = np.divide(problem.spare[:, None], problem.rows, out=np.ones_like(problem.rows), where=problem.rows > 0)
     reach: FloatArray = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
     return reach
 

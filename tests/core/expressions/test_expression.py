@@ -31,9 +31,12 @@ from eadp.core.expressions.tree import (
     Sum,
     Symbol,
     constant,
+    difference,
     number_text,
+    scaled,
     substituted,
     to_text,
+    total,
 )
 from eadp.errors import ExpressionError, PathUndefined
 
@@ -51,6 +54,22 @@ def error_of(text, *names):
 
 def value_of(text):
     return read_expression(text).at((PLACE["c1"], PLACE["c2"]), PLACE["x"], PLACE["y"])
+
+
+def test_arithmetic_of_expressions():
+    a, b, three = (read_expression(text) for text in ("c1*x - 1", "abs(y) + c2", "3"))
+    assert total(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 + 2.5 + 0.75
+    assert difference(a, b).at((3.0, 0.75), 1.25, -2.5) == 3.0 * 1.25 - 1 - 2.5 - 0.75
+    assert scaled(a, -4.0).at((3.0, 0.75), 1.25) == -4 * (3.0 * 1.25 - 1)
+    assert total(a, b).size == difference(a, b).size == a.size + b.size + 1
+    assert scaled(a, 4.0).size == a.size + 2
+    assert scaled(a, 1.0) is a
+    assert scaled(a, 0.0).text == "0"
+    assert scaled(three, 4.0).text == "12"
+    assert scaled(b, 4.0).non_smooth == b.non_smooth
+    assert {*total(a, b).offsets} == {*a.offsets, *b.offsets}
+    shared = read_expression("2 + c1")
+    assert total(a, shared).offsets["c1"] == difference(a, shared).offsets["c1"] == a.offsets["c1"]
 
 
 # --- an oracle: Python's own parser, and real arithmetic over its tree ------------------------------------------------

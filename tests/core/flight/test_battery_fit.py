@@ -65,7 +65,9 @@ def test_a_current_that_hardly_varies_tells_no_resistance():
 def test_little_charge_used_tells_no_slope():
     fit = fit_battery(*log(seconds=60.0), CAPACITY_AH)
     assert fit.voltage_empty_v is None
-    assert any("of the charge is used" in note for note in fit.notes)
+    used = next(note for note in fit.notes if "of the charge is used" in note)
+    # a minute at about 4 A of 2 Ah
+    assert float(used.split()[1]) == pytest.approx(100 * 4 / 60 / 2, rel=0.15)
     assert fit.resistance_ohm == pytest.approx(0.08, abs=0.02)
 
 

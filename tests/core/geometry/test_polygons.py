@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from eadp.core.geometry.polygons import TOLERANCE_M, flaws, signed_area_m2, simplified, tidy
+from eadp.core.geometry.polygons import (
+    TOLERANCE_M,
+    covered_share,
+    flaws,
+    signed_area_m2,
+    simplified,
+    strip_extents,
+    tidy,
+)
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -218,3 +227,42 @@ def test_no_flaw_is_found_exactly_where_shapely_finds_a_polygon_valid(outline, h
     found = list(flaws(outline, holes))
     assert (not found) == shapely.Polygon(outline, holes).is_valid
     assert all(0 <= flaw.ring <= len(holes) and all(map(math.isfinite, flaw.point_m)) for flaw in found)
+
+
+def test_extents_in_strips():
+    # a U of 30 × 20 m: legs 10 m wide, the ground between them 5 m deep; a hole in the left leg
+    outline = np.array([(0, 0), (30, 0), (30, 20), (20, 20), (20, 5), (10, 5), (10, 12), (0, 20)], dtype=float)
+    hole = np.array([(4, 8), (6, 8), (6, 10), (4, 10)], dtype=float)
+    strips = strip_extents([outline, hole], np.array([-5.0, 0.0, 4.0, 6.0, 10.0, 20.0, 25.0, 31.0]))
+    expected = [
+        [],
+        [(0, 20)],
+        [(0, 8), (10, 20 - 4 * 0.8)],  # the slope falls by 0.8
+        [(0, 20 - 6 * 0.8)],
+        [(0, 5)],
+        [(0, 20)],
+        [(0, 20)],
+    ]
+    assert [len(parts) for parts in strips] == [len(parts) for parts in expected]
+    for parts, known in zip(strips, expected, strict=True):
+        for part, ends in zip(parts, known, strict=True):
+            assert part == pytest.approx(ends, abs=1e-5)
+
+
+def test_parts_that_overlap_in_a_strip_are_one():
+    teeth = np.array([(0, 0), (9, 0), (9, 8), (6, 8), (6, 1), (4, 1), (4, 5), (0, 5)], float)
+    assert strip_extents([teeth], np.array([3.0, 7.0])) == [[pytest.approx((0, 8), abs=1e-5)]]
+    apart = np.array([(0, 0), (1, 0), (1, 6), (3, 6), (3, 4), (2, 4), (2, 3), (4, 3), (4, 9), (0, 9)], float)
+    assert strip_extents([apart], np.array([1.5, 2.5])) == [
+        [pytest.approx((3, 4), abs=1e-5), pytest.approx((6, 9), abs=1e-5)]
+    ]
+
+
+def test_the_share_that_lines_cover():
+    field, hole = square(0, 0, 10), square(6, 6, 2)
+    # strips 2 m wide: the whole length, then one that overlaps half of it, ends at 5 m
+    assert covered_share(field, [], [((0, 3), (10, 3))], 2.0) == pytest.approx(0.2)
+    assert covered_share(field, [], [((0, 3), (10, 3)), ((0, 4), (5, 4))], 2.0) == pytest.approx(0.25)
+    assert covered_share(field, [hole], [((0, 7), (10, 7))], 2.0) == pytest.approx(16 / 96)
+    assert covered_share(field, [], [((-5, 5), (15, 5))], 20.0) == 1.0
+    assert covered_share(field, [], [((5, 5), (5, 5))], 2.0) == 0.0

@@ -86,6 +86,27 @@ def test_error_scales_with_the_samples_and_ignores_their_level(values: list[floa
     assert moved.standard_error <= 3 * scale * base.standard_error + 1e-6
 
 
+@pytest.mark.parametrize(
+    ("runs", "squared_error"),
+    [
+        # n = 4, γ = 4/16, 1/16, −2/16, −1/16: one positive pair, so W = 1
+        ([[0, 0, 1, 1]], (2 * 5 / 16 - 4 / 16) / 4 * (1 + 3 / 4)),
+        # n = 8, γ = 8/32, 5/32, 2/32, −1/32, −4/32, …: two positive pairs, so W = 3
+        ([[0, 0, 0, 0, 1, 1, 1, 1]], (2 * 14 / 32 - 8 / 32) / 8 * (1 + 7 / 8)),
+        # the same in two runs: γ = 8/32, 6/32, 4/32, 2/32, two positive pairs
+        ([[0, 0, 0, 0], [1, 1, 1, 1]], (2 * 20 / 32 - 8 / 32) / 8 * (1 + 7 / 8)),
+        # n = 6, γ = 6/24, and 2/24 within the runs of two
+        ([[0], [1, 1], [1], [0, 0]], (2 * 8 / 24 - 6 / 24) / 6 * (1 + 3 / 6)),
+    ],
+)
+def test_errors_worked_by_hand(runs: list[list[float]], squared_error: float) -> None:
+    found = average(runs)
+    assert found.standard_error == pytest.approx(math.sqrt(squared_error))
+    # Σ (x − ½)² = n/4
+    n = found.samples
+    assert found.effective == pytest.approx(n / 4 / (n - 1) / squared_error)
+
+
 def test_one_value_and_none() -> None:
     assert average([[0.1]]) == (0.1, 0.0, 0.0, 1, 1.0)
     assert average([[0.1, 0.1], [0.1]]) == (0.1, 0.0, 0.0, 3, 3.0)

@@ -15,6 +15,7 @@ from eadp.core.signals.harmonics import (
     forecast_w,
     output_row,
     phases_of_state,
+    rotated,
     rotation_matrix,
     signal_w,
     state_of_phases,
@@ -44,6 +45,14 @@ def series_w(t: float, a: list[float], b: list[float], period_s: float) -> float
         angle = 2 * math.pi * j * t / period_s
         total += 2 / period_s * (a[j] * math.cos(angle) + b[j - 1] * math.sin(angle))
     return total
+
+
+def test_states_ahead_are_the_matrix_exponentials() -> None:
+    state, ahead_s = [30.0, 2.0, -1.0, 0.5, 0.3], np.array([0.0, 1.5, 40.0, -7.0])
+    for one, step_s in zip(rotated(state, 46.0, ahead_s), ahead_s, strict=True):
+        assert one == pytest.approx(expm(system_matrix(2, 46.0) * step_s) @ state, abs=EXACT)
+    assert rotated([30.0], 46.0, ahead_s).tolist() == [[30.0]] * 4
+    assert rotated([30.0], None, ahead_s[:2]).tolist() == [[30.0]] * 2
 
 
 def test_output_row() -> None:

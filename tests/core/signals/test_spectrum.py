@@ -16,7 +16,18 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_SAMPLES, Spectrum, _Grid, _Samples, _sums, analyse
+from eadp.core.signals.spectrum import (
+    MAX_CHANCE,
+    MIN_CV_R2,
+    MIN_SAMPLES,
+    Spectrum,
+    _by_order,
+    _Grid,
+    _Samples,
+    _sums,
+    analyse,
+    periodogram,
+)
 from eadp.errors import Infeasible
 
 NoiseModel = Callable[[np.random.Generator, int], FloatArray]
@@ -50,6 +61,44 @@ def assert_found(found: Spectrum, period_s: float = PERIOD_S, order: int = 3, ne
 
 
 # what is found
+
+
+def test_a_periodogram_peaks_at_the_period() -> None:
+    times = sampled(8)
+    period, share = periodogram(times + 1000.0, noisy(times, 0.1), order=3, points=200)
+    assert np.all(np.diff(np.log(period)) == pytest.approx(np.log(period[-1] / period[0]) / 199))
+    assert period[0] == pytest.approx(8 * 0.5)
+    assert period[-1] == pytest.approx((times[-1] - times[0]) / 1.9, rel=1e-6)
+    assert period[np.argmax(share)] == pytest.approx(PERIOD_S, rel=0.03)
+    assert share.max() == pytest.approx(1.0, abs=0.05)
+    # a period of the log and the grid: no harmonic fits well at a fifth of it
+    assert share[np.argmin(np.abs(period - PERIOD_S / 5))] < 0.1
+    _, flat = periodogram(times, np.full(len(times), 36.5), order=3, points=7)
+    assert flat.tolist() == [0.0] * 7
+
+
+def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
+    counts = set()
+    for seed in range(12):
+        times = sampled(6)
+        power = noisy(times, 1.0, seed, terms=THREE[: 1 + seed % 3]) - MEAN_W
+        error = _by_order(_sums(_Samples(times, power), 1 / PERIOD_S, 9), 9).sum(axis=-1)
+        best = [int(np.argmin(error[: k + 1])) for k in range(len(error))]
+        waited = [k - at for k, at in enumerate(best)]
+        assert all(wait < 4 for wait in waited[:-1])
+        assert waited[-1] == 4 or len(error) == 9
+        counts.add(len(error))
+    assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
+
+
+def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
+    times = np.arange(0.0, 400.0, 0.1)
+    period, share = periodogram(times, signal(times), order=1, points=40)
+    bins = times.reshape(-1, 2).mean(axis=1)  # 0.2 s each
+    other, binned_share = periodogram(bins, signal(times).reshape(-1, 2).mean(axis=1), order=1, points=40)
+    assert period[0] == pytest.approx(8 * 0.2, rel=1e-3)
+    assert period == pytest.approx(other, rel=1e-3)
+    assert share == pytest.approx(binned_share, abs=0.01)
 
 
 @pytest.mark.parametrize("periods", [2, 2.5, 3, 7.4, 40])

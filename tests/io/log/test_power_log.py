@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.signals.spectrum import MIN_SAMPLES
-from eadp.errors import FAULTS_SHOWN, Fault, InputError
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
 from eadp.io.log.csv_log import read_csv_log
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
@@ -244,7 +244,9 @@ def test_bad_cells_are_all_reported() -> None:
 def test_many_bad_cells_are_counted() -> None:
     faults = faults_of(rows(*["x,1"] * 100))
     assert len(faults) == FAULTS_SHOWN + 1
-    assert faults[-1].endswith(f"{100 - FAULTS_SHOWN} more faults from here on")
+    assert faults[-1].endswith(f": {100 - FAULTS_SHOWN} more faults from here on")
+    faults = faults_of(rows(*["x,1"] * 2 * FAULTS_READ))
+    assert faults[-1].endswith(f"at least {FAULTS_READ - FAULTS_SHOWN} more faults from here on")
 
 
 @pytest.mark.parametrize(

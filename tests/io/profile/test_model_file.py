@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.signals.averaging import average
-from eadp.errors import FAULTS_SHOWN, Fault, Infeasible, InputError
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, Infeasible, InputError
 from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration, Trace, read_measurements
 from eadp.io.profile.model_file import (
     Sources,
@@ -475,6 +475,8 @@ def test_faults_are_capped_and_the_rest_counted() -> None:
     faults = faults_of("fps,power_w\n" + "2,x\n" * (FAULTS_SHOWN + 5))
     assert len(faults) == FAULTS_SHOWN + 1
     assert faults[-1] == f"{FAULTS_SHOWN + 2}:3: error: 5 more faults from here on"
+    faults = faults_of("fps,power_w\n" + "2,x\n" * 2 * FAULTS_READ)
+    assert faults[-1].endswith(f"at least {FAULTS_READ - FAULTS_SHOWN} more faults from here on")
 
 
 def test_the_limit_of_the_spread() -> None:

@@ -16,6 +16,7 @@ import pytest
 from common import ROOT
 from common.plans import PARTS, WAVES
 from common.routes import Tracked
+from scipy.integrate import quad
 
 from eadp.cli.main import main
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
@@ -25,7 +26,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
-from eadp.models.plan.cursor import LIVE, Rules
+from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import first_beyond_m, left_m, leg_points
 from eadp.models.plan.plan import Plan
@@ -660,6 +661,27 @@ def test_where_a_plan_is_over_against_looking_every_centimetre(seed):
         assert found == pytest.approx(expected, abs=0.02)
 
 
+def test_where_a_plan_is_over_on_a_curve():
+    """y = 10 sin(x/60) rises over 6 m at x = 60 asin 0.6; ds² = (1 + cos²(x/60)/36) dx²."""
+    leg = a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270)
+    to_m = 60 * math.asin(0.6)
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, to_m)
+    assert first_beyond_m(leg, (to_m, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    # along x it is within 20 m of 100 from x = 80 on
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, 80.0)
+    assert first_beyond_m(leg, (100.0, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    assert first_beyond_m(leg, (0.0, 11.0), (0.0, 1.0), 200.0) is None
+
+
+@pytest.mark.parametrize(("path", "to", "join"), [("y", (0.0, 0.0), (1.0, 0.0)), ("x", (0.0, 0.0), (0.0, 1.0))])
+def test_a_stage_joined_elsewhere_has_another_length(path, to, join):
+    plan = plan_of(f"0.1; 90; {path}\n{to[0]!r}, {to[1]!r}\n")
+    cursor, predictor = PlanCursor.start(plan, ()), RoutePredictor()
+    for metres in (100.0, 60.0, 60.5):
+        start = (metres * join[0], metres * join[1])
+        assert predictor.route(cursor, start).legs[0].length_m == pytest.approx(metres)
+
+
 def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
     leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (-60.0, 0.0))
     for y in np.linspace(29, 31, 21).tolist():
@@ -739,3 +761,40 @@ def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_m
     assert stages - 1 <= told[0] <= stages + 4
     lap_s = seconds / (stages / 4)
     assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s
+
+
+@pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -500.0, -640.0, -805.0, -1000.0])
+def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
+    """Beside a route for every margin: the first end that is cleared by as much, or the certain one."""
+    follower, _ = begun(survey(), (c1, 10.0))
+    largest_m = 8.0
+    course = follower.route((c1, 10.0), largest_m)
+    clearances = [end.clearance_m for end in course.ends]
+    assert clearances == sorted(clearances)
+    radius_m = survey().trigger_radius_m
+    for margin_m in np.linspace(-largest_m, largest_m, 65)[1:-1].tolist():
+        if any(abs(clearance - margin_m) < 0.1 for clearance in clearances):
+            continue
+        cleared = (end for end in course.ends if end.clearance_m >= margin_m)
+        told = next(cleared, None)
+        leg, flown_m = (told.leg, told.flown_m) if told else (len(course.legs) - 1, course.legs[-1].distance_m)
+        found = follower.route((c1, 10.0), 0.0 if margin_m == 0 else margin_m)
+        there = len(found.legs) - 1
+        if there + 1 == leg and found.legs[-1].length_m - found.legs[-1].distance_m <= radius_m:
+            continue  # beyond the trigger's disc the next stage passes it
+        assert leg == there
+        if margin_m <= 0:
+            assert flown_m <= found.legs[-1].distance_m + 40
+
+
+def test_at_the_end_to_a_hair_there_are_two_ends():
+    """The published survey at c1 = 0: flown, the plan ends on stage 61; it may take a lap more."""
+    follower, _ = begun(survey(), (0.0, 10.0))
+    course = follower.route((0.0, 10.0), MARGIN_M)
+    assert (len(course.legs), [end.leg for end in course.ends]) == (65, [60])
+    assert abs(course.ends[0].clearance_m) < 0.1
+    assert flown_survey(0.0)[0] == course.ends[0].leg + 1
+    for _ in range(60):
+        course = course.after()
+    assert [end.leg for end in course.ends] == [0]
+    assert course.after().ends == ()

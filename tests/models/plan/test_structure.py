@@ -12,7 +12,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan import structure
-from eadp.models.plan.structure import structure_proven
+from eadp.models.plan.structure import find_shift, structure_proven
 
 
 def plan(text):
@@ -56,6 +56,48 @@ def test_a_shift_that_depends_on_a_parameter_is_found_as_a_formula(laps, root):
         for ours, known in zip(found.shift, short.shift, strict=True):
             assert ours.at([c1]) == pytest.approx(known.at([c1]), abs=1e-9)
     assert len(found.shift[0].text) < 40, "as simple as it can be written"
+
+
+def test_paths_need_a_value_within_the_sets_alone():
+    found, _ = plan(survey(2, spacing="100 + sqrt(c1)", rise="10", sets="[0, 1000]\n"))
+    assert found.primitive_stages == 4
+    assert [part.at([49.0]) for part in found.shift] == pytest.approx([107.0, 10.0])
+
+
+LAPS = """\
+path:
+0.1; 90; x
+0, 0
+init:
+a = 0, 30
+path:
+0.1; 90; x - a
+{}
+trig:
+a >= 300
+path:
+0.1; 90; x
+0, 900
+"""
+
+
+@pytest.mark.parametrize(
+    ("second", "shift"),
+    [
+        ("y - 100\na + 20, 100", [30.0, 0.0]),
+        ("y - 100\n50, 100", None),  # the path of the next lap is the same, its trigger does not move
+        ("y - 100 - a/100\na + 20, 100", None),  # the trigger moves, the path otherwise
+        ("y - 100\na + 20, 100 + a", None),
+    ],
+)
+def test_the_shift_of_laps_is_that_of_all_their_stages(second, shift):
+    found = find_shift(plan(LAPS.format(f"a, 100\n0.1; 90; {second}"))[0])
+    assert (found if found is None else [part.at() for part in found]) == shift
+
+
+def test_the_shift_of_laps_of_one_stage():
+    found = find_shift(plan(LAPS.format("a, 100 + a/3"))[0])
+    assert [part.at() for part in found] == pytest.approx([30, 10])
 
 
 def test_less_than_two_laps_show_nothing():

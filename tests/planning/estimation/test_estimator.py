@@ -203,6 +203,30 @@ def test_it_starts_from_the_first_reading_in_the_mean():
     assert estimator.state_w == pytest.approx([33.0, 0, 0, 0, 0, 0, 0])
 
 
+@pytest.mark.parametrize(("reading_w", "std_w"), [(12.0, 10.0), (60.0, 30.0)])
+def test_how_sure_it_is_at_the_start(reading_w, std_w):
+    """Half the reading but at least 10 W, half of that for harmonics; a Matérn disturbance of σ = 2 W and 3 s."""
+    settings = EstimatorSettings(order=1, disturbance_std_w=2.0, disturbance_time_s=3.0)
+    estimator = ExactEstimator(settings, PERIOD_S)
+    estimator._start(reading_w)
+    expected = [std_w**2, std_w**2 / 4, std_w**2 / 4, 4.0, 4.0 * 3 / 3**2]
+    assert covariance(estimator) == pytest.approx(np.diag(expected))
+
+
+def test_harmonics_drift_as_an_uncertain_period_turns_them():
+    """A lap that is 0.5 s off 46 s turns harmonic j by 2π j 0.5/46; half of that change squared falls to each part."""
+    settings = EstimatorSettings(level_drift_w_per_sqrt_s=0.1, harmonic_drift_w_per_sqrt_s=0.2)
+    dynamics = ExactEstimator(settings, PERIOD_S, STATE_W, period_std_s=0.5)._filter.dynamics
+    assert (dynamics.order, dynamics.period_s, dynamics.noise_w) == (3, PERIOD_S, 0.5)
+    amplitudes = np.array([math.hypot(1.5, -0.8), math.hypot(0.6, 0.4), math.hypot(-0.3, 0.2)])
+    off_w = amplitudes * 2 * math.pi * np.array([1, 2, 3]) * 0.5 / 46
+    assert dynamics.drift_w2_per_s == pytest.approx([0.01, *(0.04 + off_w**2 / 2 / 46)])
+    # where the settings have none, a hundredth of the noise: 1.2² W² of the sensor and 0.5² of the disturbance
+    none = replace(settings, level_drift_w_per_sqrt_s=0.0, harmonic_drift_w_per_sqrt_s=0.0, noise_w=1.2)
+    dynamics = ExactEstimator(none, PERIOD_S)._filter.dynamics
+    assert dynamics.drift_w2_per_s == pytest.approx(np.full(4, 1e-4 * (1.44 + 0.25)))
+
+
 def test_a_known_state_is_kept():
     estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, STATE_W)
     assert estimator.observe(0.0, None) == pytest.approx(signal_w(0.0))
@@ -522,6 +546,17 @@ def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
     assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
 
 
+@pytest.mark.parametrize("make", [PublishedEstimator, lambda settings: ExactEstimator(settings, PERIOD_S)])
+def test_a_batch_is_its_readings_one_by_one(make):
+    times = np.arange(0.1, 4.0, 0.1)
+    readings = [None if k in (0, 7, 8) else float(signal_w(time_s)) for k, time_s in enumerate(times)]
+    together, apart = make(NOISES), make(NOISES)
+    for time_s, reading in zip(times.tolist(), readings, strict=True):
+        expected = apart.observe(time_s, reading)
+    assert together.observe_batch(times.tolist(), readings) == pytest.approx(expected, abs=ROUNDING)
+    assert together.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
+
+
 # --- estimates
 
 
@@ -535,5 +570,6 @@ def test_an_estimate_forecasts_as_its_estimator_and_keeps_to_its_reading(kind):
     assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING)
     assert estimate.time_s == pytest.approx(59.9)
     assert estimate.state[:-2] == pytest.approx(estimator.state_w)
+    assert estimate.horizon_w() == pytest.approx(estimate.forecast_w(np.arange(13) * 0.5))
     estimator.observe(60.0, 50.0)
     assert estimate.forecast_w(ahead) == pytest.approx(known, abs=ROUNDING), "later readings do not change it"

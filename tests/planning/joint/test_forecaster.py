@@ -14,7 +14,7 @@ from common import ROOT
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
-from eadp.planning.joint.forecaster import MIN_STD, Forecast, Forecaster, ripple_w
+from eadp.planning.joint.forecaster import MIN_STD, FinalCharge, Forecast, Forecaster, ripple_w
 from eadp.planning.joint.program import best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
@@ -186,7 +186,7 @@ def test_each_stage_takes_its_share(calm):
 
 @pytest.mark.parametrize(("soc_end", "std", "reserve"), [(0.2, 0.1, 0.05), (-0.03, 0.02, 0.05), (0.05, 0.01, 0.05)])
 def test_probabilities_are_those_of_a_normal_distribution(soc_end, std, reserve):
-    f = Forecast(100.0, 1.0, 1.0, 0.1, soc_end, std, reserve, {})
+    f = Forecast(100.0, 1.0, 1.0, 0.1, soc_end, std, reserve, {}, ends=FinalCharge(std, (1.0,), (soc_end,)))
     # by counting draws
     ends = soc_end + std * np.random.default_rng(0).standard_normal(100_000)
     assert f.completes_probability == pytest.approx(np.mean(ends > 0), abs=0.006)
@@ -194,9 +194,9 @@ def test_probabilities_are_those_of_a_normal_distribution(soc_end, std, reserve)
 
 
 def test_a_forecast_without_a_spread_is_sure():
-    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.1, 0.0, 0.05, {}).reserve_probability == 1
-    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, 0.0, 0.05, {}).reserve_probability == 0
-    assert Forecast(1.0, 0.0, 1.0, 0.0, 0.04, MIN_STD / 9, 0.05, {}).completes_probability == 1
+    assert FinalCharge(0.0, means=(0.1,)).probability_above(0.05) == 1
+    assert FinalCharge(0.0, means=(0.04,)).probability_above(0.05) == 0
+    assert FinalCharge(MIN_STD / 9, means=(0.04,)).probability_above(0.0) == 1
 
 
 def test_the_margin_is_z_standard_deviations(calm):
@@ -269,3 +269,83 @@ def test_the_ripple_is_the_highest_of_the_harmonics(seed):
     )
     assert ripple_w(state) == pytest.approx(wave.max(), rel=0.02)
     assert ripple_w(state[:1]) == 0
+
+
+# --- ends -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_charge_at_several_ends_is_a_mixture(seed):
+    """Probabilities and moments beside draws; the level is the one that they leave below."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 4))
+    shares, means = rng.dirichlet(np.ones(count)), rng.uniform(0, 0.3, count)
+    ends = FinalCharge(float(rng.uniform(0.005, 0.05)), tuple(shares.tolist()), tuple(means.tolist()))
+    drawn = means[rng.choice(count, 400_000, p=shares)] + ends.std * rng.standard_normal(400_000)
+    assert ends.mean == pytest.approx(drawn.mean(), abs=1e-3)
+    assert ends.variance == pytest.approx(drawn.var(), rel=0.02)
+    for soc in (0.0, 0.05, 0.15):
+        assert ends.probability_above(soc) == pytest.approx(np.mean(drawn > soc), abs=0.004)
+    for probability in (0.5, 0.8, 0.95):
+        assert np.mean(drawn > ends.level(probability)) == pytest.approx(probability, abs=0.004)
+
+
+def at_take_off(c1, objective="quality", **overrides):
+    inputs = inputs_of(**{"parameters.c1": c1, **CALM, **overrides})
+    levels = {"c2": (10.0,)}
+    own = JointSettings(objective=objective)
+    forecaster = Forecaster(replace(inputs.scenario.planner, levels=levels), inputs.mission, own)
+    forecaster.assume((0.0, 0.0), 0.0, 1.0)
+    forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+    return forecaster
+
+
+def test_a_lap_that_may_be_the_last_is_two_outcomes():
+    """At c1 = 0 the plan ends, to a hair, on stage 61 or a lap later: beside both, as plans of their own."""
+    forecaster = at_take_off(0.0)
+    candidate = forecaster.candidate(forecaster.shares)
+    forecast = forecaster.forecast(best_at(candidate))
+    route = forecaster.route(forecaster.shares)
+    (end,) = route.ends
+    likely = NormalDist(0, 0.25).cdf(end.clearance_m)
+    times, _ = route.times_s(15.0, (0.0, 0.0))
+    early_s = times[: end.leg].sum() + times[end.leg] * end.flown_m / route.legs[end.leg].length_m
+    mean_s = likely * early_s + (1 - likely) * times.sum()
+    assert forecast.ends.shares == pytest.approx((1 - likely, likely))
+    assert forecast.remaining_s == pytest.approx(mean_s)
+    between_s2 = likely * (1 - likely) * (times.sum() - early_s) ** 2
+    terms, load = forecaster.terms(forecaster.shares)
+    assert forecast.remaining_std_s == pytest.approx(math.sqrt(load.time_std_s**2 + between_s2))
+    early, late = sorted(forecast.ends.means, reverse=True)
+    rest_j = (forecast.ends.means[1] - forecast.ends.means[0]) / terms.soc_per_j
+    assert early > late
+    assert rest_j == pytest.approx((times.sum() - early_s) * 46, rel=0.1)
+    # the program keeps the reserve with its probability over both
+    spare = forecast.ends._replace(means=tuple(b - late for b in forecast.ends.means))
+    margin = forecaster.soc - forecaster._settings.reserve_soc - candidate.available
+    assert spare.probability_above(-margin) == pytest.approx(0.95, abs=1e-3)
+    assert sum(seconds for seconds, _ in forecast.stages.values()) == pytest.approx(forecast.remaining_s)
+
+
+def test_parameters_whose_last_lap_is_uncertain_are_no_candidates_for_the_total():
+    counted = 0
+    for share in np.linspace(0, 1, 101).tolist():
+        quality, total = (at_take_off(-900.0, objective) for objective in ("quality", "total"))
+        candidate = quality.candidate((share,))
+        uncertain = bool(quality.route((share,)).ends)
+        counted += uncertain
+        assert (total.candidate((share,)) is None) == (candidate is None or uncertain)
+    assert 3 < counted < 60
+    in_force = at_take_off(0.0, "total")
+    assert in_force.candidate(in_force.shares) is not None, "what is in force stays"
+
+
+def test_gusts_that_last_make_a_forecast_wider():
+    stds = []
+    for gust_time_s in (5.0, 30.0):
+        inputs = inputs_of(**{"wind.gust_time_s": gust_time_s})
+        forecaster = Forecaster(inputs.scenario.planner, inputs.mission)
+        forecaster.assume((3.0, 0.0), 1.5, 1.0)
+        forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+        stds.append(forecaster.forecast(best_at(forecaster.candidate(forecaster.shares))).remaining_std_s)
+    assert stds[1] > 1.3 * stds[0]

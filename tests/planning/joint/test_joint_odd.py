@@ -146,5 +146,6 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     pilot.update(seen(31.0, 35.0, 0.0, 0.5))
     forecaster = pilot._forecaster
     assert forecaster.route(forecaster.shares).parameters[0][0] == first[0] == executor.parameters[0]
-    again = RoutePredictor().route(executor.cursor.decide(pilot._decision.parameters), executor.joined_m)
+    cursor = executor.cursor.decide(pilot._decision.parameters)
+    again = RoutePredictor().route(cursor, executor.joined_m, forecaster._margin_m)
     assert forecaster.route(forecaster.shares).parameters == again.parameters

@@ -256,6 +256,23 @@ def test_flown_legs_leave_the_last_solution():
     assert longer.status == SOLVED, "with more increments than before there is nothing to keep"
 
 
+@pytest.mark.parametrize(("available", "best"), [(1.0, 0.7), (0.55, 0.55)])
+def test_a_climb_finds_the_best_share_of_a_step(available, best):
+    """A value of 1 − (p − 0.7)² and a use of p, without computations: the peak, or as far as the charge goes."""
+    none = np.zeros(0)
+    points = none.astype(np.intp)
+
+    def candidate_at(shares):
+        increments = Increments(points, points, none, none, shares[0], 1 - (shares[0] - 0.7) ** 2)
+        return Candidate(tuple(shares), (1,), increments, available)
+
+    start = best_at(candidate_at((0.3,)))
+    solution = MissionProgram(1).decided(candidate_at, start, movable=True)
+    assert solution.candidate.shares[0] == pytest.approx(best, abs=0.02)
+    assert solution.value == pytest.approx(1 - (best - 0.7) ** 2, abs=1e-2)
+    assert MissionProgram(1).decided(candidate_at, start, movable=False).candidate.shares == (0.3,)
+
+
 @pytest.mark.parametrize("dimensions", [1, 2])
 def test_slopes_are_those_of_value_and_of_use_less_what_is_available(dimensions):
     mission, program = feasible_mission(dimensions), MissionProgram(dimensions)
@@ -413,7 +430,8 @@ def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
     """A peak that no battery delivers: every candidate is short, by a number, and the least is taken."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"))
     settings = inputs.scenario.planner
-    forecaster = Forecaster(settings, inputs.mission, settings.joint)
+    forecaster = Forecaster(settings, replace(inputs.mission, max_motion_w=np.inf), settings.joint)
+    forecaster.gate.max_motion_w = 6000.0
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
     forecaster.start_at(0.0, inputs.world.start_m, 6000.0)
     shorts = {share: best_at(forecaster.candidate((share,))).shortfall for share in (0.0, 0.3, 0.6, 1.0)}

@@ -1,0 +1,419 @@
+"""Fuzz a reader by coverage: by hand, not in the test suite. docs/robustness.md has what was run and what came of it.
+
+usage: pip install atheris; python benchmarks/fuzz.py TARGET [--seconds 600] [--corpus DIR] [--seeds DIR]
+
+Whatever the bytes: nothing but the project's own errors, in printable lines; no more than `SLOW_S` and `MEMORY_MB`; no
+process started, no file written elsewhere, no text of the input compiled. What can be read is used: plans are printed,
+read again and checked, scenarios flown for some steps, fields covered, telemetry re-planned on. Findings are counted
+by the line that failed, and the smallest input of each is kept in DIR/findings; an input that hangs, or takes too much
+memory, ends the run. Seeds are files of the repository, made ones, and those of other folders.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line sets it
+
+import argparse
+import importlib
+import io
+import itertools
+import json
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import zlib
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
+from pathlib import Path
+from typing import Any
+
+import atheris
+
+with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]):
+    import numpy as np
+
+    from eadp.core.compiled import enable
+    from eadp.coverage.cover import CoverageRequest, cover
+    from eadp.coverage.plan_builder import build_plan
+    from eadp.coverage.swaths import MotionLimits
+    from eadp.errors import EadpError, InputError
+    from eadp.io.energy.model_file import energy_yaml, parse_energy
+    from eadp.io.field.reader import read_field
+    from eadp.io.flight.inputs import Files, load_flight
+    from eadp.io.log import autopilot_process, messages
+    from eadp.io.log.csv_log import read_csv_log
+    from eadp.io.log.formats import read_power_log
+    from eadp.io.log.power_log import Columns
+    from eadp.io.plan.reader import read_plan
+    from eadp.io.plan.writer import plan_text
+    from eadp.io.profile import model_file
+    from eadp.io.profile.model_file import parse_profile, profile_yaml
+    from eadp.io.scenario import scenario_file
+    from eadp.io.sweep import sweep_file
+    from eadp.io.sweep.results import Results
+    from eadp.io.sweep.sweep_file import read_sweep
+    from eadp.io.telemetry.decisions import json_line
+    from eadp.io.telemetry.log import ReplanLog
+    from eadp.io.telemetry.reader import TelemetryLine
+    from eadp.io.telemetry.replan import replan
+    from eadp.io.text.streams import Text
+    from eadp.models.energy_fit import fit_energy
+    from eadp.models.plan.trace import nominal_legs
+    from eadp.simulation.loop import Outcome, fly
+    from eadp.simulation.sweep.design import Result, Run
+    from eadp.validation.check import check_plan
+
+ROOT = Path(__file__).resolve().parent.parent
+SLOW_S, HANG_S, MEMORY_MB = 2.0, 60, 2048
+"""CPU time of an input that is a finding; time at which the run ends; memory of the whole process."""
+LIBRARY_S, LIBRARY_BYTES = 1.0, 400_000_000
+"""Time and memory of a library that reads autopilots' logs: its process has limits, too."""
+SCRATCH = Path(tempfile.mkdtemp(dir="/dev/shm" if Path("/dev/shm").is_dir() else None)) / "input"
+PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What reads the bytes; the seeds in the repository, and names of further ones; the size of an input [bytes]."""
+
+    read: Callable[[bytes], None]
+    seeds: tuple[str, ...] = ()
+    max_bytes: int = 8192
+    made: Callable[[], list[bytes]] = list
+
+
+def text_of(data: bytes) -> Text:
+    return Text("fuzz", data.decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n"))
+
+
+def plan(data: bytes) -> None:
+    """Read, print, read again, check."""
+    read, _ = read_plan(text_of(data))
+    printed = plan_text(read)
+    try:
+        again, _ = read_plan(Text("again", printed))
+    except InputError as error:
+        # blanks that the canonical text adds may take an expression over its limit of characters
+        if not ("characters" in str(error) or "nested" in str(error)):
+            raise RuntimeError(printed) from error
+        return
+    assert plan_text(again) == printed, "not canonical"
+    check_plan(read)
+    nominal_legs(read, [box.hi for box in read.stages[0].sets] or [0.0] * read.path_count)
+
+
+KNOWN = Files()
+"""Files that need no reading for each input."""
+
+
+def flown(text: Text, texts: dict[str, Text]) -> None:
+    """Load a flight with a scenario, and fly some steps by its planner."""
+    files = Files({**KNOWN.texts, text.name: text, **texts})
+    files._contents.update(KNOWN._contents)
+    inputs = load_flight(PLAN, scenario_path=text.name, files=files)
+    world = inputs.world
+    limited = replace(world, time_limit_s=min(world.time_limit_s, 20 * world.step_s))
+    for _ in itertools.islice(fly(limited, inputs.planner(), Outcome()), 20):
+        pass
+
+
+def scenario(data: bytes) -> None:
+    flown(replace(text_of(data), name=str(ROOT / "scenarios/fuzz.yaml")), {})
+
+
+def vehicle(data: bytes) -> None:
+    body = Path(SCENARIO).read_text().replace("survey-wing.yaml", "fuzz.yaml")
+    named = str(ROOT / "scenarios/../vehicles/fuzz.yaml")
+    flown(Text(str(ROOT / "scenarios/fuzz.yaml"), body), {named: replace(text_of(data), name=named)})
+
+
+def sweep(data: bytes) -> None:
+    read = read_sweep(replace(text_of(data), name=str(ROOT / "scenarios/fuzz.yaml")))
+    for index in (0, len(read.design) // 2, len(read.design) - 1):
+        read.kept.load(read.run(index))
+
+
+def profile(data: bytes) -> None:
+    read, _ = parse_profile(text_of(data))
+    printed = profile_yaml(read)
+    assert profile_yaml(parse_profile(Text("again.yaml", printed))[0]) == printed, "not canonical"
+
+
+def energy(data: bytes) -> None:
+    printed = energy_yaml(parse_energy(text_of(data)))
+    assert energy_yaml(parse_energy(Text("again", printed))) == printed, "not canonical"
+
+
+def power_log(data: bytes) -> None:
+    log = read_csv_log(text_of(data), Columns())
+    if zlib.crc32(data) % 16 == 0:
+        fit_energy(log.times_s, log.power_w)
+
+
+def field(data: bytes) -> None:
+    read, _ = read_field(text_of(data), metres=zlib.crc32(data) % 2 == 0)
+    if zlib.crc32(data) % 16 < 2 and len(read.outline) < 50:
+        solution = cover(CoverageRequest(read, MotionLimits(60.0, 30.0, 45.0, 30.0)))
+        plan_text(build_plan(solution, origin_deg=read.origin_deg))
+
+
+def scratch(data: bytes) -> str:
+    """A file of the bytes."""
+    SCRATCH.write_bytes(data)
+    return str(SCRATCH)
+
+
+def autopilot_log(data: bytes) -> None:
+    read_power_log(scratch(data), Columns())
+
+
+def in_process(command: list[str], **_: Any) -> subprocess.CompletedProcess[bytes]:
+    """Stands for the process that reads autopilots' logs: its functions, here, under a limit of time and memory."""
+    import resource
+
+    form, path, topics = command[-3:]
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (used + LIBRARY_BYTES, hard))
+    signal.signal(signal.SIGPROF, _end)
+    signal.setitimer(signal.ITIMER_PROF, LIBRARY_S, 0.1)
+    output = io.BytesIO()
+    try:
+        read = autopilot_process._ulog if form == "ulog" else None
+        columns = read(path, topics.split(",")) if read else autopilot_process._dataflash(form, path, topics.split(","))
+        np.savez(output, **columns)
+    except (Exception, _LimitReached) as error:
+        return subprocess.CompletedProcess(command, 1, b"", str(error).encode(errors="replace"))
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
+    return subprocess.CompletedProcess(command, 0, output.getvalue(), b"")
+
+
+class _LimitReached(BaseException):
+    """Of time; the libraries catch every Exception."""
+
+
+def _end(*_: Any) -> None:
+    raise _LimitReached
+
+
+class Telemetry:
+    """Re-planning on telemetry, or from a log where the bytes start with the kind of its first line."""
+
+    def __init__(self) -> None:
+        self.inputs: list[Any] = []
+
+    def __call__(self, data: bytes) -> None:
+        """Re-plan: static mostly, the other planners seldom, as they take longer."""
+        if not self.inputs:
+            names = ["static"] * 6 + ["paper", "joint"]
+            loaded = {
+                name: load_flight(PLAN, scenario_path=SCENARIO, overrides={"planner.name": name}) for name in names
+            }
+            self.inputs = [loaded[name] for name in names]
+        inputs = self.inputs[zlib.crc32(data) % len(self.inputs)]
+        stream, log = data, None
+        if data.startswith(b'{"kind"'):
+            stream = b""
+            SCRATCH.unlink(missing_ok=True)
+            ReplanLog(str(SCRATCH), "fuzz").close()
+            with SCRATCH.open("ab") as file:
+                file.write(data[data.find(b"\n") + 1 :])
+            log = ReplanLog(str(SCRATCH), "fuzz")
+        try:
+            replan(inputs, io.BytesIO(stream), "fuzz", log, json_line, str)
+        finally:
+            if log is not None:
+                log.close()
+
+
+def results(data: bytes) -> None:
+    """Read what is there, then go on with the sweep."""
+    run = Run(0, "fuzz", {"plan": "p"}, {"seed": 1})
+    with closing(Results(scratch(data), read_only=True)) as read:
+        read.expect(f"k{i}" for i in range(5))
+        for summaries in (False, True):
+            list(read.rows(summaries=summaries))
+    with closing(Results(str(SCRATCH))) as own:
+        own.expect([run.key])
+        if own.missing():
+            own.store([(each, Result(None, "no", 1.0)) for each in own.claim([run])[0]])
+            assert not own.missing(), "a stored result is missing"
+        assert len(list(own.rows())) == 1
+
+
+# --- seeds that are no files of the repository
+
+KML = b"""<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark id="a"><name>f</name>
+<Polygon><outerBoundaryIs><LinearRing><coordinates>10,55,0 10.01,55 10.01,55.01 10,55.01 10,55</coordinates>
+</LinearRing></outerBoundaryIs><innerBoundaryIs><LinearRing><coordinates>10.004,55.004 10.006,55.004 10.006,55.006
+</coordinates></LinearRing></innerBoundaryIs></Polygon></Placemark></Document></kml>"""
+ENERGY = b"schema: eadp.energy/1\nperiod_s: 46\nmean_w: 36.4\nharmonics:\n- {amplitude_w: 2, phase_rad: 1}\n"
+
+
+def energies() -> list[bytes]:
+    log = read_csv_log(text_of((ROOT / "scenarios/example-power-log.csv").read_bytes()), Columns())
+    return [ENERGY, energy_yaml(fit_energy(log.times_s, log.power_w).model).encode()]
+
+
+def made_vertices() -> list[bytes]:
+    return [b"x_m,y_m\n0,0\n300,0\n300,200\n0,200\n", b"ring;lon;lat\n0;10;55\n0;10.01;55\n0;10;55.01\n1;1;1\n"]
+
+
+def autopilot_logs() -> Any:
+    """The module of the tests that makes such logs."""
+    sys.path.append(str(ROOT / "tests/io/log"))
+    return importlib.import_module("test_autopilot")
+
+
+def dataflash_logs() -> list[bytes]:
+    tests = autopilot_logs()
+    return [tests.dataflash(), tests.dataflash(2), tests.text_log().encode()]
+
+
+def replan_logs() -> list[bytes]:
+    lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:8]
+    return ["\n".join(['{"kind": "start"}', *(f'{{"kind": "telemetry", {line[1:]}' for line in lines), ""]).encode()]
+
+
+def results_files() -> list[bytes]:
+    with closing(Results(scratch(b""))) as made:
+        made.store([(Run(i, f"k{i}", {"plan": "p"}, {"seed": i}), Result(None, "no", 1.0)) for i in range(5)])
+    return [SCRATCH.read_bytes()]
+
+
+TARGETS = {
+    "plan": Target(plan, ("plans/*.plan", "tests/bad/*.plan", "*.pln")),
+    "scenario": Target(scenario, ("scenarios/paper*.yaml", "scenarios/survey.yaml")),
+    "vehicle": Target(vehicle, ("vehicles/*.yaml",)),
+    "sweep": Target(sweep, ("scenarios/sweep*.yaml",)),
+    "profile": Target(profile, ("profiles/*",)),
+    "energy": Target(energy, made=energies),
+    "log": Target(power_log, ("scenarios/*.csv", "logs/*.csv", "flights/*.csv")),
+    "kml": Target(field, ("*.kml",), made=lambda: [KML]),
+    "geojson": Target(field, ("plans/*.geojson", "fields/*.geojson")),
+    "vertices": Target(field, made=made_vertices),
+    "ulog": Target(autopilot_log, ("*.ulg",), made=lambda: [autopilot_logs().ulog(), autopilot_logs().ulog(2)]),
+    "dataflash": Target(autopilot_log, ("*.bin",), made=dataflash_logs),
+    "telemetry": Target(Telemetry(), ("scenarios/*.jsonl",), made=replan_logs),
+    "results": Target(results, made=results_files, max_bytes=100_000),
+}
+
+
+# --- the run
+
+
+@dataclass
+class Fuzzer:
+    """Gives a target inputs, and keeps the smallest one of each finding."""
+
+    target: Target
+    folder: Path
+    found: dict[str, int] = dataclass_field(default_factory=dict)
+    reading: str = ""
+
+    def one(self, data: bytes) -> None:
+        """Read an input, and keep what is a finding: one that is slow is read twice, as the first imports."""
+        took_s = self.read(data)
+        if took_s > SLOW_S and (took_s := self.read(data)) > SLOW_S:
+            self.keep("slow", data, f"{took_s:.1f} s")
+
+    def read(self, data: bytes) -> float:
+        """Read an input; returns the CPU time [s]."""
+        self.reading = data.decode("utf-8", errors="replace")
+        problem = None
+        start_s = time.process_time()
+        try:
+            self.target.read(data)
+        except EadpError as error:
+            if not all(line.isprintable() for line in str(error).splitlines()):
+                problem = "not printable", data, str(error)
+        except Exception as error:
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            site = f"{type(error).__name__} {Path(frame.filename).name} {frame.lineno}"
+            problem = site, data, traceback.format_exc()
+        took_s = time.process_time() - start_s
+        self.reading = ""
+        if problem:
+            self.keep(*problem)
+        return took_s
+
+    def keep(self, site: str, data: bytes, text: str) -> None:
+        """Keep an input if it is the smallest of its finding."""
+        if len(data) < self.found.get(site, sys.maxsize):
+            new = "" if site in self.found else f"finding: {site}\n{text}\n"
+            sys.stderr.write(new)
+            self.found[site] = len(data)
+            (self.folder / site.replace(" ", "-")).write_bytes(data)
+
+    def audit(self, event: str, arguments: tuple[Any, ...]) -> None:
+        """Refuse what no input may cause: processes, connections, files written elsewhere, its own text compiled."""
+        if not self.reading:
+            return
+        if event in FORBIDDEN:
+            raise RuntimeError(f"an input causes {event}: {arguments}")
+        writes = event == "open" and isinstance(arguments[1], str) and arguments[1].strip("brt")
+        if writes and not str(arguments[0]).startswith(str(SCRATCH.parent)):
+            raise RuntimeError(f"an input writes {arguments[0]}")
+        if event == "compile" and isinstance(arguments[0], str) and arguments[0].strip() in self.reading:
+            raise RuntimeError(f"an input's text is compiled: {arguments[0]}")
+
+
+NUMBERS = ("-1", "0", "1e300", "-1e300", "1e-300", "nan", "null", "true", "[]", "{}")
+FORBIDDEN = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "os.rename")
+
+
+def seed_files(target: Target, elsewhere: list[str]) -> list[bytes]:
+    """The seeds of a target: those that are made, and files of the repository and of other folders."""
+    files = {path for root in (ROOT, *map(Path, elsewhere)) for name in target.seeds for path in root.rglob(name)}
+    return [*target.made(), *(path.read_bytes() for path in sorted(files))]
+
+
+def main() -> None:
+    """Fuzz one target."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("target", choices=TARGETS)
+    parser.add_argument("--seconds", type=int, default=600)
+    parser.add_argument("--corpus", type=Path, help="folder of the corpus and of findings; default: a temporary one")
+    parser.add_argument("--seeds", action="append", default=[], help="another folder with seeds; may repeat")
+    options = parser.parse_args()
+    target = TARGETS[options.target]
+    corpus = options.corpus or Path(tempfile.mkdtemp(prefix=f"fuzz-{options.target}-"))
+    findings = corpus / "findings"
+    findings.mkdir(parents=True, exist_ok=True)
+    (seeds := corpus / "seeds").mkdir(exist_ok=True)
+    schemas = json.dumps([scenario_file.json_schema(), sweep_file.json_schema(), model_file.json_schema()])
+    words = {*re.findall(r'"([a-z]\w+)": \{', schemas), *NUMBERS, *TelemetryLine.model_fields}
+    (corpus / "words.dict").write_text("".join(f'"{word}"\n' for word in sorted(words)))
+    for i, data in enumerate(seed_files(target, options.seeds)):
+        for j, part in enumerate({data[: target.max_bytes], data[:500]}):
+            (seeds / f"seed{i}-{j}").write_bytes(part)
+    enable(False)
+    load_flight(PLAN, scenario_path=SCENARIO, files=KNOWN)
+    messages.subprocess.run = in_process  # type: ignore[attr-defined]
+    sys.dont_write_bytecode = True
+    tempfile.tempdir = str(SCRATCH.parent)
+    fuzzer = Fuzzer(target, findings)
+    sys.addaudithook(fuzzer.audit)
+    limits = [f"-max_total_time={options.seconds}", f"-timeout={HANG_S}", f"-rss_limit_mb={MEMORY_MB}"]
+    rest = [
+        f"-max_len={target.max_bytes}",
+        f"-artifact_prefix={findings}/",
+        f"-dict={corpus}/words.dict",
+        "-print_final_stats=1",
+    ]
+    atheris.Setup([sys.argv[0], *limits, *rest, str(corpus), str(seeds)], fuzzer.one)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,776 @@
+"""`joint` by `eadp replan` on an aeroplane that knows nothing of eadp, beside the best constant parameters.
+
+usage: python benchmarks/twin.py [--missions 40] [--seed 0] [--jobs 2] [--only INDEX …] [--trouble NAME]
+
+The plant is benchmarks/plant.py: JSBSim, an autopilot, gusts, lithium cells and a gauge. `eadp replan` runs as a
+process. Each second it gets one line of telemetry, and the autopilot takes the parameters of the line that answers it;
+neither waits for a clock. What it knows of the aeroplane is `twin/owner.yaml`, with a level power up to 10 % off and a
+capacity up to 5 %.
+
+Missions: the survey and three covered fields, wind of 0 to 8 m/s from anywhere, and in every second one, one or two
+sudden losses of charge. The capacity lies between what the lowest and what the highest parameters need, and a little
+beyond. `best` is the best of a grid of constant parameters, refined, each flown in the same wind, gusts and losses: of
+those that keep the reserve, or else complete, the one with the largest U. There c1 counts in the stages that it alters.
+
+- `--trouble NAME` adds one to each mission: a false peak of power, a gauge that sticks, a voltage that sags, a capacity
+  15 % below what is stated, a gap, a position that freezes, a power that is unknown, an autopilot that is deaf to c1.
+- `--log DIR` keeps the files of each mission: plan, scenario, the flight as CSV, log and messages of `eadp replan`; and
+  the CSV of a flight at several airspeeds, banks and climbs.
+- `--cache DIR` keeps the flights with constant parameters for other runs, with `--trouble` and without.
+- `--picture FILE` draws U and the forecasts of charge.
+- An interrupt ends the flights; the table is of those that are complete.
+- `--check` prints what the plant does open loop beside what physics expects.
+
+Needs jsbsim: pip install 'eadp[bench]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import hashlib
+import json
+import math
+import multiprocessing
+import select
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+# other benchmarks have names of libraries
+sys.path = [place for place in sys.path if Path(place or ".").resolve() != ROOT / "benchmarks"]
+sys.path.append(str(ROOT / "benchmarks"))
+
+from plant import (  # noqa: E402
+    ALTITUDE_M,
+    AVIONICS_W,
+    CONTROL_S,
+    ESC_EFFICIENCY,
+    GRAVITY_MPS2,
+    MASS_KG,
+    MOTOR_EFFICIENCY,
+    SAMPLE_S,
+    Aeroplane,
+    Dryden,
+    Lipo,
+    PlanFlight,
+    Sample,
+    battery_w,
+    sampled,
+)
+
+from eadp.api import read_plan  # noqa: E402
+from eadp.models.plan.plan import Plan  # noqa: E402
+from eadp.models.plan.segments import Segment  # noqa: E402
+from eadp.models.plan.trace import default_start  # noqa: E402
+
+PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
+OWNER, PLANT = ROOT / "benchmarks/twin/owner.yaml", ROOT / "benchmarks/plant.py"
+FIELDS = {
+    "slanted": [[0, 0], [400, 100], [450, 450], [100, 380]],
+    "corner": [[0, 0], [560, 0], [560, 240], [280, 240], [280, 420], [0, 420]],
+}
+COVER = ["--pattern", "zamboni", "--min-radius", "45", "--swath", "45", "--profile", str(PROFILE)]
+GRID, REFINED, RESERVE, PER_LINE = 6, 4, 0.05, round(1 / SAMPLE_S)
+OHM_AH = 0.06
+"""Resistance of a pack times its capacity."""
+ANSWER_S = 20.0
+TROUBLES = ("peak", "gauge", "sag", "capacity", "gap", "frozen", "unknown", "deaf")
+LEVELS, LEVELS_W = zip(
+    *((p["at"][0], p["power_w"]) for p in yaml.safe_load(PROFILE.read_text())["points"]), strict=True
+)
+
+
+# --- missions
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One mission: its plan and air, what the owner knows, and its pack once that is chosen."""
+
+    index: int
+    place: str
+    plan_file: str
+    wind_mps: tuple[float, float]
+    seed: int
+    losses: tuple[tuple[float, float], ...]
+    """Share of the shortest flight after which charge is lost, and how much."""
+    capacity_share: float
+    """0: what the lowest parameters need, 1: what the highest need."""
+    level_factor: float
+    capacity_factor: float
+    resistance_factor: float
+    computing_factor: float
+    gauge_factor: float
+    trouble: str
+
+    def lipo(self, capacity_ah: float | np.ndarray) -> Lipo:
+        """A full pack of this mission."""
+        sags = self.trouble == "sag"
+        ohm = OHM_AH / capacity_ah * self.resistance_factor * (3 if sags else 1)
+        return Lipo(capacity_ah, ohm, sag=0.05 if sags else 0.0)
+
+    def noise(self, count: int) -> np.ndarray:
+        """Factors of the computations' power, a sample each."""
+        return self.computing_factor * (1 + 0.03 * np.random.default_rng(self.seed + 1).standard_normal(count))
+
+
+def plans(folder: Path) -> dict[str, str]:
+    """The survey, and plans that cover fields."""
+    found = {"survey": str(ROOT / "plans/survey.plan")}
+    sources = {"meadow": [str(ROOT / "plans/meadow.geojson")]}
+    for name, corners in FIELDS.items():
+        outline = folder / f"{name}.csv"
+        outline.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
+        sources[name] = [str(outline), "--metres"]
+    for name, source in sources.items():
+        found[name] = str(folder / f"{name}.plan")
+        command = [sys.executable, "-m", "eadp", "cover", *source, *COVER, "-o", found[name]]
+        subprocess.run(command, check=True, capture_output=True)
+    return found
+
+
+def missions(count: int, seed: int, found: dict[str, str], trouble: str) -> list[Mission]:
+    """Random missions: one is the same whatever the number of missions, and with any trouble."""
+    made = []
+    for index in range(count):
+        rng = np.random.default_rng([seed, index])
+        place = list(found)[index % len(found)]
+        speed, towards = rng.uniform(0, 8), rng.uniform(0, 2 * math.pi)
+        count_lost = int(rng.integers(1, 3)) if (index // len(found) + index) % 2 else 0
+        losses = tuple((float(rng.uniform(0.1, 0.8)), float(rng.uniform(0.02, 0.08))) for _ in range(count_lost))
+        made.append(
+            Mission(
+                index,
+                place,
+                found[place],
+                (speed * math.cos(towards), speed * math.sin(towards)),
+                int(rng.integers(1 << 30)),
+                losses,
+                capacity_share=rng.uniform(-0.02, 1.1),
+                level_factor=rng.uniform(0.9, 1.1),
+                capacity_factor=0.85 if trouble == "capacity" else rng.uniform(0.95, 1.02),
+                resistance_factor=rng.uniform(0.8, 1.5),
+                computing_factor=rng.uniform(0.97, 1.03),
+                gauge_factor=rng.uniform(0.98, 1.02),
+                trouble=trouble,
+            )
+        )
+    return made
+
+
+def ends(plan: Plan, index: int) -> tuple[float, float]:
+    """Lowest and highest value of a parameter."""
+    boxes = [stage.sets[index] for stage in plan.stages]
+    return min(box.lo for box in boxes), max(box.hi for box in boxes)
+
+
+# --- constant parameters
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A flight with constant parameters."""
+
+    c: tuple[float, float]
+    completed: bool
+    soc: float
+    u: float
+    time_s: float
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """What is better: the reserve kept, the plan complete, U."""
+        return self.completed and self.soc >= RESERVE, self.completed, self.u
+
+
+class Constants:
+    """Flights with constant parameters: neither path nor motion depend on computations and battery."""
+
+    def __init__(self, mission: Mission, cache: str | None) -> None:
+        self._cache = cache
+        self.plan = read_plan(mission.plan_file, warn=lambda _: None)
+        self.mission = mission
+        self.flights: dict[float, list[Sample]] = {}
+        for c1 in np.linspace(*ends(self.plan, 0), GRID):
+            self._fly(float(c1))
+        shortest_s = min(samples[-1].time_s for samples in self.flights.values())
+        self.losses = {round(share * shortest_s / SAMPLE_S): drop for share, drop in mission.losses}
+        self.capacity_ah = self._capacity_ah()
+        self.flown = [constant for c1 in self.flights for constant in self._flown(c1)]
+        # U rises with c1 up to the step at which one more lap is flown
+        for _ in range(REFINED):
+            higher = [c1 for c1 in self.flights if c1 > self.best.c[0]]
+            if higher:
+                c1 = (self.best.c[0] + min(higher)) / 2
+                self._fly(c1)
+                self.flown += self._flown(c1)
+
+    @property
+    def best(self) -> Constant:
+        """The best of them."""
+        return max(self.flown, key=lambda constant: constant.rank)
+
+    def _fly(self, c1: float) -> None:
+        mission, saved = self.mission, self._saved(c1)
+        if saved is not None and saved.exists():
+            self.flights[c1] = [Sample(*row) for row in json.loads(saved.read_text())]
+            return
+        flight = plan_flight(mission, self.plan, (c1, float(LEVELS[-1])))
+        self.flights[c1] = samples = list(flight.samples())
+        if not flight.executor.complete:
+            raise SystemExit(f"mission {mission.index}: the plan does not end at c1 = {c1:g}")
+        if saved is not None:
+            saved.write_text(json.dumps(samples))
+
+    def _saved(self, c1: float) -> Path | None:
+        """The file that keeps a flight, named after all that it depends on."""
+        if not self._cache:
+            return None
+        sources = [Path(self.mission.plan_file), *sorted((ROOT / "benchmarks/twin").rglob("*.xml")), PLANT]
+        given = [source.read_text() for source in sources] + [self.mission.wind_mps, self.mission.seed, c1]
+        return Path(self._cache) / f"{hashlib.sha256(repr(given).encode()).hexdigest()[:24]}.json"
+
+    def _capacity_ah(self) -> float:
+        """The mission's capacity: between those that keep the reserve with the lowest and the highest parameters."""
+        tried = np.linspace(0.3, 4.0, 371)
+        needs = []
+        for c1, level in ((min(self.flights), LEVELS[0]), (max(self.flights), LEVELS[-1])):
+            completed, soc = self._drained(tried, self.flights[c1], level)
+            needs.append(float(tried[np.argmax(completed & (soc >= RESERVE))]))
+        return needs[0] + self.mission.capacity_share * (needs[1] - needs[0])
+
+    def _drained(self, capacity_ah: Any, samples: list[Sample], level: Any) -> tuple[Any, Any]:
+        """Whether packs last, and their charge at the end: of a flight, its computations at one level or several."""
+        pack = self.mission.lipo(capacity_ah)
+        noise = self.mission.noise(len(samples))
+        watts = np.interp(level, LEVELS, LEVELS_W)
+        for k, sample in enumerate(samples):
+            computing_w = watts * noise[k] * (sample.parameters[1] > 0)
+            pack.step(battery_w(sample.shaft_w) + computing_w, SAMPLE_S, self.losses.get(k, 0.0))
+        return ~np.asarray(pack.empty), pack.soc
+
+    def _flown(self, c1: float) -> list[Constant]:
+        """One c1 with every level of the computations."""
+        samples, levels = self.flights[c1], np.array(LEVELS)
+        completed, soc = self._drained(np.full(len(LEVELS), self.capacity_ah), samples, levels)
+        u = utility([mean_share(samples, 0, altered(self.plan)), (levels - LEVELS[0]) / (LEVELS[-1] - LEVELS[0])])
+        return [
+            Constant((c1, level), bool(completed[j]), float(soc[j]), float(u[j]), samples[-1].time_s)
+            for j, level in enumerate(LEVELS)
+        ]
+
+
+def plan_flight(mission: Mission, plan: Plan, parameters: Sequence[float]) -> PlanFlight:
+    """The aeroplane at the start of a mission."""
+    start, _ = default_start(plan, tuple(parameters))
+    gusts = Dryden(math.hypot(*mission.wind_mps), mission.seed, 3600.0)
+    return PlanFlight(plan, parameters, start, mission.wind_mps, gusts)
+
+
+def mean_share(samples: list[Sample], index: int, stages: Collection[int]) -> float | None:
+    """Time average of a parameter's share of its set, over the stages that count and leave it free."""
+    shares = [sample.shares[index] for sample in samples if sample.stage in stages]
+    free = [share for share in shares if share is not None]
+    return statistics.fmean(free) if free else None
+
+
+def altered(plan: Plan) -> set[int]:
+    """The stages whose path c1 alters, and those of the same laps."""
+    found = set()
+    for segment in plan.segments or (Segment(0, len(plan.stages), (), ()),):
+        stages = plan.stages[segment.first : segment.first + segment.count]
+        laps = set().union(*(q.first.names | (q.shift.names if q.shift else set()) for q in segment.variables))
+        names = [stage.path.names | stage.trigger[0].names | stage.trigger[1].names for stage in stages]
+        if segment.repeats and "c1" in laps.union(*names):
+            found |= {stage.index for stage in stages}
+        found |= {stage.index for stage, own in zip(stages, names, strict=True) if "c1" in own}
+    return found
+
+
+def utility(shares: list[Any]) -> Any:
+    """U: the mean over the parameters that are free somewhere."""
+    free = [share for share in shares if share is not None]
+    return sum(free) / len(free)
+
+
+# --- eadp
+
+
+class Replan:
+    """`eadp replan` as a process, asked line by line."""
+
+    def __init__(self, mission: Mission, capacity_ah: float, folder: Path) -> None:
+        efficiency = yaml.safe_load(OWNER.read_text())["airframe"]["propulsive_efficiency"] / mission.level_factor
+        stated_ah = round(capacity_ah / mission.capacity_factor, 3)
+        scenario = {
+            "schema": "eadp.scenario/1",
+            "vehicle": str(OWNER),
+            "profile": str(PROFILE),
+            "battery": {"capacity_ah": stated_ah, "resistance_ohm": round(OHM_AH / stated_ah, 4)},
+            "reserve_soc": RESERVE,
+        }
+        name = f"mission-{mission.index}"
+        (folder / f"{name}.yaml").write_text(json.dumps(scenario))
+        log, self.messages = folder / f"{name}.jsonl", folder / f"{name}.txt"
+        log.unlink(missing_ok=True)
+        command = [sys.executable, "-m", "eadp", "replan", mission.plan_file, "--log", str(log)]
+        command += ["--scenario", str(folder / f"{name}.yaml")]
+        command += ["--set", f"vehicle.airframe.propulsive_efficiency={efficiency:.4f}"]
+        self._errors = self.messages.open("wb")
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, bufsize=0)
+        self.unanswered = 0
+
+    def ask(self, line: dict[str, Any]) -> dict[str, Any] | None:
+        """The decision on a line; None where none comes."""
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write((json.dumps(line) + "\n").encode())
+        except BrokenPipeError:
+            self.unanswered += 1
+            return None
+        while select.select([process.stdout], [], [], ANSWER_S)[0]:
+            text = process.stdout.readline()
+            if not text:
+                break
+            decision: dict[str, Any] = json.loads(text)
+            if decision["time_s"] == line["time_s"]:
+                return decision
+        self.unanswered += 1
+        return None
+
+    def close(self) -> None:
+        """End it."""
+        self._process.communicate()
+        self._errors.close()
+
+
+@dataclass
+class Flown:
+    """What came of a flight by `joint`."""
+
+    completed: bool = False
+    soc: float = 0.0
+    u: float = 0.0
+    time_s: float = 0.0
+    unanswered: int = 0
+    warnings: int = 0
+    changes: list[int] = field(default_factory=list)
+    decisions: list[dict[str, Any]] = field(default_factory=list)
+    last_loss_s: float = 0.0
+
+
+def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
+    """A mission with `eadp replan` on board."""
+    mission, plan = constants.mission, constants.plan
+    highest = (ends(plan, 0)[1], ends(plan, 1)[1])
+    flight, replan = plan_flight(mission, plan, highest), Replan(mission, constants.capacity_ah, folder)
+    pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names)
+    noise = mission.noise(round(7200 / SAMPLE_S))
+    samples, result = [], Flown()
+    writer = csv.writer(log)
+    writer.writerow(LOG_COLUMNS)
+    for k, sample in enumerate(flight.samples()):
+        samples.append(sample)
+        loss = constants.losses.get(k, 0.0)
+        watts = np.interp(sample.parameters[1], LEVELS, LEVELS_W) * noise[k] * (sample.parameters[1] > 0)
+        power_w = float(battery_w(sample.shaft_w) + watts)
+        pack.step(power_w, SAMPLE_S, loss)
+        telemetry.gauge(pack, loss)
+        if loss:
+            result.last_loss_s = sample.time_s
+        writer.writerow(log_row(sample, pack, power_w))
+        if pack.empty:
+            break
+        if (k + 1) % PER_LINE == 0:
+            line = telemetry.line(sample, power_w)
+            decision = None if line is None else replan.ask(line)
+            if decision is not None:
+                result.decisions.append(decision)
+                flight.decide(taken(decision, plan.names, mission, highest))
+    replan.close()
+    result.completed, result.soc = flight.executor.complete and not pack.empty, float(pack.soc)
+    every = {stage.index for stage in plan.stages}
+    result.u = utility([mean_share(samples, 0, altered(plan)), mean_share(samples, 1, every)])
+    result.time_s, result.unanswered = samples[-1].time_s, replan.unanswered
+    result.warnings = len(replan.messages.read_text().splitlines())
+    decided = [[d["parameters"][name] for d in result.decisions] for name in plan.names]
+    result.changes = [int(np.count_nonzero(np.diff(values))) for values in decided]
+    return result
+
+
+def taken(
+    decision: dict[str, Any], names: Sequence[str], mission: Mission, highest: Sequence[float]
+) -> tuple[float, ...]:
+    """The parameters that the autopilot takes from a decision."""
+    values = [float(decision["parameters"][name]) for name in names]
+    if mission.trouble == "deaf":
+        values[0] = highest[0]
+    return tuple(values)
+
+
+class Telemetry:
+    """What the autopilot measures and sends: noise, the gauge's steps, and the mission's trouble."""
+
+    def __init__(self, mission: Mission, names: Sequence[str]) -> None:
+        self._mission, self._names = mission, names
+        self._rng = np.random.default_rng(mission.seed + 2)
+        self._soc, self._last_ah, self._sent = 1.0, 0.0, {}
+
+    def gauge(self, pack: Lipo, loss: float) -> None:
+        """Count the charge: by the current, with an error of gain; a loss is seen."""
+        consumed = float(pack.consumed_ah)
+        self._soc -= (consumed - self._last_ah) / pack.capacity_ah * self._mission.gauge_factor + loss
+        self._last_ah = consumed
+
+    def line(self, sample: Sample, power_w: float) -> dict[str, Any] | None:
+        """A line of telemetry; None where none is sent."""
+        rng = self._rng
+        line: dict[str, Any] = {
+            "time_s": round(sample.time_s, 3),
+            "x_m": round(sample.x_m + rng.normal(0, 0.8), 2),
+            "y_m": round(sample.y_m + rng.normal(0, 0.8), 2),
+            "power_w": round(power_w * (1 + rng.normal(0, 0.01)) + rng.normal(0, 0.5), 2),
+            "soc": max(round(self._soc + rng.normal(0, 0.002), 2), 0.01),
+            "velocity_mps": [round(v + rng.normal(0, 0.1), 2) for v in (sample.east_mps, sample.north_mps)],
+            "heading_deg": round(sample.heading_deg + rng.normal(0, 1.5), 1) % 360,
+            "parameters": dict(zip(self._names, sample.parameters, strict=True)),
+        }
+        return self._troubled(line)
+
+    def _troubled(self, line: dict[str, Any]) -> dict[str, Any] | None:
+        name, time_s, before = self._mission.trouble, line["time_s"], self._sent
+        if name == "peak" and time_s in (60.0, 150.0):
+            line["power_w"] = 1e5 if time_s < 100 else 20 * line["power_w"]
+        elif name == "gauge" and time_s > 100:
+            line["soc"] = before["soc"]
+        elif name == "gap" and 150 < time_s <= 180:
+            return None
+        elif name == "frozen" and 150 < time_s <= 170:
+            line |= {key: before[key] for key in ("x_m", "y_m")}
+        elif name == "unknown" and 100 < time_s <= 160:
+            line["power_w"] = None
+        self._sent = line
+        return line
+
+
+# --- logs
+
+LOG_COLUMNS = (
+    *("time_s", "x_m", "y_m", "altitude_m", "airspeed_mps", "groundspeed_mps", "heading_deg", "bank_deg", "climb_mps"),
+    *("power_w", "voltage_v", "current_a", "current_consumed_ah", "soc", "stage", "c1", "c2"),
+)
+
+
+def log_row(sample: Sample, pack: Lipo, power_w: float) -> list[float]:
+    """A row of a telemetry log, without noise."""
+    motion = [*sample[:5], math.hypot(sample.east_mps, sample.north_mps), *sample[7:10]]
+    electric = [power_w, pack.voltage_v, pack.current_a, pack.consumed_ah, pack.soc]
+    return [round(float(value), 4) for value in (*motion, *electric, sample.stage, *sample.parameters)]
+
+
+def write_identification(file: Path) -> None:
+    """Log a flight for the identification of the aeroplane: airspeeds, banks and climbs in wind and gusts."""
+    plane = Aeroplane((0.0, 0.0), 0.0, (3.0, 0.0), Dryden(3.0, 1, 3600.0))
+    pack, shaft_w = Lipo(3.0, OHM_AH / 3.0), 0.0
+    with file.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(LOG_COLUMNS)
+        for speed in (12.0, 13.5, 15.0, 17.0, 19.0):
+            plane.airspeed_target_mps = speed
+            for bank_deg, climb_m, seconds in (
+                (0, 0, 60),
+                (20, 0, 30),
+                (0, 0, 20),
+                (40, 0, 30),
+                (0, 40, 40),
+                (0, -40, 40),
+            ):
+                plane.altitude_target_m += climb_m
+                for k in range(round(seconds / CONTROL_S)):
+                    plane.control(math.radians(bank_deg))
+                    shaft_w += plane.shaft_w / round(SAMPLE_S / CONTROL_S)
+                    if (k + 1) % round(SAMPLE_S / CONTROL_S) == 0:
+                        power_w = float(battery_w(shaft_w))
+                        pack.step(power_w, SAMPLE_S)
+                        writer.writerow(log_row(sampled(plane, shaft_w), pack, power_w))
+                        shaft_w = 0.0
+
+
+# --- one mission
+
+
+def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
+    """A mission with constant parameters and with `joint`."""
+    mission, folder, cache = task
+    constants = Constants(mission, cache)
+    lowest, highest = (pick(constants.flown, key=lambda constant: constant.c) for pick in (min, max))
+    with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
+        joint = fly_joint(constants, Path(folder), stream)
+    return {
+        "mission": mission,
+        "capacity_ah": constants.capacity_ah,
+        "losses": {round(k * SAMPLE_S): drop for k, drop in constants.losses.items()},
+        "lowest": lowest,
+        "highest": highest,
+        "best": constants.best,
+        "joint": joint,
+    }
+
+
+def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
+    """Errors of the decisions' forecasts of a completed flight, from 10 % of it on."""
+    for decision in joint.decisions:
+        part = decision["time_s"] / joint.time_s
+        if part < 0.1 or decision["remaining_s"] is None or decision["soc_end_forecast"] is None:
+            continue
+        error = decision["soc_end_forecast"] - joint.soc
+        std = decision.get("soc_end_std")
+        if std is None:
+            std = implied_std(decision)
+        yield {
+            "part": part,
+            "known": float(decision["time_s"] > joint.last_loss_s),
+            "time": (decision["time_s"] + decision["remaining_s"]) / joint.time_s - 1,
+            "charge": error,
+            "z": math.nan if std is None else error / max(std, 1e-9),
+        }
+
+
+def implied_std(decision: dict[str, Any]) -> float | None:
+    """The standard deviation of the charge at the end that a probability implies."""
+    for key, limit in (("reserve_probability", RESERVE), ("completes_probability", 0.0)):
+        probability = decision[key]
+        if probability is not None and 1e-6 < probability < 1 - 1e-6 and abs(probability - 0.5) > 0.01:
+            return (decision["soc_end_forecast"] - limit) / statistics.NormalDist().inv_cdf(probability)
+    return None
+
+
+# --- tables
+
+HEADER = """\
+   #  place    wind     Ah losses        SoC at the end | best constants         | joint: SoC      U  time changes warn
+               m/s                      lowest highest |     c1 c2    SoC      U |                      s   c1/c2"""
+
+
+def row(result: dict[str, Any]) -> str:
+    """A mission's line; D: not completed though the lowest parameters complete, u: behind the best constants."""
+    mission, best, joint = result["mission"], result["best"], result["joint"]
+    losses = " ".join(f"{100 * drop:.0f}%@{at}" for at, drop in result["losses"].items()) or "-"
+    marks = ("D" if result["lowest"].completed and not joint.completed else "") + ("u" if behind(result) else "")
+    cells = [
+        f"{mission.index:>4}  {mission.place:<8}{math.hypot(*mission.wind_mps):>5.1f} {result['capacity_ah']:>6.3f}",
+        f" {losses:<13}{result['lowest'].soc:>6.3f} {result['highest'].soc:>7.3f}",
+        f" | {best.c[0]:>6.0f}{best.c[1]:>3.0f}{best.soc:>7.3f}{best.u:>7.3f}",
+        f" | {'' if joint.completed else 'NO':>3}{joint.soc:>7.3f}{joint.u:>7.3f}{joint.time_s:>6.0f}",
+        f"{'/'.join(map(str, joint.changes)):>8}{joint.warnings:>5} {marks}",
+    ]
+    return "".join(cells)
+
+
+def value(result: dict[str, Any]) -> float:
+    """U of `joint`, 0 where it does not complete."""
+    return result["joint"].u if result["joint"].completed else 0.0
+
+
+def behind(result: dict[str, Any]) -> bool:
+    """Whether `joint` is neither at 0.95 of the best constants nor within 0.03 of them."""
+    best = result["best"]
+    return best.completed and value(result) < min(0.95 * best.u, best.u - 0.03)
+
+
+def report(results: list[dict[str, Any]]) -> None:
+    """The measures of all missions."""
+    done = [r for r in results if r["joint"].completed]
+    lowest = [r for r in results if r["lowest"].completed]
+    kept = [r for r in lowest if r["lowest"].rank[0]]
+    print(f"\ncompletes where the lowest parameters do: {sum(r['joint'].completed for r in lowest)} of {len(lowest)}")
+    print(f"keeps the reserve where they do: {sum(r['joint'].soc >= RESERVE for r in kept)} of {len(kept)}")
+    ratios = [value(r) / r["best"].u for r in results if r["best"].completed and r["best"].u > 0]
+    if ratios:
+        print(f"U over best constants: mean {statistics.fmean(ratios):.3f} (aim 1.03), least {min(ratios):.3f}")
+        means = [statistics.fmean(values) for values in ((value(r) for r in results), (r["best"].u for r in results))]
+        print(f"mean U: {means[0]:.3f}, best constants {means[1]:.3f}")
+    print(f"below 0.95 of them and more than 0.03 behind: {[r['mission'].index for r in results if behind(r)]}")
+    left = [r["joint"].soc - RESERVE for r in done if not r["highest"].rank[0]]
+    if left:
+        print(f"charge above the reserve where it binds: median {statistics.median(left):.3f} (aim 0.04)")
+    print(f"lines without an answer: {sum(r['joint'].unanswered for r in results)}")
+    few = [sum(most <= 6 for most in r["joint"].changes) == 2 for r in results]
+    print(f"missions with at most 6 changes of each parameter: {sum(few)} of {len(few)} (aim 95 %)")
+    for title, since in (("from 10 % of the flight on", 0.0), ("and after the last loss", 1.0)):
+        flights = [[e for e in forecasts(r["joint"]) if e["known"] >= since] for r in done]
+        report_forecasts(title, [errors for errors in flights if errors])
+
+
+def report_forecasts(title: str, flights: list[list[dict[str, float]]]) -> None:
+    """Bias and spread of the forecasts, each flight with the same weight."""
+    if not flights:
+        return
+    print(f"forecasts {title}:")
+    for key, name in (("time", "time at the end [%]"), ("charge", "charge at the end [% of full]")):
+        bias = statistics.fmean(statistics.fmean(e[key] for e in errors) for errors in flights)
+        rms = math.sqrt(statistics.fmean(statistics.fmean(e[key] ** 2 for e in errors) for errors in flights))
+        print(f"  {name:<30} bias {100 * bias:+.2f} (aim 2), rms {100 * rms:.2f}")
+    z = [[e["z"] for e in errors if not math.isnan(e["z"])] for errors in flights]
+    z = [values for values in z if values]
+    if z:
+        inside = statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z)
+        rms = math.sqrt(statistics.fmean(statistics.fmean(v * v for v in values) for values in z))
+        print(f"  charge within 2 σ              {inside:.3f} (aim 0.90 to 0.99), rms of z {rms:.2f}")
+
+
+def picture(results: list[dict[str, Any]], file: str) -> None:
+    """U beside the best constants, and the errors of the forecasts of charge over the flight."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for place in dict.fromkeys(r["mission"].place for r in results):
+        of = [r for r in results if r["mission"].place == place and r["best"].completed]
+        left.plot(
+            [r["best"].u for r in of], [r["joint"].u if r["joint"].completed else 0 for r in of], "o", label=place
+        )
+    left.axline((0, 0), slope=1, color="0.6", lw=1)
+    left.set(xlabel="U, best constants", ylabel="U, joint (0: not completed)", xlim=(0, 1.02), ylim=(-0.02, 1.02))
+    left.legend(frameon=False)
+    for r in results:
+        if r["joint"].completed:
+            errors = [e for e in forecasts(r["joint"]) if e["known"]]
+            right.plot([e["part"] for e in errors], [100 * e["charge"] for e in errors], color="C0", lw=0.6, alpha=0.6)
+    right.axhline(0, color="0.6", lw=1)
+    right.set(xlabel="share of the flight", ylabel="error of the charge at the end [% of full]")
+    figure.savefig(file, dpi=120)
+
+
+# --- the plant's checks
+
+
+def held(bank_deg: float = 0.0, airspeed_mps: float = 15.0, altitude_m: float = ALTITUDE_M) -> dict[str, float]:
+    """Means of 20 s in still air after 40 s at a bank and an airspeed, or on the way to an altitude after 10 s."""
+    plane = Aeroplane((0.0, 0.0), 0.0, (0.0, 0.0))
+    plane.airspeed_target_mps, plane.altitude_target_m = airspeed_mps, altitude_m
+    rows, wait_s = [], 40.0 if altitude_m == ALTITUDE_M else 10.0
+    while plane.time_s < wait_s + 20:
+        plane.control(math.radians(bank_deg))
+        if plane.time_s > wait_s:
+            rows.append([plane.shaft_w, plane.airspeed_mps, plane.climb_mps, plane.bank_rad, plane.heading_rad])
+    means = np.mean(rows, axis=0)
+    turn = np.mean(np.diff(np.unwrap([r[4] for r in rows]))) / CONTROL_S
+    return dict(zip(("shaft_w", "airspeed_mps", "climb_mps", "bank_rad"), means[:4], strict=True)) | {
+        "turn_radps": turn
+    }
+
+
+def check() -> None:
+    """Print what the plant does beside what physics expects."""
+    print("level flight: airspeed [m/s], shaft [W] (aim), at the battery [W]")
+    for speed, aim in ((12.0, 31), (15.0, 50), (19.0, 92)):
+        flown = held(airspeed_mps=speed)
+        print(f"  {flown['airspeed_mps']:6.2f} {flown['shaft_w']:7.2f} ({aim}) {battery_w(flown['shaft_w']):7.2f}")
+    level_w = held()["shaft_w"]
+    print("turns at 15 m/s: bank [°], shaft [W], rise / (1/cos² − 1) [W], turn rate / (g tan φ / V)")
+    for bank in (20.0, 30.0, 40.0, 50.0):
+        flown = held(bank_deg=bank)
+        rise = (flown["shaft_w"] - level_w) / (1 / math.cos(flown["bank_rad"]) ** 2 - 1)
+        rate = abs(flown["turn_radps"]) / (GRAVITY_MPS2 * math.tan(flown["bank_rad"]) / flown["airspeed_mps"])
+        print(f"  {math.degrees(flown['bank_rad']):6.1f} {flown['shaft_w']:7.2f} {rise:7.2f} {rate:7.3f}")
+    print(
+        "climb at 15 m/s: rate [m/s], shaft [W], m g ḣ over the rise of the shaft's power (the propeller's efficiency)"
+    )
+    flown = held(altitude_m=400.0)
+    efficiency = MASS_KG * GRAVITY_MPS2 * flown["climb_mps"] / (flown["shaft_w"] - level_w)
+    print(f"  {flown['climb_mps']:6.2f} {flown['shaft_w']:7.2f} {efficiency:7.2f}")
+    check_gusts()
+    check_energy()
+
+
+def check_gusts() -> None:
+    """The Dryden series beside MIL-F-8785C."""
+    from scipy.signal import welch
+
+    gusts = Dryden(8.0, 1, 20_000.0)
+    print("gusts in 8 m/s: standard deviation [m/s] (MIL-F-8785C), spectrum over its at 0.02, 0.1, 0.5 and 2 Hz")
+    for axis, name in enumerate(("along", "across", "down")):
+        frequency, density = welch(gusts.series_mps[axis], 1 / CONTROL_S, nperseg=4096)
+        ratio = density / gusts.spectrum(axis, frequency)
+        bands = [ratio[(frequency > f / 1.3) & (frequency < f * 1.3)].mean() for f in (0.02, 0.1, 0.5, 2.0)]
+        shown = " ".join(f"{value:.2f}" for value in bands)
+        print(f"  {name:<7}{gusts.series_mps[axis].std():.3f} ({gusts.stds_mps[axis]:.3f})  {shown}")
+
+
+def check_energy() -> None:
+    """The energy of a flight of the survey: shaft over efficiencies, terminals, and cells."""
+    plan = read_plan(ROOT / "plans/survey.plan", warn=lambda _: None)
+    start, _ = default_start(plan, (-500.0, 10.0))
+    flight = PlanFlight(plan, (-500.0, 10.0), start, (5.0, 0.0), Dryden(5.0, 1, 3600.0))
+    pack, rows = Lipo(2.0, OHM_AH / 2.0), []
+    for sample in flight.samples():
+        open_v = pack.open_v
+        pack.step(battery_w(sample.shaft_w), SAMPLE_S)
+        heat_w = pack.current_a**2 * pack.resistance_ohm
+        position = flight.right_m(), sample.altitude_m - ALTITUDE_M
+        rows.append([sample.shaft_w, pack.voltage_v * pack.current_a, open_v * pack.current_a, heat_w, *position])
+    table = np.array(rows)
+    shaft_wh, terminals_wh, cells_wh, heat_wh = table[:, :4].sum(axis=0) * SAMPLE_S / 3600
+    used_wh = shaft_wh / (MOTOR_EFFICIENCY * ESC_EFFICIENCY) + AVIONICS_W * sample.time_s / 3600
+    print(f"the survey in 5 m/s, {sample.time_s:.0f} s, complete: {flight.executor.complete}")
+    print(f"  energy at the terminals {terminals_wh:.3f} Wh; shaft / η + avionics {used_wh:.3f} Wh")
+    print(f"  energy of the cells {cells_wh:.3f} Wh; terminals + heat {terminals_wh + heat_wh:.3f} Wh")
+    print(f"  charge taken {pack.consumed_ah:.4f} Ah; fall of the charge times capacity {2 * (1 - pack.soc):.4f} Ah")
+    across, height = np.sqrt((table[:, 4:] ** 2).mean(axis=0))
+    print(f"  cross-track error: rms {across:.2f} m; error of the altitude: rms {height:.2f} m")
+
+
+def main() -> None:
+    """Fly, and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--missions", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", type=int, nargs="+", metavar="INDEX")
+    parser.add_argument("--trouble", choices=TROUBLES, default="")
+    parser.add_argument("--log", metavar="DIR")
+    parser.add_argument("--cache", metavar="DIR")
+    parser.add_argument("--picture", metavar="FILE")
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    if options.check:
+        check()
+        return
+    for made_folder in filter(None, (options.log, options.cache)):
+        Path(made_folder).mkdir(parents=True, exist_ok=True)
+    if options.log:
+        write_identification(Path(options.log) / "identification.csv")
+    with tempfile.TemporaryDirectory() as passing:
+        folder = options.log or passing
+        made = missions(options.missions, options.seed, plans(Path(folder)), options.trouble)
+        tasks = [(m, folder, options.cache) for m in made if not options.only or m.index in options.only]
+        print(f"seed {options.seed}{', trouble ' + options.trouble if options.trouble else ''}\n{HEADER}")
+        results = []
+        with multiprocessing.Pool(options.jobs) as pool:
+            each: Callable[..., Any] = pool.imap if options.jobs > 1 else map
+            with contextlib.suppress(KeyboardInterrupt):  # the table of those that are flown
+                for result in each(run, tasks):
+                    results.append(result)
+                    print(row(result), flush=True)
+    report(results)
+    if options.picture:
+        picture(results, options.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""`eadp export`."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from eadp.cli.options import LapsOption, ScenarioOption
+from eadp.cli.output import emit, usage_fault, warn
+from eadp.errors import Fault, InputError, PathUndefined, printable
+
+if TYPE_CHECKING:
+    from eadp.models.vehicle import Airframe
+
+ExportName = StrEnum("ExportName", ["qgc", "ardupilot", "paparazzi", "kml", "geojson", "gpx"])
+
+
+def command(
+    plan: Annotated[
+        str, Argument(help="Plan, or mission (QGroundControl's plan, WPL), - for standard input.", metavar="PLAN")
+    ],
+    to: Annotated[
+        ExportName,
+        Option(help="Plan of QGroundControl, WPL for ArduPilot, flight plan of Paparazzi, or a map or track."),
+    ],
+    altitude: Annotated[
+        float | None,
+        Option(help="Altitude above home [m], where the plan has none; by default the aircraft's.", metavar="METRES"),
+    ] = None,
+    home: Annotated[
+        str | None, Option(help="Where to take off and return to: LAT,LON [°]; by default neither.", metavar="POINT")
+    ] = None,
+    origin: Annotated[
+        str | None, Option(help="Where the plan's (0, 0) lies: LAT,LON [°], for a plan without.", metavar="POINT")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        Option("--set", help="A parameter, as in c1=-500; with --scenario any of its keys.", metavar="C=VALUE"),
+    ] = None,
+    scenario: ScenarioOption = None,
+    trigger_distance: Annotated[
+        float | None, Option(help="Take a picture every so many metres [m].", metavar="METRES")
+    ] = None,
+    tolerance: Annotated[
+        float, Option(help="Largest distance of the exported path from the plan's [m].", metavar="METRES")
+    ] = 1.0,
+    min_radius: Annotated[
+        float | None, Option(help="Turning radius of a mission's turns [m].", metavar="METRES")
+    ] = None,
+    laps: LapsOption = None,
+    out: Annotated[str | None, Option("-o", "--out", help="Write it here.", metavar="FILE")] = None,
+) -> int:
+    """Example: eadp export plans/survey.plan --to qgc --origin 55.37,10.43 --set c1=-500
+
+    Write a plan as the mission of an autopilot, or as a map: at parameters, by default each at its maximum; with
+    --scenario at those that the forecast before take-off chooses.
+
+    Exit code 0 if it is written, 2 on bad input.
+    """
+    from eadp.cli.plan import parameters_of
+    from eadp.io.mission.export import EXPORTS
+    from eadp.io.mission.path import PlannedPath, planned_sections
+    from eadp.io.mission.reader import PlanReader
+    from eadp.io.text.streams import read_text, write_text
+
+    for option, value in (
+        ("--trigger-distance", trigger_distance), ("--tolerance", tolerance), ("--min-radius", min_radius),
+    ):  # fmt: skip
+        if value is not None and not 0.01 <= value <= 10_000:
+            raise usage_fault(option, f"{value:g}", f"{value:g} m is out of range", "from 0.01 to 10000")
+    if altitude is not None and not abs(altitude) <= 10_000:
+        raise usage_fault("--altitude", f"{altitude:g}", f"{altitude:g} m is out of range", "from -10000 to 10000")
+    places = {"--home": home, "--origin": origin}
+    points = {option: _position_deg(option, raw) for option, raw in places.items() if raw is not None}
+    start, airframe = None, _default_airframe()
+    if scenario is None:
+        text = read_text(plan)
+        flown, findings = PlanReader(laps=laps).turning(min_radius)(text)
+        warn([finding.fault(text.name) for finding in findings])
+        name, parameters = text.name, parameters_of(flown, set_)
+    else:
+        from eadp.io.flight.inputs import load_flight
+        from eadp.io.scenario.scenario_file import override_texts, read_overrides
+
+        inputs = load_flight(
+            plan, scenario_path=scenario, overrides=read_overrides(override_texts(set_ or ())), laps=laps
+        )
+        warn(inputs.warnings)
+        forecast = inputs.preflight()
+        if forecast is None:
+            message = "the forecast before take-off finds no parameters"
+            raise usage_fault("--scenario", scenario, message, "a battery that is drained, or --set without --scenario")
+        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start_m
+        parameters = [forecast.parameters[each] for each in flown.names]
+        airframe = inputs.world.vehicle
+    if flown.origin_deg is not None and "--origin" in points:
+        raise usage_fault("--origin", origin or "", "the plan has an origin", "no --origin")
+    place = flown.origin_deg or points.get("--origin")
+    if place is None:
+        raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
+    if altitude is None and any(stage.altitude_m is None for stage in flown.stages):
+        message = f"altitude {airframe.cruise_altitude_m:g} m, the aircraft's; --altitude sets another"
+        warn([Fault(name, 1, 1, message, severity="note")])
+    try:
+        sections = planned_sections(flown, parameters, start)
+    except PathUndefined as error:
+        raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
+    path = PlannedPath(
+        printable(name.rpartition("/")[2]),
+        sections,
+        place,
+        airframe.cruise_altitude_m if altitude is None else altitude,
+        airframe.airspeed_mps,
+        points.get("--home"),
+        trigger_distance,
+        tolerance,
+    )
+    written = EXPORTS[to.value](path)
+    if out is None or out == "-":
+        emit(written)
+    else:
+        write_text(out, written)
+    return 0
+
+
+def _default_airframe() -> Airframe:
+    from eadp.models.vehicle import FixedWing
+
+    return FixedWing()
+
+
+def _position_deg(option: str, raw: str) -> tuple[float, float]:
+    """Latitude and longitude of an option [°]."""
+    try:
+        latitude, longitude = (float(part) for part in raw.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (abs(latitude) <= 85 and abs(longitude) <= 180):
+        raise usage_fault(option, raw, "no position", "a latitude within ±85° and a longitude, as in 55.37,10.43")
+    return latitude, longitude

@@ -1,0 +1,287 @@
+"""Waypoints and circles as a path that an aircraft can fly: straights between them, and arcs where it turns.
+
+A target is a circle with a signed radius, above 0 counter-clockwise; a waypoint is one of radius 0. A turn at a
+waypoint is a fillet of the turning radius within the corner. Where this would pass the waypoint too far away, the
+aircraft flies over it and then turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from eadp.core.geometry.curves import Point, wrap_angle_rad
+from eadp.core.geometry.dubins import Piece, Pose
+from eadp.errors import Unreachable
+
+MIN_PIECE_M = 0.01
+"""A shorter piece is left out: what a coordinate of 1e-7° resolves."""
+ON_CIRCLE_M = 0.5
+"""A waypoint so near to the circle before or after it lies on that circle."""
+TURNS_TOLERANCE = 0.05
+"""A loiter that is so much of a turn short when the way on is ahead is complete."""
+SHRINK, SHRINK_LIMIT = 0.8, 60
+
+
+class Waypoint(NamedTuple):
+    """A point to fly to.
+
+    A turn may pass it `miss_m` away; with `past_m` the aircraft flies over it and so much farther before it turns [m].
+    """
+
+    centre_m: Point
+    miss_m: float
+    past_m: float = 0.0
+
+    @property
+    def radius_m(self) -> float:
+        """0, as of a circle that is a point [m]."""
+        return 0.0
+
+
+class Loiter(NamedTuple):
+    """A circle to fly `turns` times round, then on to where the next target lies ahead; radius above 0 is leftwards."""
+
+    centre_m: Point
+    radius_m: float
+    turns: float
+
+
+Target = Waypoint | Loiter
+
+
+class TightTurn(NamedTuple):
+    """Turns that need more room than there is: `needed_m` where the way to a target has `distance_m`."""
+
+    target: int
+    distance_m: float
+    needed_m: float
+
+
+class WaypointPath(NamedTuple):
+    """The pieces of a path, each with the index of the target that it leads to, and the turns that are too tight."""
+
+    pieces: list[tuple[int, Piece]]
+    tight: list[TightTurn]
+
+
+@dataclass(slots=True)
+class _Leg:
+    """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
+
+    The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end.
+    """
+
+    target: int
+    start: Point
+    end: Point
+    course_rad: float
+    round: Loiter | None = None
+    circle: Loiter | None = None
+    corner_rad: float = 0.0
+    trim_m: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def length_m(self) -> float:
+        return math.dist(self.start, self.end)
+
+
+def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> WaypointPath:
+    """The path from a point along targets in order.
+
+    Parameters
+    ----------
+    start : (float, float)
+        Where it starts [m].
+    targets : sequence of Waypoint or Loiter
+        One or more. A waypoint that lies in the circle after it, or on the circle before it, is passed on that circle.
+    radius_m : float
+        Radius of the turns [m]. It is reduced where there is no room for it, which `tight` lists.
+
+    Returns
+    -------
+    WaypointPath
+
+    Raises
+    ------
+    Unreachable
+        If no straight leads from one circle to the next.
+    """
+    tight: list[TightTurn] = []
+    legs: list[_Leg] = []
+    leave: Target = Waypoint(start, math.inf)
+    kept = _kept(start, targets)
+    for k, (i, target) in enumerate(kept):
+        following = kept[k + 1][1] if k + 1 < len(kept) else None
+        leg = _leg(i, leave, target)
+        if leg.round is not None and abs(leg.round.radius_m) < radius_m:
+            tight.append(TightTurn(i, 2 * abs(leg.round.radius_m), 2 * radius_m))
+        legs.append(leg)
+        leave = target
+        if isinstance(target, Loiter):
+            leg.circle = target
+        elif following is not None:
+            leave = _turned(leg, target, following, radius_m, tight)
+    _trim(legs, radius_m, tight)
+    return WaypointPath(_pieces(legs), tight)
+
+
+def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
+    """The targets by index, without waypoints that the circle before or after them passes, or that stand twice."""
+    kept: list[tuple[int, Target]] = [(-1, Waypoint(start, 0.0))]
+    for i, target in enumerate(targets):
+        before = kept[-1][1]
+        apart_m = math.dist(before.centre_m, target.centre_m)
+        if isinstance(target, Loiter):
+            if isinstance(before, Loiter) and apart_m < ON_CIRCLE_M and before.radius_m == target.radius_m:
+                target = target._replace(turns=before.turns + target.turns)
+                kept.pop()
+            elif isinstance(before, Waypoint) and len(kept) > 1 and apart_m <= abs(target.radius_m) + ON_CIRCLE_M:
+                kept.pop()
+        elif isinstance(before, Waypoint):
+            if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):
+                nearest = min(before.miss_m, target.miss_m)
+                kept[-1] = (kept[-1][0], Waypoint(before.centre_m, nearest, max(before.past_m, target.past_m)))
+                continue
+        elif abs(apart_m - abs(before.radius_m)) < ON_CIRCLE_M and i < len(targets) - 1:
+            continue
+        kept.append((i, target))
+    return kept[1:]
+
+
+def _leg(index: int, leave: Target, target: Target) -> _Leg:
+    """The way from one target to the next: a common tangent, or a half circle where one lies in the other."""
+    found = _tangent(leave, target)
+    if found is not None:
+        return _Leg(index, *found)
+    inner, outer = sorted((leave, target), key=lambda each: abs(each.radius_m))
+    q = math.dist(inner.centre_m, outer.centre_m)
+    if inner.radius_m != 0 or outer.radius_m == 0:
+        raise Unreachable(index, "no straight leads from the circle before it onto this one")
+    (x, y), radius, side = outer.centre_m, abs(outer.radius_m), math.copysign(1.0, outer.radius_m)
+    ux, uy = ((inner.centre_m[0] - x) / q, (inner.centre_m[1] - y) / q) if q > 0 else (1.0, 0.0)
+    half = (radius - q) / 2
+    touch = (x + radius * ux, y + radius * uy)
+    arc = Loiter((x + (radius - half) * ux, y + (radius - half) * uy), side * half, 0.5)
+    course = math.atan2(side * ux, -side * uy)
+    if outer is target:
+        return _Leg(index, inner.centre_m, touch, course, arc)
+    return _Leg(index, touch, inner.centre_m, wrap_angle_rad(course + math.pi), arc)
+
+
+def _tangent(leave: Target, target: Target) -> tuple[Point, Point, float] | None:
+    """Start, end and course of the straight from one circle to another; None where one lies in the other."""
+    (ax, ay), (bx, by) = leave.centre_m, target.centre_m
+    d, between = math.hypot(bx - ax, by - ay), target.radius_m - leave.radius_m
+    if d == 0 or abs(between) > d + ON_CIRCLE_M:
+        return None
+    # with n to the left of the course, centre = point + radius n at both ends: (b − a)·n = radius_b − radius_a
+    course = math.atan2(by - ay, bx - ax) - math.asin(min(max(between / d, -1.0), 1.0))
+    nx, ny = -math.sin(course), math.cos(course)
+    a, b = leave.radius_m, target.radius_m
+    return (ax - a * nx, ay - a * ny), (bx - b * nx, by - b * ny), wrap_angle_rad(course)
+
+
+def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, tight: list[TightTurn]) -> Target:
+    """Choose the turn at the end of a leg; return what the next leg leaves."""
+    course = leg.course_rad
+    if waypoint.past_m and leg.round is None:
+        leg.end = (
+            leg.end[0] + waypoint.past_m * math.cos(course),
+            leg.end[1] + waypoint.past_m * math.sin(course),
+        )
+    here = Waypoint(leg.end, 0.0)
+    onward = _tangent(here, following)
+    if onward is None:
+        raise Unreachable(leg.target + 1, "its circle encloses the point from which it is flown to")
+    corner = wrap_angle_rad(onward[2] - course)
+    if abs(corner) < 1e-9:
+        return here
+    # a fillet passes the corner r (1/cos(θ/2) − 1) away
+    if leg.round is None and not waypoint.past_m:
+        cosine = math.cos(corner / 2)
+        if cosine > 1e-6 and radius_m * (1 / cosine - 1) <= waypoint.miss_m:
+            leg.corner_rad = corner
+            return here
+    side = math.copysign(1.0, corner)
+    radius = radius_m
+    for _ in range(SHRINK_LIMIT):
+        centre = (leg.end[0] - side * radius * math.sin(course), leg.end[1] + side * radius * math.cos(course))
+        leg.circle = Loiter(centre, side * radius, 0.0)
+        between_m = abs(following.radius_m - side * radius)
+        if between_m < math.dist(centre, following.centre_m):
+            break
+        radius *= SHRINK
+    if radius < radius_m:
+        tight.append(TightTurn(leg.target + 1, math.dist(leg.end, following.centre_m), 2 * radius_m))
+    return leg.circle or here
+
+
+def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
+    """Set what fillets take off the legs, reduced where they do not fit."""
+    # a fillet takes r tan(θ/2) off both its legs
+    wanted = [0.0, *(radius_m * abs(math.tan(leg.corner_rad / 2)) for leg in legs)]
+    share = [1.0] * len(wanted)
+    for k, leg in enumerate(legs):
+        needed = wanted[k] + wanted[k + 1]
+        if needed <= leg.length_m:
+            continue
+        for end in (k, k + 1):
+            share[end] = min(share[end], leg.length_m / needed)
+        if needed > leg.length_m + 2 * MIN_PIECE_M:
+            tight.append(TightTurn(leg.target, leg.length_m, needed))
+    trims = [a * b for a, b in zip(wanted, share, strict=True)]
+    for k, leg in enumerate(legs):
+        leg.trim_m = trims[k], trims[k + 1]
+
+
+def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
+    pieces: list[tuple[int, Piece]] = []
+    for k, leg in enumerate(legs):
+        after = legs[k + 1] if k + 1 < len(legs) else None
+        c, s = math.cos(leg.course_rad), math.sin(leg.course_rad)
+        (ax, ay), (bx, by), (first, last) = leg.start, leg.end, leg.trim_m
+        end: Pose = (bx - last * c, by - last * s, leg.course_rad)
+        if leg.round is not None:
+            pieces += [(leg.target, piece) for piece in _arc(leg.round, leg.start, leg.end)]
+        elif leg.length_m - first - last >= MIN_PIECE_M:
+            start = (ax + first * c, ay + first * s, leg.course_rad)
+            pieces.append((leg.target, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
+        if leg.circle is not None:
+            pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
+        elif after is not None and leg.corner_rad:
+            side = math.copysign(1.0, leg.corner_rad)
+            radius = side * last / abs(math.tan(leg.corner_rad / 2))
+            centre = (end[0] - radius * s, end[1] + radius * c)
+            then = (
+                after.start[0] + after.trim_m[0] * math.cos(after.course_rad),
+                after.start[1] + after.trim_m[0] * math.sin(after.course_rad),
+            )
+            if last >= MIN_PIECE_M / 2:
+                pieces += [(leg.target, piece) for piece in _arc(Loiter(centre, radius, 0.0), end[:2], then)]
+    return pieces
+
+
+def _arc(circle: Loiter, start: Point, end: Point | None) -> list[Piece]:
+    """An arc of a circle, and the whole turns after it; without an end, its turns alone."""
+    (x, y), radius = circle.centre_m, abs(circle.radius_m)
+    turn = 1 if circle.radius_m > 0 else -1
+    first = math.atan2(start[1] - y, start[0] - x)
+    if end is None:
+        sweep = 2 * math.pi * (circle.turns % 1)
+        whole = math.floor(circle.turns)
+    else:
+        sweep = (turn * (math.atan2(end[1] - y, end[0] - x) - first)) % (2 * math.pi)
+        if radius * min(sweep, 2 * math.pi - sweep) < MIN_PIECE_M:
+            sweep = 0.0  # whole turns end where they start
+        whole = max(0, math.ceil(circle.turns - sweep / (2 * math.pi) - TURNS_TOLERANCE))
+    last = first + turn * sweep
+    poses = [
+        (x + radius * math.cos(angle), y + radius * math.sin(angle), wrap_angle_rad(angle + turn * math.pi / 2))
+        for angle in (first, last)
+    ]
+    pieces = [Piece(turn, poses[0], poses[1], radius * sweep, circle.centre_m)] * (radius * sweep >= MIN_PIECE_M)
+    round_ = Piece(turn, poses[1], poses[1], 2 * math.pi * radius, circle.centre_m)
+    return [*pieces, *[round_] * whole]

@@ -1,0 +1,1 @@
+"""Missions of other software: read as plans, and plans written as missions."""

@@ -1,0 +1,64 @@
+"""The draft of a mission that the reader of a format returns: items as their file has them, with their locations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from eadp.io.text.source import Location
+
+ITEMS_LIMIT = 10_000
+"""Most items of a mission, and most that are flown: an autopilot holds hundreds."""
+
+WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
+RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
+SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
+JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
+
+MOTIONLESS = frozenset((
+    112, 114, 115, 181, 182, 183, 184, 187, 188, 195, 196, 197, 198, 200, 201, 202, 203, 204, 205, TRIGGER_DISTANCE,
+    207, 211, 212, 214, 215, 216, 217, 218, 220, 530, 531, 532, 533, 534, 600, 1000, 1001, 2000, 2001, 2003, 2004,
+    2005, 2010, 2500, 2501, 2502, 2503, 3000,
+))  # fmt: skip
+"""Commands that do not move the aircraft: waits, cameras, mounts, servos, fences. They are kept."""
+
+ABSOLUTE, RELATIVE, TERRAIN, NO_POSITION = 0, 3, 10, 2
+FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
+"""Frames of positions: the altitude is above the sea, above home, or above ground."""
+
+
+class MissionItem(NamedTuple):
+    """An item to write: MAVLink's command, frame and seven parameters, the position in degrees and metres."""
+
+    command: int
+    frame: int
+    parameters: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DraftItem:
+    """An item of a mission: MAVLink's command, frame and seven parameters, NaN where there is none.
+
+    `number` is what a jump calls it, `label` what messages call it; `locations` are those of the command, the frame and
+    the parameters.
+    """
+
+    label: str
+    number: int
+    command: int
+    frame: int
+    parameters: tuple[float, ...]
+    locations: tuple[Location, ...]
+
+
+@dataclass
+class MissionDraft:
+    """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
+
+    `multirotor` is whether it says that it is for an aircraft that hovers.
+    """
+
+    home: tuple[float, ...]
+    home_location: Location
+    items: list[DraftItem] = field(default_factory=list)
+    multirotor: bool = False

@@ -1,0 +1,92 @@
+"""Plans as missions of autopilots and as maps.
+
+`EXPORTS` lists the formats. Missions are written from items: lines by their ends, whole and half turns as loiters,
+other arcs as corners whose fillets they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.waypoints import TURNS_TOLERANCE
+from eadp.io.mission import draft as d
+from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
+from eadp.io.mission.paparazzi import paparazzi_text
+from eadp.io.mission.path import PlannedPath, Section
+from eadp.io.mission.qgc import qgc_text
+from eadp.io.mission.wpl import wpl_text
+
+HALVES_TOLERANCE = 1e-4
+"""How near to a whole number of half turns an arc is one."""
+
+
+def mission_items(path: PlannedPath) -> list[MissionItem]:
+    """The items of the mission that flies a path; home is not among them."""
+    return _ItemBuilder(path).items
+
+
+class _ItemBuilder:
+    def __init__(self, path: PlannedPath) -> None:
+        self.path, self.items = path, list[MissionItem]()
+        sections = path.sections
+        self._altitude_m = path.altitude_of(sections[0])
+        if path.home_deg is not None:
+            self._add(d.TAKEOFF, (0.0,) * 4, None)
+        self._fly_to(sections[0].start_m)
+        if path.trigger_distance_m is not None:
+            self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+        airspeed: float | None = None
+        for k, section in enumerate(sections):
+            stage = section.stage
+            self._altitude_m = path.altitude_of(section)
+            if stage.airspeed_mps is not None and stage.airspeed_mps != airspeed:
+                airspeed = stage.airspeed_mps
+                self._command((d.CHANGE_SPEED, 0.0, airspeed, -1.0, 0.0, 0.0, 0.0, 0.0))
+            for command in stage.commands:
+                self._command(command)
+            if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > path.tolerance_m:
+                self._fly_to(section.start_m)  # a trigger off its path leaves a gap
+            before_arc = k + 1 < len(sections) and sections[k + 1].arc is not None
+            self._fly(section, joins=section.arc is not None and before_arc)
+        if path.trigger_distance_m is not None:
+            self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+        if path.home_deg is not None:
+            self.items.append(MissionItem(d.RETURN, d.NO_POSITION, (0.0,) * 7))
+
+    def _fly(self, section: Section, *, joins: bool) -> None:
+        """Add a section; where it `joins` another arc, its end is no waypoint."""
+        arc = section.arc
+        halves = arc.sweep_rad / math.pi if arc else 0.0
+        if arc and arc.radius_m > 1 and (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
+            # a loiter goes on to where the next waypoint lies ahead
+            turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
+            self._add(d.LOITER_TURNS, (turns, 0.0, -arc.turn * arc.radius_m, 1.0), arc.centre_m)
+        else:
+            for point in section.corners(self.path.tolerance_m):
+                self._fly_to(point)
+        if not joins:
+            self._fly_to(section.end_m)
+
+    def _fly_to(self, point: Point) -> None:
+        self._add(d.WAYPOINT, (0.0,) * 4, point)
+
+    def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
+        place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m)))
+
+    def _command(self, command: Sequence[float]) -> None:
+        self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:])))
+
+
+EXPORTS: dict[str, Callable[[PlannedPath], str]] = {
+    "qgc": lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps),
+    "ardupilot": lambda path: wpl_text(mission_items(path), path.home),
+    "paparazzi": paparazzi_text,
+    "kml": kml_text,
+    "geojson": geojson_text,
+    "gpx": gpx_text,
+}
+"""Formats that a plan is exported to: a name, and the text of a path."""

@@ -1,0 +1,147 @@
+"""A plan at parameters as the path that is exported: sections with what holds on them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Stage
+from eadp.models.plan.trace import nominal_legs
+
+TOLERANCE_M = 1.0
+"""Distance of an exported path from the plan's, by default [m]."""
+MAX_HALF_ANGLE_RAD = math.pi / 4
+CURVE_STEP_M = 5.0
+
+
+class Arc(NamedTuple):
+    """An arc: its centre [m], radius [m], turn (+1 counter-clockwise), start [rad] and angle [rad]."""
+
+    centre_m: Point
+    radius_m: float
+    turn: int
+    start_rad: float
+    sweep_rad: float
+
+    def point(self, share: float, out: float = 1.0) -> Point:
+        """The point at a share of the arc, `out` times as far from the centre."""
+        angle = self.start_rad + self.turn * share * self.sweep_rad
+        x, y = self.centre_m
+        return x + out * self.radius_m * math.cos(angle), y + out * self.radius_m * math.sin(angle)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stage of the path as flown: a line to its end, an arc, or the points of a curve [m].
+
+    `gain_per_m` is its gain for a path function whose gradient is 1.
+    """
+
+    stage: Stage
+    start_m: Point
+    end_m: Point
+    gain_per_m: float
+    arc: Arc | None = None
+    points_m: tuple[Point, ...] = ()
+
+    def corners(self, tolerance_m: float) -> list[Point]:
+        """Points [m] whose fillets are the arc, none farther than a tolerance [m] from it; else its points."""
+        if self.arc is None:
+            return list(self.points_m)
+        # a corner whose fillet turns by 2 h lies r (1/cos h − 1) out
+        half = min(math.acos(self.arc.radius_m / (self.arc.radius_m + tolerance_m)), MAX_HALF_ANGLE_RAD)
+        count = math.ceil(self.arc.sweep_rad / (2 * half) - 1e-9)
+        out = 1 / math.cos(self.arc.sweep_rad / (2 * count))
+        return [self.arc.point((k + 0.5) / count, out) for k in range(count)]
+
+    def drawn(self, tolerance_m: float) -> list[Point]:
+        """Points of the section after its start [m], the path between them within a tolerance [m] of their chords."""
+        if self.arc is None:
+            return [*self.points_m, self.end_m]
+        step = 2 * math.acos(max(1 - tolerance_m / self.arc.radius_m, math.cos(MAX_HALF_ANGLE_RAD)))
+        count = math.ceil(self.arc.sweep_rad / step)
+        return [self.arc.point((k + 1) / count) for k in range(count)]
+
+
+@dataclass(frozen=True)
+class PlannedPath:
+    """What is exported: the sections of a plan at parameters, and what holds on them.
+
+    `altitude_m` holds where a stage has none; `home_deg` is where the aircraft takes off and returns to, None without.
+    """
+
+    name: str
+    sections: tuple[Section, ...]
+    origin_deg: Point
+    altitude_m: float
+    airspeed_mps: float
+    home_deg: Point | None = None
+    trigger_distance_m: float | None = None
+    tolerance_m: float = TOLERANCE_M
+
+    def geodetic_deg(self, point: Point) -> Point:
+        """Latitude and longitude of a point [m]."""
+        return to_geodetic_deg(*point, self.origin_deg)
+
+    def altitude_of(self, section: Section) -> float:
+        """The altitude of a section above home [m]."""
+        return self.altitude_m if section.stage.altitude_m is None else section.stage.altitude_m
+
+    @property
+    def home(self) -> Point:
+        """Latitude and longitude of home, or of the start of the path."""
+        return self.home_deg or self.geodetic_deg(self.sections[0].start_m)
+
+    def drawn(self) -> Iterator[tuple[float, float, float]]:
+        """Latitude, longitude [°] and altitude [m] of points along the path."""
+        first = self.sections[0]
+        yield (*self.geodetic_deg(first.start_m), self.altitude_of(first))
+        for section in self.sections:
+            for point in section.drawn(self.tolerance_m):
+                yield (*self.geodetic_deg(point), self.altitude_of(section))
+
+
+def planned_sections(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> tuple[Section, ...]:
+    """The path of a plan at parameters, its arcs round one circle joined.
+
+    Raises
+    ------
+    PathUndefined
+        As `nominal_legs`.
+    """
+    sections: list[Section] = []
+    for leg in nominal_legs(plan, parameters, start):
+        section = _section(leg)
+        before = sections[-1] if sections else None
+        if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):
+            arc = before.arc._replace(sweep_rad=before.arc.sweep_rad + section.arc.sweep_rad)
+            sections[-1] = replace(before, end_m=section.end_m, arc=arc)
+        elif leg.distance_m > 1e-6:
+            sections.append(section)
+    return tuple(sections)
+
+
+def _one_circle(a: Arc, b: Arc) -> bool:
+    near = math.dist(a.centre_m, b.centre_m) < 1e-6 and abs(a.radius_m - b.radius_m) < 1e-6
+    return near and a.turn == b.turn
+
+
+def _section(leg: Leg) -> Section:
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    _, gx, gy, *_ = leg.path(leg.end_m[0] - ox, leg.end_m[1] - oy)
+    gain = stage.gain * math.hypot(gx, gy)
+    if stage.kind == CIRCLE:
+        local = (leg.end_m[0] - ox, leg.end_m[1] - oy)
+        circle = circle_of(leg.path, local, stage.sense)
+        start = circle.angle_rad((leg.start_m[0] - ox, leg.start_m[1] - oy))
+        centre = (circle.centre_m[0] + ox, circle.centre_m[1] + oy)
+        arc = Arc(centre, circle.radius_m, circle.turn, start, leg.distance_m / circle.radius_m)
+        return Section(stage, arc.point(0.0), arc.point(1.0), gain, arc)
+    points = [(point.x_m, point.y_m) for point in leg_points(leg, math.inf if stage.kind == LINE else CURVE_STEP_M)]
+    return Section(stage, points[0], points[-1], gain, points_m=tuple(points[1:-1]))

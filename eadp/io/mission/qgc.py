@@ -1,0 +1,205 @@
+"""Plans of QGroundControl: JSON with simple items, and complex ones that hold the items of a survey."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import InputError, printable
+from eadp.io.mission.draft import (
+    ITEMS_LIMIT,
+    LAND,
+    LAND_START,
+    LOITER_TO_ALTITUDE,
+    RELATIVE,
+    WAYPOINT,
+    DraftItem,
+    MissionDraft,
+    MissionItem,
+)
+from eadp.io.text.json import JsonList, JsonObject, JsonReader
+from eadp.io.text.source import Location, SourceText
+
+ARDUPILOT = 3
+FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
+"""MAVLink's types of aircraft that fly on wings."""
+VERSIONS = {"survey": 5, "CorridorScan": 2, "StructureScan": 3}
+"""The version of each complex item with a list of its items."""
+LANDING = "fwLandingPattern"
+_TRANSECTS = "TransectStyleComplexItem"
+_KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers"}
+
+
+@dataclass(frozen=True)
+class _Value:
+    """A value of the file, with its location and its path in the JSON."""
+
+    source: SourceText
+    value: Any
+    offset: int
+    path: str
+
+    @property
+    def location(self) -> Location:
+        return self.source.location(self.offset)
+
+    def error(self, message: str, expected: str) -> InputError:
+        return self.source.error(self.location, f"{self.path or 'the file'}: {message}", expected)
+
+    def member(self, key: str) -> _Value:
+        """A member of an object; None where it has no such."""
+        path = f"{self.path}.{key}" if self.path else key
+        if not isinstance(self.value, JsonObject):
+            raise self.error("no object", f"an object with {key}")
+        return _Value(self.source, self.value.get(key), self.value.offsets.get(key, self.offset), path)
+
+    def is_(self, kind: type) -> _Value:
+        """Itself where it is of a kind; a list of two or three numbers is a list too."""
+        own = type(self.value)
+        if kind is float and own in (int, float) and math.isfinite(self.value):
+            return self
+        if own is kind or (kind is JsonList and own is tuple):
+            return self
+        raise self.error("nothing here" if self.value is None else "another kind of value", _KINDS[kind])
+
+    def elements(self) -> list[_Value]:
+        """The elements of a list."""
+        value = self.is_(JsonList).value
+        offsets = getattr(value, "offsets", [self.offset] * len(value))
+        return [
+            _Value(self.source, each, offset, f"{self.path}[{i}]")
+            for i, (each, offset) in enumerate(zip(value, offsets, strict=True))
+        ]
+
+    def whole(self, key: str) -> int:
+        """A member that is a whole number of 0 or more."""
+        found = self.member(key).is_(float)
+        if found.value != int(found.value) or not 0 <= found.value < 1e6:
+            raise found.error(f"{found.value:g}", "a whole number of 0 or more")
+        return int(found.value)
+
+    def position(self, key: str) -> tuple[float, ...]:
+        """A member that is a latitude, a longitude and an altitude."""
+        found = self.member(key).is_(JsonList)
+        if len(found.value) != 3 or any(type(each) not in (int, float) for each in found.value):
+            raise found.error("no position", "[latitude, longitude, altitude]")
+        return tuple(map(float, found.value))
+
+    def expect(self, key: str, known: Any) -> None:
+        """Refuse another value of a member than the one that is known."""
+        found = self.member(key)
+        if found.value != known or isinstance(found.value, bool):
+            what = "without a value" if found.value is None else f"{printable(str(found.value), 40)} is not known"
+            raise found.error(what, f"{key} {known}")
+
+
+def read_qgc(source: SourceText) -> MissionDraft:
+    """Read the mission of a plan; its fences and rally points are not read.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, another version, or an item is not as it should be.
+    """
+    root = _Value(source, JsonReader(source).document(), len(source.body) - len(source.body.lstrip()), "")
+    root.expect("fileType", "Plan")
+    root.expect("version", 1)
+    mission = root.member("mission").is_(JsonObject)
+    mission.expect("version", 2)
+    home = mission.member("plannedHomePosition")
+    vehicle = mission.member("vehicleType").value
+    flies = vehicle in (None, 0, FIXED_WING) or vehicle in VTOL
+    draft = MissionDraft(mission.position("plannedHomePosition"), home.location, multirotor=not flies)
+    for item in mission.member("items").elements():
+        _read_item(item.is_(JsonObject), draft)
+    return draft
+
+
+def _read_item(item: _Value, draft: MissionDraft) -> None:
+    kind = item.member("type").is_(str).value
+    if kind == "SimpleItem":
+        _read_simple(item, draft)
+    elif kind != "ComplexItem":
+        raise item.member("type").error(f"{printable(kind, 40)} is not known", "SimpleItem or ComplexItem")
+    elif item.member("complexItemType").value == LANDING:
+        _read_landing(item, draft)
+    else:
+        name = item.member("complexItemType").is_(str)
+        if name.value not in VERSIONS:
+            known = ", ".join([*VERSIONS, LANDING])
+            raise name.error(f"{printable(name.value, 40)} is not known", f"one of {known}")
+        item.expect("version", VERSIONS[name.value])
+        holder = item.member(_TRANSECTS)
+        hover = holder.member("HoverAndCapture") if holder.value is not None else holder
+        if hover.value is True:
+            raise hover.error("the aircraft hovers for each picture", "false: a fixed wing does not hover")
+        items = holder.member("Items").elements() if holder.value is not None else []
+        if not items:
+            raise item.error(f"a {name.value} without items", f"its items in {_TRANSECTS}.Items")
+        for each in items:
+            _read_simple(each.is_(JsonObject), draft)
+
+
+def _read_simple(item: _Value, draft: MissionDraft) -> None:
+    if len(draft.items) >= ITEMS_LIMIT:
+        raise item.error(f"more than {ITEMS_LIMIT} items", "as many or fewer")
+    parameters = item.member("params").elements()
+    if len(parameters) != 7:
+        raise item.member("params").error(f"{len(parameters)} parameters", "7")
+    values = tuple(math.nan if each.value is None else float(each.is_(float).value) for each in parameters)
+    number = len(draft.items) + 1 if item.member("doJumpId").value is None else item.whole("doJumpId")
+    places = [item.member("command").location, item.member("frame").location, *(each.location for each in parameters)]
+    command, frame = item.whole("command"), item.whole("frame")
+    draft.items.append(DraftItem(item.path, number, command, frame, values, tuple(places)))
+
+
+def _read_landing(item: _Value, draft: MissionDraft) -> None:
+    """A landing pattern: from an approach, a circle or a point, straight to where the aircraft lands."""
+    item.expect("version", 2)
+    approach, land = item.position("landingApproachCoordinate"), item.position("landCoordinate")
+    radius = item.member("loiterRadius").is_(float).value
+    if item.member("loiterClockwise").value is False:
+        radius = -radius
+    circle = item.member("useLoiterToAlt").value is not False
+    frame = RELATIVE if item.member("altitudesAreRelative").value is not False else 0
+    for command, values in (
+        (LAND_START, (0.0,) * 7),
+        (LOITER_TO_ALTITUDE if circle else WAYPOINT, (0.0, radius if circle else 0.0, 0.0, 0.0, *approach)),
+        (LAND, (0.0, 0.0, 0.0, 0.0, *land)),
+    ):
+        number = len(draft.items) + 1
+        draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
+
+
+def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float) -> str:
+    """The file of a mission of a fixed wing."""
+    written = []
+    for number, (command, frame, parameters) in enumerate(items, 1):
+        item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
+        item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
+        if frame == RELATIVE:
+            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
+        written.append(item)
+    mission = {
+        "cruiseSpeed": airspeed_mps,
+        "firmwareType": ARDUPILOT,
+        "globalPlanAltitudeMode": 1,
+        "hoverSpeed": airspeed_mps,
+        "items": written,
+        "plannedHomePosition": [*(round(value, 9) for value in home_deg), 0.0],
+        "vehicleType": FIXED_WING,
+        "version": 2,
+    }
+    plan = {
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": mission,
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+    return json.dumps(plan, indent=4) + "\n"

@@ -1,0 +1,345 @@
+"""Plans as missions and maps: read back they are the same path, and other software takes them."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import xml.etree.ElementTree as ET
+
+import pytest
+import shapely
+from common import ROOT
+from common.answers import refused
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.errors import InputError
+from eadp.io.mission.export import EXPORTS, mission_items
+from eadp.io.mission.paparazzi import NUMBER_LIMIT
+from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.plan.trace import trace
+
+HOME = (47.0, 8.0)
+RADIUS_M = 20.0
+READER = PlanReader(turn_radius_m=RADIUS_M)
+TOLERANCE_M, ROUNDED_M, STEP_M = 1.0, 0.05, 2.0
+SAME_LENGTH = 0.005
+LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 300\n0.1; 270; x - 100\n100, 0\n"
+
+
+def path_of(plan, parameters=(), **options):
+    given = {"altitude_m": 50.0, "airspeed_mps": 15.0, "tolerance_m": TOLERANCE_M} | options
+    return PlannedPath("a path", planned_sections(plan, parameters), plan.origin_deg or HOME, **given)
+
+
+def drawn(plan, origin, parameters=()):
+    """The path of a plan as a line in the plane at an origin."""
+    points = [(point.x_m, point.y_m) for point in trace(plan, parameters, STEP_M)]
+    own = plan.origin_deg or origin
+    return shapely.LineString([to_local_m(*to_geodetic_deg(*point, own), origin) for point in points])
+
+
+def read_back(path, to):
+    return READER(Text("m", EXPORTS[to](path)))
+
+
+def same(plan, back, parameters=()):
+    origin = plan.origin_deg or HOME
+    there, here = drawn(plan, origin, parameters), drawn(back, origin)
+    assert shapely.hausdorff_distance(there, here) < TOLERANCE_M + ROUNDED_M
+    assert here.length == pytest.approx(there.length, rel=SAME_LENGTH)
+    return True
+
+
+KINDS = [
+    (16, 0, 0, 0), (16, 0, 0, 0), (16, 0, 5, 0), (16, 0, 0, 40), (18, 0.5, 0, -60), (18, 1, 0, 40), (18, 2.3, 0, 90),
+]  # fmt: skip
+coordinates = st.integers(-7000, 7000).map(lambda i: i / 10)
+items = st.tuples(st.sampled_from(KINDS), coordinates, coordinates)
+
+
+@settings(deadline=None, max_examples=40)
+@given(flown=st.lists(items, min_size=1, max_size=7), to=st.sampled_from(["qgc", "ardupilot"]))
+def test_what_is_exported_reads_back_as_the_same_path(flown, to):
+    rows = ["QGC WPL 110", f"0 1 0 16 0 0 0 0 {HOME[0]} {HOME[1]} 400 1"]
+    for number, ((command, p1, p2, p3), east, north) in enumerate(flown, 1):
+        lat, lon = to_geodetic_deg(east, north, HOME)
+        rows.append(f"{number} 0 3 {command} {p1} {p2} {p3} 1 {lat:.9f} {lon:.9f} 50 1")
+    try:
+        plan, findings = READER(Text("m", "\n".join(rows)))
+    except InputError:
+        assume(False)
+    # turns without room have radii for which another reader's turns may have none either
+    assume(not findings)
+    back, _ = read_back(path_of(plan), to)
+    assert same(plan, back)
+
+
+def test_a_coverage_reads_back_as_the_same_path(eadp, tmp_path):
+    out = tmp_path / "meadow.plan"
+    assert eadp("cover", "plans/meadow.geojson", "--min-radius", "20", "--swath", "40", "-o", out).code == 0
+    plan, _ = read_plan(read_text(str(out)))
+    for c1 in {plan.hull(0).hi, plan.hull(0).lo} if plan.path_count else {0.0}:
+        for to in ("qgc", "ardupilot"):
+            back, _ = read_back(path_of(plan, (c1,)), to)
+            assert same(plan, back, (c1,))
+
+
+def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
+    plan, _ = read_plan(Text("p", LINES))
+    exported = mission_items(path_of(plan))
+    points = [to_local_m(*item.parameters[4:6], HOME) for item in exported]
+    (loiter,) = (item for item in exported if item.command == 18)
+    assert loiter.parameters[:4] == (0.5, 0, pytest.approx(50), 1)
+    assert to_local_m(*loiter.parameters[4:6], HOME) == pytest.approx((50, 300), abs=1e-3)
+    for end in ((0, 200), (0, 300), (100, 300), (100, 0)):
+        assert min(math.dist(end, point) for point in points) < 1e-3
+    twice, _ = READER(Text("m", EXPORTS["ardupilot"](path_of(plan))))
+    assert sum(item.command == 18 for item in mission_items(path_of(twice))) == 1
+
+
+def test_home_adds_take_off_and_return_and_stages_their_settings():
+    text = f"%: altitude 60\n{LINES}"
+    plan, _ = read_plan(Text("p", text))
+    home = to_geodetic_deg(-400, 0, HOME)
+    exported = mission_items(path_of(plan, home_deg=home, trigger_distance_m=25.0))
+    assert [exported[0].command, exported[-1].command] == [22, 20]
+    assert [item.parameters[0] for item in exported if item.command == 206] == [25, 0]
+    assert {item.parameters[6] for item in exported if item.command in (16, 18, 22)} == {60}
+    back, _ = read_back(path_of(plan, home_deg=home), "qgc")
+    assert back.origin_deg == pytest.approx(home)
+    assert back.stages[-1].trigger_at(()) == (0, 0)
+
+
+def test_commands_and_speeds_are_written_back():
+    body = (
+        "QGC WPL 110\n0 1 0 16 0 0 0 0 47 8 400 1\n1 0 2 530 0 2 0 0 0 0 0 1\n2 0 3 16 0 0 0 0 47.003 8 60 1\n"
+        "3 0 2 178 0 21 -1 0 0 0 0 1\n4 0 2 206 25 0 1 0 0 0 0 1\n5 0 3 16 0 0 0 0 47.003 8.006 80 1\n"
+    )
+    plan, _ = READER(Text("m", body))
+    for to in ("qgc", "ardupilot"):
+        back, _ = read_back(path_of(plan), to)
+        for each in (plan, back):
+            assert [command[0] for stage in each.stages for command in stage.commands] == [530, 206]
+            assert (each.stages[0].altitude_m, each.stages[-1].altitude_m) == (60, 80)
+            assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, 21)
+
+
+# --- maps and Paparazzi -----------------------------------------------------------------------------------------------
+
+
+def test_maps_and_tracks_lie_on_the_path():
+    plan, _ = read_plan(Text("p", LINES))
+    path = path_of(plan)
+    line = drawn(plan, HOME)
+    kml = ET.fromstring(EXPORTS["kml"](path))
+    text = kml.find(".//{http://www.opengis.net/kml/2.2}coordinates").text
+    from_kml = [tuple(map(float, part.split(",")))[:2] for part in text.split()]
+    geometry = json.loads(EXPORTS["geojson"](path))["features"][0]["geometry"]
+    assert geometry["type"] == "LineString"
+    gpx = ET.fromstring(EXPORTS["gpx"](path))
+    from_gpx = [
+        (float(p.get("lon")), float(p.get("lat"))) for p in gpx.iter("{http://www.topografix.com/GPX/1/1}trkpt")
+    ]
+    for points in (from_kml, [point[:2] for point in geometry["coordinates"]], from_gpx):
+        shown = shapely.LineString([to_local_m(lat, lon, HOME) for lon, lat in points])
+        assert shapely.hausdorff_distance(shapely.segmentize(shown, STEP_M), line) < TOLERANCE_M + ROUNDED_M
+
+
+STRUCTURE = """
+<!ELEMENT flight_plan (header?,waypoints,sectors?,variables?,modules?,includes?,exceptions?,blocks)>
+<!ELEMENT header (#PCDATA)> <!ELEMENT waypoints (waypoint+)> <!ELEMENT waypoint EMPTY>
+<!ELEMENT sectors EMPTY> <!ELEMENT variables EMPTY> <!ELEMENT includes EMPTY> <!ELEMENT exceptions EMPTY>
+<!ELEMENT modules (module*)> <!ELEMENT module EMPTY> <!ELEMENT blocks (block+)>
+<!ELEMENT block (set|call|call_once|circle)*>
+<!ELEMENT set EMPTY> <!ELEMENT call EMPTY> <!ELEMENT call_once EMPTY> <!ELEMENT circle EMPTY>
+<!ATTLIST flight_plan name CDATA #REQUIRED lat0 CDATA #REQUIRED lon0 CDATA #REQUIRED max_dist_from_home CDATA #REQUIRED
+ ground_alt CDATA #REQUIRED security_height CDATA #REQUIRED alt CDATA #REQUIRED>
+<!ATTLIST waypoint name CDATA #REQUIRED x CDATA #IMPLIED y CDATA #IMPLIED alt CDATA #IMPLIED height CDATA #IMPLIED>
+<!ATTLIST module name CDATA #REQUIRED> <!ATTLIST block name CDATA #REQUIRED>
+<!ATTLIST set var CDATA #REQUIRED value CDATA #REQUIRED> <!ATTLIST call_once fun CDATA #REQUIRED>
+<!ATTLIST call fun CDATA #REQUIRED until CDATA #IMPLIED> <!ATTLIST circle wp CDATA #REQUIRED radius CDATA #REQUIRED>
+"""
+
+
+def test_a_flight_plan_of_paparazzi_has_its_structure():
+    etree = pytest.importorskip("lxml.etree")
+    plan, _ = read_plan(Text("p", LINES))
+    text = EXPORTS["paparazzi"](path_of(plan))
+    assert text.count("<!DOCTYPE flight_plan SYSTEM") == 1
+    root = etree.fromstring(text.encode())
+    rules = etree.DTD(__import__("io").StringIO(STRUCTURE))
+    assert rules.validate(root), rules.error_log
+    names = {each.get("name") for each in root.iter("waypoint")}
+    used = {word.split(")")[0].split(",")[0] for call in root.iter("call") for word in call.get("fun").split("WP_")[1:]}
+    assert used <= names
+    assert "HOME" in names
+    assert len(root.findall(".//block")) == 4
+    root.find("blocks").remove(root.find("blocks")[0])
+    del root.attrib["alt"]
+    assert not rules.validate(root)
+
+
+def test_gains_of_paparazzi_are_those_of_the_plan():
+    """The two fields, each from its own φ, point the same way near the path."""
+    gain_line, gain_circle = 0.1, 0.0005
+    plan, _ = read_plan(Text("p", LINES))
+    root = ET.fromstring(EXPORTS["paparazzi"](path_of(plan)))
+    values = {each.get("var"): float(each.get("value")) for each in root.iter("set")}
+
+    def angle(value, gradient):
+        # the correction over the tangent, |k φ ∇φ| / |∇φ|, is the tangent of the angle to the path
+        return math.atan(value * gradient)
+
+    for off in (0.5, 2.0, -3.0):
+        ours = angle(gain_line * off, 1.0)
+        assert angle(0.01 * values["gvf_line_par.ke"] * off, 1.0) == pytest.approx(ours)
+        distance = 50 + off
+        ours = angle(gain_circle * (distance**2 - 50**2), 1.0)
+        assert angle(values["gvf_ellipse_par.ke"] * ((distance / 50) ** 2 - 1), 1.0) == pytest.approx(ours, rel=1e-5)
+    directions = [each.get("fun") for each in root.iter("call_once") if "direction" in each.get("fun")]
+    assert directions == ["gvf_set_direction(1)"]  # clockwise
+
+
+def test_arcs_of_paparazzi_end_where_they_say():
+    plan, _ = read_plan(Text("p", LINES))
+    root = ET.fromstring(EXPORTS["paparazzi"](path_of(plan)))
+    calls = [call.get("until") for call in root.iter("call") if call.get("until")]
+    assert len(calls) == 2
+    angle = math.pi  # clockwise round (50, 300) from (0, 300)
+    for until, end in zip(calls, (math.pi / 2, 0.0), strict=True):
+        passed = lambda a, until=until: eval(  # noqa: E731
+            until, {"GetPosX": lambda: 50 + 50 * math.cos(a), "GetPosY": lambda: 300 + 50 * math.sin(a)}
+        )
+        while angle > end + 0.01:
+            assert not passed(angle)
+            angle -= 0.005
+        assert passed(end - 0.01)
+
+
+def test_paparazzi_has_no_more_numbers_than_a_byte():
+    rows = ["QGC WPL 110", "0 1 0 16 0 0 0 0 47 8 400 1"]
+    rows += [f"{k} 0 3 16 0 0 0 0 {47 + 0.002 * k:.6f} {8 + 0.003 * (k % 2):.6f} 50 1" for k in range(1, 200)]
+    plan, _ = READER(Text("m", "\n".join(rows)))
+    with pytest.raises(InputError, match=f"at most {NUMBER_LIMIT}"):
+        EXPORTS["paparazzi"](path_of(plan))
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path):
+    lengths = {}
+    for c1 in ("0", "-900"):
+        for to in EXPORTS:
+            out = tmp_path / f"out{c1}.{to}"
+            options = ("--to", to, "--origin", "47,8", "--altitude", "60", "--set", f"c1={c1}", "-o", out)
+            answer = eadp("export", "plans/survey.plan", *options)
+            assert (answer.code, answer.out, answer.err) == (0, "", "")
+            assert out.read_text(encoding="utf-8").endswith("\n")
+        lengths[c1] = drawn(READER(read_text(str(tmp_path / f"out{c1}.qgc")))[0], HOME).length
+    assert lengths["-900"] < 0.6 * lengths["0"]
+    printed = eadp(
+        "export", "plans/survey.plan", "--to", "gpx", "--origin", "47,8", "--altitude", "60", "--set", "c1=0"
+    )
+    assert printed.out == (tmp_path / "out0.gpx").read_text(encoding="utf-8")
+
+
+def test_with_a_scenario_the_forecast_chooses(eadp):
+    options = ("--scenario", "scenarios/survey.yaml", "--origin", "47,8", "--to", "geojson")
+    full = eadp("export", "plans/survey.plan", *options)
+    assert full.code == 0
+    low = eadp("export", "plans/survey.plan", *options, "--set", "battery.soc=0.3")
+    assert low.code == 0
+
+    def length(answer):
+        points = json.loads(answer.out)["features"][0]["geometry"]["coordinates"]
+        return shapely.LineString([to_local_m(lat, lon, HOME) for lon, lat, _ in points]).length
+
+    assert length(low) < length(full) - 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "no place on the earth"),
+        (("--origin", "91,8"), "no position"),
+        (("--origin", "47"), "no position"),
+        (("--origin", "47,8", "--home", "x,y"), "no position"),
+        (("--origin", "47,8", "--set", "c9=1"), "no parameter c9"),
+        (("--origin", "47,8", "--tolerance", "0"), "out of range"),
+        (("--origin", "47,8", "--altitude", "nan"), "out of range"),
+        (("--origin", "47,8", "--to", "shp"), "shp"),
+        (("--origin", "47,8", "-o", "/nowhere/x"), "cannot be written"),
+    ],
+)
+def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words):
+    out = tmp_path / "out"
+    more = () if "-o" in arguments else ("-o", out)
+    assert refused(eadp("export", "plans/survey.plan", "--to", "qgc", *arguments, *more), words)
+    assert not out.exists()
+
+
+# --- software of others -----------------------------------------------------------------------------------------------
+
+
+def test_pymavlink_loads_it(tmp_path):
+    mavwp = pytest.importorskip("pymavlink.mavwp")
+    plan, _ = read_plan(Text("p", LINES))
+    exported = mission_items(path_of(plan, home_deg=HOME))
+    file = tmp_path / "m.waypoints"
+    file.write_text(EXPORTS["ardupilot"](path_of(plan, home_deg=HOME)))
+    loader = mavwp.MAVWPLoader()
+    assert loader.load(str(file)) == len(exported) + 1
+    for index, item in enumerate(exported, 1):
+        loaded = loader.wp(index)
+        assert (loaded.command, loaded.frame) == (item.command, item.frame)
+        assert (loaded.x, loaded.y, loaded.z) == pytest.approx(item.parameters[4:], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_mavsdk_imports_it():
+    """MAVSDK's own importer, which works once a heartbeat has connected a system; by hand, with eadp[exchange-test]."""
+    mavsdk = pytest.importorskip("mavsdk")
+    mission_raw = pytest.importorskip("mavsdk.plugins.mission_raw")
+    mavutil = pytest.importorskip("pymavlink.mavutil")
+    plan, _ = read_plan(Text("p", LINES))
+    path = path_of(plan, home_deg=HOME, trigger_distance_m=20.0)
+    exported = mission_items(path)
+    stop = threading.Event()
+
+    def beat():
+        link = mavutil.mavlink_connection("udpout:127.0.0.1:14599", source_system=1, source_component=1)
+        while not stop.wait(0.2):
+            link.mav.heartbeat_send(1, 3, 0, 0, 4)
+        link.close()
+
+    beats = threading.Thread(target=beat, daemon=True)
+    beats.start()
+    try:
+        kind = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+        with mavsdk.Mavsdk(kind) as station:
+            station.add_any_connection("udpin://127.0.0.1:14599")
+            system = station.first_autopilot(30.0)
+            assert system is not None
+            raw = mission_raw.MissionRaw(system)
+            qgc = raw.import_qgroundcontrol_mission_from_string(EXPORTS["qgc"](path)).mission_items
+            wpl = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](path)).mission_items
+    finally:
+        stop.set()
+        beats.join()
+    for taken in (qgc[-len(exported) :], wpl[-len(exported) :]):  # home is an item of ArduPilot's
+        assert [item.command for item in taken] == [item.command for item in exported]
+        for found, item in zip(taken, exported, strict=True):
+            if item.command == 16:
+                assert (found.x / 1e7, found.y / 1e7, found.z) == pytest.approx(item.parameters[4:], abs=2e-7)
+
+
+def test_the_documented_formats_are_those():
+    page = (ROOT / "docs/missions.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in page for name in EXPORTS)

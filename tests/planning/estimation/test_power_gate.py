@@ -1,0 +1,114 @@
+"""The gate of power readings, and what false ones do to a flight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from common import ROOT
+
+from eadp.io.flight.inputs import load_flight
+from eadp.planning.base import TrackingPlanner
+from eadp.planning.estimation.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
+from eadp.simulation.loop import Outcome, fly
+
+LIMIT_W, MEAN_W = 1000.0, 40.0
+
+
+def passed(powers_w, step_s=0.1, mean_w=MEAN_W):
+    gate = PowerGate(mean_w, LIMIT_W)
+    return gate, [gate.passed(k * step_s, power_w, 5.0) for k, power_w in enumerate(powers_w)]
+
+
+@pytest.mark.parametrize("false_w", [1e5, -1.0, math.nan, math.inf, LIMIT_W + 1, MAX_RATIO * MEAN_W + 10])
+@pytest.mark.parametrize("count", [1, 5, 40])
+def test_false_readings_do_not_pass_and_others_do(false_w, count):
+    true = MEAN_W + 10 * np.sin(np.arange(300))
+    readings = true.copy()
+    readings[100 : 100 + count] = false_w
+    gate, found = passed(readings.tolist())
+    assert found[100 : 100 + count] == [None] * count
+    assert [*found[:100], *found[100 + count :]] == [*true[:100], *true[100 + count :]]
+    assert gate.max_motion_w <= MEAN_W + 10 - 5
+
+
+def test_the_first_reading_may_be_false():
+    assert passed([6000.0 / 10, 42.0])[1] == [None, 42.0]
+    assert passed([600.0, 42.0], mean_w=None)[1] == [600.0, 42.0]
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+def test_a_power_that_stays_is_believed(step_s):
+    """Below what is possible at all: another aircraft than stated, or a climb."""
+    stays_w = 10 * MEAN_W
+    _, found = passed([MEAN_W] * 20 + [stays_w] * 200, step_s)
+    first = next(k for k, power_w in enumerate(found) if power_w == stays_w)
+    assert first * step_s == pytest.approx(20 * step_s + PERSISTENT_S)
+    assert found[first:] == [stays_w] * (220 - first)
+
+
+def test_the_greatest_power_is_one_that_two_readings_reach():
+    assert passed([40.0, 60.0, 41.0, 55.0, 50.0, 42.0])[0].max_motion_w == 50.0 - 5.0
+
+
+class Corrupted(TrackingPlanner):
+    """A planner, some of whose readings of power are false."""
+
+    def __init__(self, planner, false_w):
+        self._planner, self._false_w, self.report = planner, false_w, planner.report
+
+    @property
+    def period_s(self):
+        return self._planner.period_s
+
+    @property
+    def next_update_s(self):
+        return self._planner.next_update_s
+
+    @property
+    def reading_every_s(self):
+        return self._planner.reading_every_s
+
+    def estimate(self):
+        return self._planner.estimate()
+
+    def ingest(self, readings):
+        powers_w = [self._false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
+        return self._planner.ingest(readings._replace(powers_w=powers_w))
+
+    def update(self, observation):
+        power_w = self._false_w(observation.time_s, observation.power_w)
+        return self._planner.update(observation._replace(power_w=power_w))
+
+
+def quality(false_w):
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"step_s": 0.05, "faults": [], "wind.gust_std_mps": 0.5, "battery.capacity_ah": 0.4},
+    )
+    outcome = Outcome()
+    for _ in fly(inputs.world, Corrupted(inputs.planner(), false_w), outcome):
+        pass
+    assert outcome.completed
+    return outcome.parameters.quality({})
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    return quality(lambda _, power_w: power_w)
+
+
+@pytest.mark.parametrize(
+    "false_w",
+    [
+        pytest.param(lambda t, power_w: 1e5 if 60 < t < 60.11 else power_w, id="one"),
+        pytest.param(lambda t, power_w: 1e5 if 60 < t < 90 else power_w, id="a train"),
+        pytest.param(lambda t, power_w: 6000.0 if 10 < t < 12 else power_w, id="a peak before the first lap"),
+        pytest.param(lambda t, power_w: -50.0 if 60 < t < 70 else power_w, id="negative"),
+        pytest.param(lambda t, power_w: math.nan if 60 < t < 70 else power_w, id="not a number"),
+    ],
+)
+def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
+    assert quality(false_w) == pytest.approx(undisturbed, abs=0.01)
