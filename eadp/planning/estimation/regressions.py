@@ -206,8 +206,8 @@ class ChargeFilter:
 
     Attributes
     ----------
-    believed : bool
-        Whether the gauge is.
+    believed, rises : bool
+        Whether the gauge is believed; and whether it rose where it was disbelieved.
 
     Source: Kalman filter.
     """
@@ -222,7 +222,7 @@ class ChargeFilter:
         self._outliers = 0
         self._count = self._readings = 1
         self._quantum, self._lost = GAUGE_QUANTUM, 0.0
-        self.believed = True
+        self.believed, self.rises = True, False
         self._checked = (math.nan, self._state, 0.0)
 
     @property
@@ -297,7 +297,7 @@ class ChargeFilter:
         fell, expected = first - reading, state[1] * drain
         falls = MIN_FALL * expected <= fell
         if self.believed and not falls:
-            self.believed = False
+            self.believed, self.rises = False, fell < 0
             self._state, self._drained = _drained(state, drain), 0.0
         elif falls and fell <= expected / MIN_FALL:
             far = max(CHECKED_QUANTA * self._quantum, JUMP_STDS * math.sqrt(self.variance))
