@@ -288,8 +288,9 @@ class ChargeFilter:
         self._outliers = 0
         if not self.believed:
             return False
-        change = state[1] * since - fell
-        self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
+        if not self._unmeasured:
+            change = state[1] * since - fell
+            self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
         self._quantum = min(max(self._quantum, fell), MAX_QUANTUM)
         self._state = _corrected(state, self._bounded(variance), error, self._noise)
         self._drained = self._unmeasured = 0.0

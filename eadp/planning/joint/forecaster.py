@@ -342,7 +342,8 @@ class Forecaster:
         b = self._mission.battery
         volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
         drained = 0.0 if b.prescribed else float(b.drain_per_s(self._power_w, volts)) * step_s
-        return self._charge.observe(soc, drained, measured=power_w is not None)
+        measured = power_w is not None and step_s <= MAX_STEP_S
+        return self._charge.observe(soc, drained, measured=measured)
 
     def _start_stage(self, o: Observation) -> None:
         """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part.
