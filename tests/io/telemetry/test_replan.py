@@ -8,6 +8,7 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
+from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.planning.estimation.regressions import TimeRatio
 from eadp.planning.live import APPLY_S
 
@@ -102,18 +103,25 @@ def test_what_is_applied_makes_up_for_what_is_not():
 
 
 def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
-    """The times learned are those of whole stages: no gap over a start or an end makes one longer."""
-    learned = []
-    learn = TimeRatio.learn
+    """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
+    learned, periods_s = [], []
+    learn, lap = TimeRatio.learn, ExactEstimator.lap
 
     def recorded(self, forecast_s, flown_s, *others):
         learned.append((forecast_s, flown_s))
         learn(self, forecast_s, flown_s, *others)
 
+    def recorded_lap(self, time_s):
+        lap(self, time_s)
+        periods_s.append(self.period_s)
+
     monkeypatch.setattr(TimeRatio, "learn", recorded)
+    monkeypatch.setattr(ExactEstimator, "lap", recorded_lap)
     flown(short_survey(), UNDISTURBED)
-    whole = len(learned)
-    learned.clear()
-    flown(short_survey(), DISTURBANCES[0], START_S)
-    assert 0 < len(learned) < whole
-    assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
+    whole, lap_s = len(learned), periods_s[-1]
+    for disturbance in DISTURBANCES[:2]:
+        learned.clear()
+        flown(short_survey(), disturbance, START_S)
+        assert 0 < len(learned) < whole
+        assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
+        assert periods_s[-1] == pytest.approx(lap_s, rel=0.15)
