@@ -124,4 +124,4 @@ def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
         flown(short_survey(), disturbance, START_S)
         assert 0 < len(learned) < whole
         assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
-        assert periods_s[-1] == pytest.approx(lap_s, rel=0.15)
+        assert max(periods_s) < 1.15 * lap_s
