@@ -333,10 +333,6 @@ class Planner(Protocol):
     def hold(self, held: Mapping[int, float]) -> None:
         """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Codes of what is wrong with the readings."""
-
 
 class TrackingPlanner:
     """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
@@ -414,11 +410,6 @@ class TrackingPlanner:
 
     def hold(self, held: Mapping[int, float]) -> None:
         """Its decisions do not depend on them."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """None."""
-        return ()
 
     def _count_laps(self, o: Observation) -> None:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""

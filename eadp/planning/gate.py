@@ -18,7 +18,7 @@ MIN_AGREEING, MIN_BACK = 3, 10
 """Number of consecutive samples in agreement that are accepted however far they are from the last one; and however
 early, if the position does not go on."""
 
-FROZEN_S, MOVING_SHARE = 2.0, 0.3
+FROZEN_S, MOVING_SHARE = 2.0, 0.1
 """Time after which an unchanged position is frozen [s], if the aircraft moves: by this share of the cruise speed."""
 
 ON_SHARE, ON_M = 0.5, 20.0
@@ -199,7 +199,7 @@ class OutlierGate:
             self._position = time_s, position
             return None
         since_s, (x, y) = self._position
-        if position == (x, y) and self._moving(sample):
+        if position == (x, y) and (self._frozen or self._moving(sample)):
             if time_s - since_s <= FROZEN_S or self._frozen:
                 return None
             self._frozen = True

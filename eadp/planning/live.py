@@ -434,7 +434,7 @@ class LiveFlight:
             STAGE_UNKNOWN: self._lost or self._locator.uncertain,
             NOT_APPLIED: bool(self._applied.held),
         }
-        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._planner.warnings)
+        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._forecast.warnings)
 
     def _named(self, parameters: Vector) -> dict[str, float]:
         return dict(zip(self._names, parameters, strict=True))

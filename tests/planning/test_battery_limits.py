@@ -48,9 +48,9 @@ SURVEY = {
     "time_limit_s": 120,
 }
 BINDING = [
-    ({"max_c_rate": 3.6}, "current", "the battery's current limit binds"),
-    ({"cutoff_voltage_v": 14.5, "resistance_ohm": 0.083}, "cut-off voltage", "the battery's cut-off voltage binds"),
-    ({"resistance_ohm": 1.04}, "deliverable power", "the battery's deliverable power binds"),
+    ({"max_c_rate": 3.4}, "current", "the battery's current limit binds"),
+    ({"cutoff_voltage_v": 14.5, "resistance_ohm": 0.0875}, "cut-off voltage", "the battery's cut-off voltage binds"),
+    ({"resistance_ohm": 1.1}, "deliverable power", "the battery's deliverable power binds"),
     ({"letter_crate_per_h": 3.7}, "letter", "the letter's limit of power binds"),
 ]
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
@@ -138,3 +138,19 @@ def test_a_placed_flight_fires_its_trigger_on_time():
             placed = executor.placed(executor.cursor, LEGS[number].start_m, number + 1, here, share)
             ends.append(next(i for i in range(first, len(points)) if placed.advance(points[i].x_m, points[i].y_m)))
         assert ends[0] == ends[1]
+
+
+def test_a_placed_flight_ends_a_circle_that_it_flies_past_outside():
+    """Most of a turn, 8 m outside the circle and so outside the trigger's disc: the angle flown ends it."""
+    text = "%: trigger-radius 5\n0.002; 90; x^2 + y^2 - 50^2\n47, -17.06\n0.1; 90; x - 47\n47, 300\n"
+    plan, _ = read_plan(Text("circle.plan", text))
+    executor = PlanExecutor(plan, (), (50.0, 0.0), Rules())
+    sweep_deg = 360 - math.degrees(math.atan2(17.06, 47))
+
+    def at(angle_deg):
+        return 58 * math.cos(math.radians(angle_deg)), 58 * math.sin(math.radians(angle_deg))
+
+    for first_deg in (10, 200, 300):
+        placed = executor.placed(executor.cursor, (50.0, 0.0), 1, at(first_deg), first_deg / sweep_deg)
+        ends_deg = next(angle for angle in range(first_deg, 720) if placed.advance(*at(angle)))
+        assert ends_deg == math.ceil(sweep_deg)

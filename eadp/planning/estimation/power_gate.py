@@ -28,6 +28,8 @@ class PowerGate:
     ----------
     max_motion_w : float
         Greatest power of the motion that two successive readings have reached [W].
+    rejects : bool
+        Whether the last reading was false.
     """
 
     def __init__(self, mean_w: float | None, limit_w: float) -> None:
@@ -35,9 +37,11 @@ class PowerGate:
         self._mean_w = mean_w
         self._time_s = self._last_w = self.max_motion_w = 0.0
         self._outlier_since_s: float | None = None
+        self.rejects = False
 
     def passed(self, time_s: float, power_w: float | None, computing_w: float) -> float | None:
         """The reading [W] at a time [s], or None where it is false; `computing_w` is the computations' part of it."""
+        self.rejects = power_w is not None
         if power_w is None or not 0.0 <= power_w <= self._limit_w:  # NaN included
             return None
         if self._mean_w is None:
@@ -52,5 +56,5 @@ class PowerGate:
         self._mean_w += (1.0 - math.exp((self._time_s - time_s) / MEAN_S)) * (power_w - self._mean_w)
         motion_w = power_w - computing_w
         self.max_motion_w = max(self.max_motion_w, min(motion_w, self._last_w))
-        self._time_s, self._last_w = time_s, motion_w
+        self._time_s, self._last_w, self.rejects = time_s, motion_w, False
         return power_w

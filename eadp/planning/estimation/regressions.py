@@ -41,8 +41,9 @@ RATIO_OF_USE_STD, SLOPE_OF_USE_STD, MAX_USE = 0.03, 0.1, 2.0
 """Prior standard deviations of the ratio of charge used to charge predicted, and of its change with the charge; and
 the ratio's greatest value, and its least one's inverse."""
 
-USE_DRIFT, USE_NOISE = 0.02, 5e-4
-"""Standard deviations per √charge: of the ratio's random walk, and of the charge used."""
+USE_DRIFT, USE_NOISE, UNMEASURED = 0.02, 5e-4, 0.3
+"""Standard deviations per √charge: of the ratio's random walk, and of the charge used; and of a drain whose power was
+not measured, as a share of it."""
 
 GAUGE_QUANTUM, MAX_QUANTUM, CHECKED_DRAIN, CHECKED_QUANTA, CHECKED_STDS, MIN_FALL = 0.01, 0.1, 0.02, 2.5, 10.0, 0.25
 """Resolution of a gauge until it is seen, and at most; drain over which a gauge is checked, at least, in resolutions
@@ -206,8 +207,8 @@ class ChargeFilter:
 
     Attributes
     ----------
-    believed : bool
-        Whether the gauge is.
+    believed, rises : bool
+        Whether the gauge is believed; and whether it rose where it was disbelieved.
 
     Source: Kalman filter.
     """
@@ -217,12 +218,12 @@ class ChargeFilter:
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
         self._state: _ChargeState = (math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope)
-        self._noise = self._drained = self._total = 0.0
+        self._noise = self._drained = self._unmeasured = self._total = 0.0
         self._last: float | None = None
         self._outliers = 0
         self._count = self._readings = 1
         self._quantum, self._lost = GAUGE_QUANTUM, 0.0
-        self.believed = True
+        self.believed, self.rises = True, False
         self._checked = (math.nan, self._state, 0.0)
 
     @property
@@ -247,14 +248,18 @@ class ChargeFilter:
         then = _drained(now, drain)
         return now[0] - then[0], then[3]
 
-    def observe(self, reading: float, drained: float) -> bool:
-        """Take a reading, with the charge drained since the last by prediction; return whether some was lost."""
+    def observe(self, reading: float, drained: float, *, measured: bool = True) -> bool:
+        """Take a reading, with the charge drained since the last by prediction; return whether some was lost.
+
+        Where its power was not measured, a drain says little of κ.
+        """
         if self._last is None:
             self._last = reading
             self._state = (reading, *self._state[1:])
             self._checked = (reading, self._state, 0.0)
             return False
         self._drained += drained
+        self._unmeasured += 0.0 if measured else drained
         self._total += drained
         self._readings += 1
         fell, self._last = self._last - reading, reading
@@ -266,6 +271,7 @@ class ChargeFilter:
         """Update with a reading that is another than the last; return whether charge was lost."""
         self._count += 1
         since, state = self._drained, _drained(self._state, self._drained)
+        state = (*state[:3], state[3] + (UNMEASURED * self._unmeasured) ** 2, *state[4:])
         error, variance = reading - state[0], self._bounded(state[3])
         if self._is_outlier(error, math.sqrt(variance + self._noise), since):
             self._outliers += 1
@@ -274,18 +280,20 @@ class ChargeFilter:
                 self.believed = True
                 self._lost = max(self._lost - error, 0.0)
                 self._state = (reading, *state[1:3], self._noise, 0.0, 0.0, *state[6:])
-                self._drained, self._outliers, self._count, self._readings = 0.0, 0, 2, 2
+                self._drained = self._unmeasured = 0.0
+                self._outliers, self._count, self._readings = 0, 2, 2
                 self._checked = (reading, self._state, self._total)
                 return True
             return False
         self._outliers = 0
         if not self.believed:
             return False
-        change = state[1] * since - fell
-        self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
+        if not self._unmeasured:
+            change = state[1] * since - fell
+            self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
         self._quantum = min(max(self._quantum, fell), MAX_QUANTUM)
         self._state = _corrected(state, self._bounded(variance), error, self._noise)
-        self._drained = 0.0
+        self._drained = self._unmeasured = 0.0
         return False
 
     def _check(self, reading: float) -> None:
@@ -297,7 +305,7 @@ class ChargeFilter:
         fell, expected = first - reading, state[1] * drain
         falls = MIN_FALL * expected <= fell
         if self.believed and not falls:
-            self.believed = False
+            self.believed, self.rises = False, fell < 0
             self._state, self._drained = _drained(state, drain), 0.0
         elif falls and fell <= expected / MIN_FALL:
             far = max(CHECKED_QUANTA * self._quantum, JUMP_STDS * math.sqrt(self.variance))

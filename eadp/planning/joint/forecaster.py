@@ -50,8 +50,14 @@ than so many are certain."""
 PASSED_S = 3.0
 """An end that has been passed for this long without the flight having ended there is none [s]."""
 
+MAX_STEP_S = 10.0
+"""Time between readings above which the power in it is not measured [s]."""
+
 MEASURED_WIND_S = 60.0
 """How long a measured wind is used [s]."""
+
+GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
+"""Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
 
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
@@ -212,6 +218,16 @@ class Forecaster:
         return self._charge.believed
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Codes of what is wrong with the readings."""
+        known = {
+            GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
+            GAUGE_RISES: not self._charge.believed and self._charge.rises,
+            POWER_OUTLIER: self.gate.rejects,
+        }
+        return tuple([code for code, holds in known.items() if holds])
+
+    @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated; changes below `WIND_STEP_MPS` are ignored."""
         now = self._measured_wind if self._measured_wind is not None else self._wind.wind_mps
@@ -250,7 +266,7 @@ class Forecaster:
         step_s = self._duration_s(o.time_s)
         self._off_path((o.x_m, o.y_m), step_s)
         if o.power_w is not None and step_s > 0:
-            self._motion.observe(o.power_w - computing_w, step_s, self._slope)
+            self._motion.observe(o.power_w - computing_w, min(step_s, MAX_STEP_S), self._slope)
         if o.wind_mps is not None:
             self._measured_wind, self._measured_until_s = o.wind_mps, o.time_s + MEASURED_WIND_S
         elif o.time_s > self._measured_until_s:
@@ -326,7 +342,8 @@ class Forecaster:
         b = self._mission.battery
         volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
         drained = 0.0 if b.prescribed else float(b.drain_per_s(self._power_w, volts)) * step_s
-        return self._charge.observe(soc, drained)
+        measured = power_w is not None and step_s <= MAX_STEP_S
+        return self._charge.observe(soc, drained, measured=measured)
 
     def _start_stage(self, o: Observation) -> None:
         """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part.

@@ -36,6 +36,11 @@ class HeldForecast:
         """The wind to plan with [m/s]."""
         return self._forecaster.wind_mps
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Codes of what is wrong with the readings."""
+        return self._forecaster.warnings
+
     def observe(self, o: Observation) -> None:
         """Take an observation."""
         self._forecaster.update_stage(o)

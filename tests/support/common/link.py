@@ -18,6 +18,7 @@ LINES_EVERY_S = 1.0
 BARE = ("time_s", "x_m", "y_m", "power_w", "soc")
 
 Line = dict[str, Any]
+StageAndLap = tuple[int, int]
 Link = Callable[[float, Line], Iterator[Line]]
 """Lines that arrive at a time [s], when one is sent."""
 
@@ -112,8 +113,8 @@ class Autopilot:
     """Parameters that the aircraft does not change."""
     report: SolverReport = field(default_factory=SolverReport)
     warnings: list[Fault] = field(default_factory=list)
-    stages: list[tuple[float, int, int]] = field(default_factory=list)
-    """Time of each line that was answered [s], the true stage then, and the stage of the answer."""
+    stages: list[tuple[float, StageAndLap, StageAndLap]] = field(default_factory=list)
+    """Time of each line that was answered [s], the true stage and lap then, and those of the answer."""
     answers: list[Line] = field(default_factory=list)
     period_s = None
     reading_every_s = math.inf
@@ -123,7 +124,6 @@ class Autopilot:
     def __post_init__(self) -> None:
         self._replanner = Replanner(self.inputs, "telemetry", None, self.answers.append, self.warnings.append)
         self._decision = Decision(self.inputs.mission.parameters, 0.0)
-        self._sent: dict[tuple[float, float], tuple[float, int]] = {}
         self._numbers = 0
 
     def update(self, o: Observation) -> Decision:
@@ -139,9 +139,10 @@ class Autopilot:
             line["_sent"] = about
             if len(self.answers) == count:
                 continue
-            self.stages.append((*about, self.answers[-1]["stage"]))
+            answer = self.answers[-1]
+            self.stages.append((*about, (answer["stage"], answer["lap"])))
             kept = dict(zip(self.inputs.world.plan.names, self.inputs.mission.parameters, strict=True))
-            asked = self.answers[-1]["parameters"]
+            asked = answer["parameters"]
             parameters = tuple(kept[name] if name in self.deaf_to else value for name, value in asked.items())
             if parameters != self._decision.parameters:
                 self._decision = Decision(parameters, 0.0)
@@ -159,12 +160,12 @@ class Autopilot:
             "parameters": dict(zip(self.inputs.world.plan.names, o.parameters, strict=True)),
         }
         keys = self.keys or tuple(line)
-        return {key: line[key] for key in keys} | {"_sent": (o.time_s, o.stage)}
+        return {key: line[key] for key in keys} | {"_sent": (o.time_s, (o.stage, o.cursor.lap))}
 
 
 @dataclass(frozen=True)
 class Flown:
-    """A flight through a link: its outcome, U, and the last time after the disturbance at which the stage was wrong."""
+    """A flight through a link: its outcome, U, and how long after the disturbance stage or lap were wrong [s]."""
 
     outcome: Outcome
     quality: float

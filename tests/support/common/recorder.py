@@ -26,10 +26,6 @@ class Recorder:
     def next_update_s(self):
         return 0.0 if self._every_step else self._planner.next_update_s
 
-    @property
-    def warnings(self):
-        return self._planner.warnings
-
     def hold(self, held):
         self._planner.hold(held)
 
