@@ -175,7 +175,7 @@ def simulate(
     seed : int, optional
         Seed of gusts and noise, by default the scenario's.
     laps : int, optional
-        How many times a mission that repeats for ever is flown.
+        How many times a mission that repeats for ever is flown, by default the scenario's.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
@@ -190,7 +190,7 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    texts = override_texts(overrides, planner, seed)
+    texts = override_texts(overrides, planner, seed, laps)
     files = Files()
     inputs = load_flight(
         _path(plan, files.texts),
@@ -199,7 +199,6 @@ def simulate(
         energy_path=None if energy is None else _path(energy, files.texts),
         overrides=read_overrides(texts),
         files=files,
-        laps=laps,
     )
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)

@@ -85,9 +85,8 @@ def command(
         from eadp.io.flight.inputs import load_flight
         from eadp.io.scenario.scenario_file import override_texts, read_overrides
 
-        inputs = load_flight(
-            plan, scenario_path=scenario, overrides=read_overrides(override_texts(set_ or ())), laps=laps
-        )
+        overrides = read_overrides(override_texts(set_ or (), laps=laps))
+        inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
         warn(inputs.warnings)
         forecast = inputs.preflight()
         if forecast is None:

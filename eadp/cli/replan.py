@@ -49,10 +49,8 @@ def command(
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-":
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
-    overrides = read_overrides(override_texts(set_ or (), planner=planner and planner.value))
-    inputs = load_flight(
-        plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides, laps=laps
-    )
+    overrides = read_overrides(override_texts(set_ or (), planner=planner and planner.value, laps=laps))
+    inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 
     def emit(line: dict[str, Any]) -> None:

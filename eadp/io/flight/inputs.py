@@ -84,7 +84,7 @@ class Files:
 
     def load(self, run: Run) -> FlightInputs:
         """The flight of a run, ready to be flown."""
-        paths: dict[str, Any] = {f"{kind}_path": path for kind, path in run.files.items()}
+        paths = {f"{kind}_path": path for kind, path in run.files.items()}
         return load_flight(**paths, overrides=run.overrides, files=self)
 
 
@@ -122,9 +122,8 @@ def load_flight(
     energy_path: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
-    laps: int | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files; those in `files` are not read again. `laps` as in `PlanReader`.
+    """Read and check a flight's files; those in `files` are not read again.
 
     Raises
     ------
@@ -136,7 +135,7 @@ def load_flight(
     scenario = files.scenario(scenario_path, overrides)
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
     plan_text, (plan, findings) = files.read(
-        plan_path, PlanReader.of(vehicle, keys.battery, laps) if foreign else PlanReader()
+        plan_path, PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
     )
     texts = {"plan": plan_text}
     warnings = [finding.fault(plan_text.name) for finding in findings]

@@ -189,6 +189,8 @@ class _PlanBuilder:
             self._fault(at[2], item, f"a hover of {p1:g} s", "no hold: a fixed wing does not hover")
         if command in (d.LOITER_TIME, d.LOITER_TURNS) and not p1 >= 0:
             self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
+        if command == d.JUMP and math.isnan(p2):
+            self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
         if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 == -1 or 0.1 <= p2 <= 1000):
             self._fault(at[3], item, f"a speed of {p2:g} m/s", "one above 0, or -1 for no change")
 

@@ -177,6 +177,9 @@ class ScenarioFile:
     seed: Annotated[int, Ge(0), Lt(2**63)] = 0
     """Seed of gusts and noise."""
 
+    laps: Annotated[int, Ge(1), Le(10_000)] | None = None
+    """Times that a mission is flown which repeats for ever; by default for longer than the battery lasts."""
+
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
@@ -337,13 +340,16 @@ def value_text(value: Any) -> str:
 
 
 def override_texts(
-    given: Mapping[str, Any] | Iterable[str], planner: str | None = None, seed: int | None = None
+    given: Mapping[str, Any] | Iterable[str],
+    planner: str | None = None,
+    seed: int | None = None,
+    laps: int | None = None,
 ) -> list[str]:
-    """Overrides as key=value, of a mapping or as they are given; a planner and a seed are two more."""
+    """Overrides as key=value, of a mapping or as they are given; a planner, a seed and laps are more of them."""
     pairs = given.items() if isinstance(given, Mapping) else ()
     texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
     texts += [f"planner.name={planner}"] if planner is not None else []
-    return texts + ([f"seed={seed}"] if seed is not None else [])
+    return texts + [f"{key}={value}" for key, value in (("seed", seed), ("laps", laps)) if value is not None]
 
 
 def read_overrides(texts: Iterable[str]) -> dict[str, Any]:
