@@ -83,11 +83,11 @@ class Computing:
             found.append((self.power_w(values, sets), dict(zip(plan.names[rho:], values[rho:], strict=True))))
         return (min if end == "lo" else max)(found, key=lambda one: one[0])
 
-    def levels(self, index: int, box: Box) -> tuple[float, ...]:
-        """The values that computation `index` (from 0) may take within a set, lowest first."""
+    def levels(self, index: int, box: Box, *, measured: bool = False) -> tuple[float, ...]:
+        """The values that computation `index` (from 0) may take within a set, lowest first; see `Profile.levels`."""
         if box.fixed or self.profile is None:
             return (box.lo,)
-        return self.profile.levels(self.order.index(index), box.lo, box.hi)
+        return self.profile.levels(self.order.index(index), box.lo, box.hi, measured=measured)
 
 
 def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:

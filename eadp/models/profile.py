@@ -251,7 +251,7 @@ class Profile:
         index = self.names.index(name)
         return self.interpolant.lower[index], self.interpolant.upper[index]
 
-    def levels(self, index: int, lo: float, hi: float) -> tuple[float, ...]:
+    def levels(self, index: int, lo: float, hi: float, *, measured: bool = False) -> tuple[float, ...]:
         """The values that a computation may take between two bounds, both included.
 
         Whole steps from the lower bound; but where a measured value within the bounds is not reached by them and the
@@ -264,6 +264,8 @@ class Profile:
             Which of `names`.
         lo, hi : float
             Bounds [unit of the parameter].
+        measured : bool, optional
+            Only the measured values, and the bounds.
 
         Returns
         -------
@@ -276,9 +278,11 @@ class Profile:
             If these are more than `LEVELS_LIMIT`.
         """
         values = [float(value) for value in np.unique(self.configurations[:, index])]
-        measured = [value for value in values if lo <= value <= hi]
-        if not (_whole_steps(lo, measured) or _whole_steps(values[0], values)):
-            return (lo, *measured) if measured[0] > lo > values[0] else tuple(measured)
+        inside = [value for value in values if lo <= value <= hi]
+        if measured:
+            return tuple(sorted({lo, *inside, hi}))
+        if not (_whole_steps(lo, inside) or _whole_steps(values[0], values)):
+            return (lo, *inside) if inside[0] > lo > values[0] else tuple(inside)
         if not hi - lo < LEVELS_LIMIT:
             name = self.names[index]
             raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")

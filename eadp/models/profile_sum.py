@@ -90,11 +90,11 @@ class ProfileSum:
                 return part.range_of(name)
         raise KeyError(f"the profile has no parameter {name}, but {', '.join(self.names)}")
 
-    def levels(self, index: int, lo: float, hi: float) -> tuple[float, ...]:
+    def levels(self, index: int, lo: float, hi: float, *, measured: bool = False) -> tuple[float, ...]:
         """The values that a computation may take between two bounds; see `Profile.levels`."""
         for part in self.parts:
             if index < len(part.names):
-                return part.levels(index, lo, hi)
+                return part.levels(index, lo, hi, measured=measured)
             index -= len(part.names)
         raise IndexError("the profile has fewer parameters")
 

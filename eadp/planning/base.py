@@ -444,11 +444,13 @@ class TrackingPlanner:
         self._decision = self._decision._replace(power_forecast_w=expected)
 
 
-def allowed_levels(settings: PlannerSettings, mission: Mission, index: int, box: Box) -> tuple[float, ...]:
-    """Values that a computation may take in a set: the settings' within it, else the profile's."""
+def allowed_levels(
+    settings: PlannerSettings, mission: Mission, index: int, box: Box, *, measured: bool = False
+) -> tuple[float, ...]:
+    """Values that a computation may take in a set: the settings' within it, else the profile's, or those measured."""
     own = settings.levels.get(mission.plan.names[index])
     if own is None:
-        return mission.computing.levels(index - mission.plan.path_count, box)
+        return mission.computing.levels(index - mission.plan.path_count, box, measured=measured)
     return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
 
 

@@ -207,8 +207,9 @@ def _fixed_wing_step(
         speed = c[MIN_SPEED]
     s[AIRSPEED], s[CLIMB] = speed, climb
     s[ALTITUDE] += climb * step_s
-    # 3. position, then heading
-    s[AIR_X], s[AIR_Y] = speed * cosine, speed * sine
+    # 3. position, then heading; the climb takes its part of the airspeed
+    level_mps = math.sqrt(max(speed * speed - climb * climb, 0.0))
+    s[AIR_X], s[AIR_Y] = level_mps * cosine, level_mps * sine
     s[VX], s[VY] = s[AIR_X] + wind_x, s[AIR_Y] + wind_y
     s[X] += s[VX] * step_s
     s[Y] += s[VY] * step_s

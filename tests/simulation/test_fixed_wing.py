@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 
 import pytest
+from common import ROOT
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance
 from eadp.models.weather import Wind
+from eadp.simulation import loop
 from eadp.simulation.aircraft import (
     _OWN_CONSTANTS,
     AIRSPEED,
@@ -164,3 +167,18 @@ def test_what_cannot_fly_says_why():
 
 def test_every_airframe_model_has_its_constants():
     assert set(AIRFRAMES) == set(_OWN_CONSTANTS)
+
+
+def test_a_climb_costs_ground_speed():
+    """At 3 m/s of climb, 15 m/s of airspeed are √(15² − 3²) m/s over the ground."""
+    inputs = load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"planner.name": "static", "wind.speed_mps": 0, "start.altitude_m": 0.0, "time_limit_s": 4.0},
+    )
+    steps = list(loop.fly(inputs.world, inputs.planner(), loop.Outcome()))
+    one, other = steps[15], steps[16]
+    climb = (other.altitude_m - one.altitude_m) / (other.time_s - one.time_s)
+    over_ground = math.dist((one.x_m, one.y_m), (other.x_m, other.y_m)) / (other.time_s - one.time_s)
+    assert climb == pytest.approx(3.0)
+    assert over_ground == pytest.approx(math.sqrt(15**2 - 3**2), abs=0.02)

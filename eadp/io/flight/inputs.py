@@ -21,8 +21,9 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
-from eadp.models.plan.cursor import Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
@@ -31,6 +32,9 @@ from eadp.planning.joint.preflight import Preflight, preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
 from eadp.simulation.sweep.design import Run
+
+LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
+"""Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
 
 CORNERS_LIMIT = 6
 COMMANDED = ComputationRate()
@@ -186,7 +190,7 @@ def load_flight(
         rules=scenario.rules,
         step_s=keys.step_s,
         log_every_s=keys.log_every_s,
-        time_limit_s=keys.time_limit_s,
+        time_limit_s=keys.time_limit_s or _time_limit_s(plan, parameters, start, scenario, vehicle.airspeed_mps),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
@@ -209,6 +213,16 @@ def load_flight(
     )
     _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
+
+
+def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenario, airspeed_mps: float) -> float:
+    """Time limit of a flight without one [s]: a multiple of the forecast at the parameters of take-off."""
+    try:
+        route = RoutePredictor().route(PlanCursor.start(plan, parameters, scenario.rules), start, MARGIN_M)
+    except PathUndefined:
+        return LIMIT_S
+    forecast_s = float(route.times_s(airspeed_mps, scenario.keys.wind.steady_mps)[0].sum())
+    return LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S
 
 
 def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:

@@ -171,8 +171,8 @@ class ScenarioFile:
     log_every_s: Duration = 0.1
     """Time between rows of flight.csv [s]."""
 
-    time_limit_s: Annotated[float, Ge(1e-3), Le(1e9)] = 7200.0
-    """Time after which the flight is ended [s]."""
+    time_limit_s: Annotated[float, Ge(1e-3), Le(1e9)] | None = None
+    """Time after which the flight is ended [s]; by default three times the plan's at the parameters of take-off."""
 
     seed: Annotated[int, Ge(0), Lt(2**63)] = 0
     """Seed of gusts and noise."""
@@ -407,7 +407,7 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     for name, (lo, hi) in keys.bounds.items():
         if lo > hi:
             faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))
-    if keys.time_limit_s / keys.step_s > MAX_STEPS:
+    if keys.time_limit_s is not None and keys.time_limit_s / keys.step_s > MAX_STEPS:
         message = f"more than {MAX_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
         faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
     return faults

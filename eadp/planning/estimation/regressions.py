@@ -41,7 +41,7 @@ RATIO_OF_USE_STD, SLOPE_OF_USE_STD, MAX_USE = 0.03, 0.1, 2.0
 """Prior standard deviations of the ratio of charge used to charge predicted, and of its change with the charge; and
 the ratio's greatest value, and its least one's inverse."""
 
-USE_DRIFT, USE_NOISE, UNMEASURED = 0.02, 5e-4, 0.3
+USE_DRIFT, USE_NOISE, UNMEASURED = 0.015, 5e-4, 0.3
 """Standard deviations per √charge: of the ratio's random walk, and of the charge used; and of a drain whose power was
 not measured, as a share of it."""
 

@@ -42,10 +42,13 @@ ALIKE_STDS = 0.1
 """Plans whose final charge differs by less, in standard deviations, are equally safe: probabilities differ by at most
 four points, near 0.95 by one."""
 
-MIN_STD, SAME_SOC = 1e-6, 1e-6
+MIN_STD, SAME_SOC = 1e-6, 1e-5
 NAVIGATION_M, NAVIGATION_STDS = (0.25, 10.0), 2.5
 """Least and greatest standard deviation of how far the aircraft reaches [m]; ends that it passes, or misses, by more
 than so many are certain."""
+
+LOSS, LOSS_SQUARE = 0.07, (0.12**3 - 0.02**3) / 3 / 0.1
+"""Mean and mean square of a loss of charge, uniform in 2 to 12 %; losses are a Poisson process."""
 
 PASSED_S = 3.0
 """An end that has been passed for this long without the flight having ended there is none [s]."""
@@ -89,8 +92,11 @@ class FinalCharge(NamedTuple):
 
     def probability_above(self, soc: float) -> float:
         """Probability of a state of charge above one."""
-        cdf = NormalDist(0.0, max(self.std, MIN_STD)).cdf
-        return sum(share * cdf(mean - soc) for share, mean in zip(self.shares, self.means, strict=True))
+        scale = max(self.std, MIN_STD) * math.sqrt(2.0)
+        above = 0.0
+        for share, mean in zip(self.shares, self.means, strict=True):
+            above += share * math.erfc((soc - mean) / scale)
+        return above / 2
 
     def level(self, probability: float) -> float:
         """State of charge above which it is with a probability."""
@@ -529,6 +535,8 @@ class Forecaster:
 
     def _ends(self, route: Route, left: float) -> tuple[tuple[float, FloatArray], ...]:
         """Uncertain ends ahead, see `RouteLoad`; `left` is the remaining share of the first leg."""
+        if not route.ends:
+            return ()
         reach = NormalDist(0.0, self._navigation_std_m)
         before, ends = 0.0, []
         for end in route.ends:
@@ -577,7 +585,11 @@ class Forecaster:
     def _final_charge(self, terms: KnapsackTerms, load: RouteLoad, soc: float, powers_w: FloatArray) -> FinalCharge:
         """The final state of charge, of mean `soc` where the whole route is flown, at powers of its legs [W]."""
         energy_j2 = load.energy_std_j**2 + (terms.mean_w * load.time_std_s) ** 2
-        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + load.charge_std**2)
+        losses = self._own.loss_rate_per_h / 3600 * float(load.times_s.sum())
+        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + load.charge_std**2 + losses * LOSS_SQUARE)
+        soc -= losses * LOSS
+        if not load.ends:
+            return FinalCharge(std, means=(soc,))
         unused_j = _unspent(load, powers_w * load.times_s)
         return FinalCharge(std, _shares_of(load), tuple([soc + terms.soc_per_j * energy_j for energy_j in unused_j]))
 
@@ -638,6 +650,8 @@ def _moments(shares: Sequence[float], values: Sequence[float]) -> tuple[float, f
 
 def _spread(load: RouteLoad, values: FloatArray) -> float:
     """Variance of a sum over the segments flown, by where the flight ends."""
+    if not load.ends:
+        return 0.0
     return _moments(_shares_of(load), _unspent(load, values))[1]
 
 

@@ -19,10 +19,6 @@ from eadp.core.envelope import upper_envelope
 FULL = 1e-9
 """A shortfall of charge below this counts as none."""
 
-NEAR_ENVELOPE, SAME_POWER_W = 0.01, 1e-9
-"""A configuration is near the envelope if its value is below it by less than this share of the range of values; powers
-that differ by less than the second are equal [W]."""
-
 
 @dataclass(frozen=True)
 class ConcaveEnvelope:
@@ -35,21 +31,15 @@ class ConcaveEnvelope:
     values : array, shape (k,)
         Value of each per second, rising.
     configurations : array, shape (k, computations)
-    near : tuple of array
-        Powers, values and configurations on the envelope or near it, in ascending order of power.
     """
 
     powers_w: FloatArray
     values: FloatArray
     configurations: FloatArray
-    near: tuple[FloatArray, FloatArray, FloatArray]
 
     def scaled(self, scale: float) -> ConcaveEnvelope:
         """The envelope with all values multiplied by `scale`."""
-        powers_w, values, configurations = self.near
-        return ConcaveEnvelope(
-            self.powers_w, self.values * scale, self.configurations, (powers_w, values * scale, configurations)
-        )
+        return ConcaveEnvelope(self.powers_w, self.values * scale, self.configurations)
 
 
 def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> ConcaveEnvelope:
@@ -62,14 +52,7 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
     """
     order = np.lexsort((-values, powers_w))
     kept = order[upper_envelope(powers_w[order], values[order])]
-    best_w, best = powers_w[kept], values[kept]
-    threshold = np.interp(powers_w, best_w, best) - NEAR_ENVELOPE * (best[-1] - best[0])
-    near = (values >= threshold) & (powers_w <= best_w[-1] + SAME_POWER_W)
-    near[kept] = True
-    rising = order[near[order]]
-    return ConcaveEnvelope(
-        best_w, best, configurations[kept], (powers_w[rising], values[rising], configurations[rising])
-    )
+    return ConcaveEnvelope(powers_w[kept], values[kept], configurations[kept])
 
 
 @dataclass(frozen=True)

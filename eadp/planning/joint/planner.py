@@ -61,12 +61,12 @@ WARM_UP_S = 5.0
 REEVALUATE_SOC, REEVALUATE_VALUE = 0.002, 0.002
 """Minimum change of the charge left by the best plan, or of its value, before path parameters are optimised again."""
 
-RISE, FALL = 0.25, 0.10
+RISE, FALL, RISE_AGAIN = 0.25, 0.10, 0.97
 """Of the two configurations around the sustained power, the upper one is flown first if it can be for more than this
-share of the remaining time: thresholds to rise to it, and to stay with it."""
+share of the remaining time: thresholds to rise to it, to stay with it, and to rise after a fall."""
 
-MIN_RISE_S, HOLD_S = 15.0, 20.0
-"""Minimum remaining time of a rise [s], and minimum time from a fall to the next rise [s]."""
+RISE_GAIN = 0.002
+"""Least gain of the objective over the remaining time for which computations rise, times one more for each change."""
 
 
 class JointPlanner(TrackingPlanner):
@@ -93,7 +93,7 @@ class JointPlanner(TrackingPlanner):
         self._next_s = self._starts_s = WARM_UP_S + own.start_after_s
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
-        self._fell_s = -math.inf
+        self._fell, self._changes = False, 0
         self._jumped = False
         self._updated_s, self._ambiguous = 0.0, False
 
@@ -226,29 +226,31 @@ class JointPlanner(TrackingPlanner):
     def _computations(
         self, o: Observation, route: Route, terms: KnapsackTerms, solution: Solution, remaining_s: float
     ) -> list[float]:
-        """The computations to fly with now: those sustained to the end, with hysteresis."""
+        """The computations to fly with now: those sustained to the end, with hysteresis.
+
+        A fall costs a change and a rise another: after a fall they rise where the upper ones last to the end.
+        """
         now = list(self._decision.parameters[self._rho :])
-        if not now:
+        if all(box.fixed for box in route.legs[0].stage.sets[self._rho :]):  # none, or none that has a choice here
             return now
         envelope = terms.kinds[terms.kind_of[0]]
         if not solution.allocation.feasible:
             return list(envelope.configurations[0].tolist())
         target_w = _sustained_w(terms, solution, remaining_s)
         # the configuration in force is one of these, or rounded down to one
-        powers, values, configurations = envelope.near
+        powers, values, configurations = envelope.powers_w, envelope.values, envelope.configurations
         held = int(np.searchsorted(powers, self._power_of(now, route) + 1e-9, side="right")) - 1
         below = min(max(int(np.searchsorted(powers, target_w + 1e-9, side="right")) - 1, 0), len(powers) - 2)
         held = min(max(held, 0), len(powers) - 1)
         share = (target_w - powers[below]) / (powers[below + 1] - powers[below]) if len(powers) > 1 else 0.0
-        may_rise = remaining_s > MIN_RISE_S and o.time_s > self._fell_s + HOLD_S
-        threshold = FALL if held > below else RISE if may_rise else math.inf
+        threshold = FALL if held > below else RISE_AGAIN if self._fell else RISE
         sustained = below + 1 if share > threshold else max(below, 0)
-        if sustained < held:
-            self._fell_s = o.time_s
-        if sustained == held and configurations[held].tolist() == now:
-            return now
-        affordable = powers <= powers[sustained] + 1e-12
-        return list(configurations[int(np.argmax(np.where(affordable, values, -np.inf)))].tolist())
+        gain = (values[sustained] - values[held]) * remaining_s
+        if sustained > held and gain < RISE_GAIN * (1 + self._changes) and configurations[held].tolist() == now:
+            sustained = held
+        self._fell |= sustained < held
+        self._changes += sustained != held
+        return list(configurations[sustained].tolist())
 
     def _power_of(self, values: list[float], route: Route) -> float:
         own = (*route.parameters[0][: self._rho], *values)

