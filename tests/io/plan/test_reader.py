@@ -737,3 +737,22 @@ def test_an_origin_whose_coordinates_are_swapped(origin, swapped):
     with pytest.raises(InputError, match=r"a.plan:1:\d+: error: no origin") as caught:
         read_plan(Text("a.plan", f"%: origin {origin}\n0.05; 90; y\n30, 0\n"))
     assert ("seem to be swapped" in str(caught.value)) == swapped
+
+
+def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():
+    text = (
+        "%: start -5 12.5\n%: altitude 60\n%: command 206 25 0 1 0 0 0 0\n0.1; 90; x\n0, 100\n"
+        "%: airspeed 18\n0.1; 90; x\n0, 200\n%: altitude 90\n%: command 530 0 2 0 0 0 0 0\n0.1; 90; x\n0, 300\n"
+    )
+    plan, findings = read_plan(Text("p", text))
+    assert findings == []
+    assert plan.start_m == (-5, 12.5)
+    assert [stage.altitude_m for stage in plan.stages] == [60, 60, 90]
+    assert [stage.airspeed_mps for stage in plan.stages] == [None, 18, 18]
+    assert [[command[0] for command in stage.commands] for stage in plan.stages] == [[206], [], [530]]
+    written = plan_text(plan)
+    again, _ = read_plan(Text("p", written))
+    assert plan_text(again) == written
+    assert written.count("%: altitude") == 2
+    # stages that differ in altitude are no laps
+    assert not plan.whole_laps
