@@ -61,9 +61,10 @@ WARM_UP_S = 5.0
 REEVALUATE_SOC, REEVALUATE_VALUE = 0.002, 0.002
 """Minimum change of the charge left by the best plan, or of its value, before path parameters are optimised again."""
 
-RISE, FALL, RISE_AGAIN = 0.25, 0.10, 0.97
+RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
 """Of the two configurations around the sustained power, the upper one is flown first if it can be for more than this
-share of the remaining time: thresholds to rise to it, to stay with it, and to rise after a fall."""
+share of the remaining time: thresholds to rise to it, once more of it for each fall, to stay with it, and to rise at
+most."""
 
 RISE_GAIN = 0.002
 """Least gain of the objective over the remaining time for which computations rise, times one more for each change."""
@@ -93,7 +94,7 @@ class JointPlanner(TrackingPlanner):
         self._next_s = self._starts_s = WARM_UP_S + own.start_after_s
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
-        self._fell, self._changes = False, 0
+        self._falls = self._changes = 0
         self._jumped = False
         self._updated_s, self._ambiguous = 0.0, False
 
@@ -228,7 +229,7 @@ class JointPlanner(TrackingPlanner):
     ) -> list[float]:
         """The computations to fly with now: those sustained to the end, with hysteresis.
 
-        A fall costs a change and a rise another: after a fall they rise where the upper ones last to the end.
+        After each fall they rise later, in the end where the upper ones last to the end.
         """
         now = list(self._decision.parameters[self._rho :])
         if all(box.fixed for box in route.legs[0].stage.sets[self._rho :]):  # none, or none that has a choice here
@@ -243,12 +244,12 @@ class JointPlanner(TrackingPlanner):
         below = min(max(int(np.searchsorted(powers, target_w + 1e-9, side="right")) - 1, 0), len(powers) - 2)
         held = min(max(held, 0), len(powers) - 1)
         share = (target_w - powers[below]) / (powers[below + 1] - powers[below]) if len(powers) > 1 else 0.0
-        threshold = FALL if held > below else RISE_AGAIN if self._fell else RISE
+        threshold = FALL if held > below else min(RISE * (1 + self._falls), MAX_RISE)
         sustained = below + 1 if share > threshold else max(below, 0)
         gain = (values[sustained] - values[held]) * remaining_s
         if sustained > held and gain < RISE_GAIN * (1 + self._changes) and configurations[held].tolist() == now:
             sustained = held
-        self._fell |= sustained < held
+        self._falls += sustained < held
         self._changes += sustained != held
         return list(configurations[sustained].tolist())
 

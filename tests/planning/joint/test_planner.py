@@ -356,3 +356,29 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     assert not any(r.reason.endswith(GAUGE_DISBELIEVED) for r in outcome.records if r.time_s < 60)
     assert planner._forecaster.soc == pytest.approx(outcome.soc_final, abs=0.01)
     assert outcome.soc_final < held - 0.09
+
+
+@pytest.mark.parametrize("capacity_ah", [0.76, 0.8, 0.84, 0.88])
+def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_charge(capacity_ah):
+    rates, sizes = (2.0, 4.0, 6.0, 8.0, 10.0), (1.0, 2.0, 3.0, 4.0)
+    rows = np.array(list(itertools.product(rates, sizes)))
+    profile = Profile(("fps", "size"), ("", ""), rows, 3 + rows @ [0.35, 0.7] + 0.06 * rows.prod(axis=1))
+    plan = read_plan(Text("p", "0.1; 90; x\n0, 13500\n[2, 10]\n[1, 4]\n"))[0]
+    battery, parameters = Battery(14.8, 0.05, capacity_ah), (10.0, 4.0)
+    mission = Mission(plan, join_profile(plan, profile), battery, SPEED_MPS, parameters, (0.0, 0.0), motion_w=MOTION_W)
+    pilot, rng = JointPlanner(PlannerSettings(name="joint"), EstimatorSettings(), mission), np.random.default_rng(1)
+    soc, gust_w, flown_with = 1.0, 0.0, []
+    for k in range(1, 900):
+        gust_w += rng.normal(0, 0.75) - gust_w / 8
+        power_w = MOTION_W + gust_w + mission.computing.power_w(parameters, plan.stages[0].sets)
+        soc += soc_rate_per_s(power_w, 14.8, 0.05, capacity_ah, battery.k_b_per_s)
+        motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
+        seen = observation(plan, parameters, float(k), 0.0, SPEED_MPS * k, power_w=power_w, soc=soc, **motion)
+        parameters = pilot.update(seen).parameters
+        flown_with.append(parameters)
+    assert {a for a, _ in flown_with} <= set(rates)
+    assert {b for _, b in flown_with} <= set(sizes)
+    for i in (0, 1):
+        assert sum(a[i] != b[i] for a, b in itertools.pairwise(flown_with)) <= 6
+    assert soc >= RESERVE
+    assert soc < RESERVE + 0.01 or np.mean([a == 10.0 for a, _ in flown_with]) > 0.9
