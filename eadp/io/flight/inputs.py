@@ -175,6 +175,9 @@ def load_flight(
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
     altitude, rates = keys.start.altitude_m, keys.computations
+    if any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages):
+        message = "altitudes and airspeeds of stages are kept and not flown: the simulated aircraft holds its own"
+        warnings.append(Fault(plan_text.name, plan.stages[0].line, 1, message, severity="note"))
     world = World(
         plan=plan,
         computing=computing,
