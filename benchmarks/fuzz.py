@@ -52,6 +52,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.log.csv_log import read_csv_log
     from eadp.io.log.formats import read_power_log
     from eadp.io.log.power_log import Columns
+    from eadp.io.mission.reader import PlanReader, is_mission
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.writer import plan_text
     from eadp.io.profile import model_file
@@ -108,6 +109,15 @@ def plan(data: bytes) -> None:
     assert plan_text(again) == printed, "not canonical"
     check_plan(read)
     nominal_legs(read, [box.hi for box in read.stages[0].sets] or [0.0] * read.path_count)
+
+
+def mission(data: bytes) -> None:
+    """Read a mission of other software, and check it as a plan."""
+    text = text_of(data)
+    if not is_mission(text):
+        return
+    read, _ = PlanReader()(text)
+    check_plan(read)
 
 
 KNOWN = Files()
@@ -293,6 +303,7 @@ def results_files() -> list[bytes]:
 
 TARGETS = {
     "plan": Target(plan, ("plans/*.plan", "tests/bad/*.plan", "*.pln")),
+    "mission": Target(mission, ("missions/*",)),
     "scenario": Target(scenario, ("scenarios/paper*.yaml", "scenarios/survey.yaml")),
     "vehicle": Target(vehicle, ("vehicles/*.yaml",)),
     "sweep": Target(sweep, ("scenarios/sweep*.yaml",)),
