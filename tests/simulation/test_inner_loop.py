@@ -85,7 +85,9 @@ def same(one, other, within=SAME):
     (a, _), (b, _) = one, other
     assert (a.completed, a.reason, a.duration_s) == (b.completed, b.reason, b.duration_s)
     assert numbers(*one) == pytest.approx(numbers(*other), rel=within, abs=within)
-    assert [r.history for r in a.parameters.records] == [r.history for r in b.parameters.records]
+    for one, other in zip(a.parameters.records, b.parameters.records, strict=True):
+        # a path parameter is found by bisection: it differs by the rounding of the compiled code
+        assert np.array(one.history) == pytest.approx(np.array(other.history), rel=1e-9)
 
 
 def drawn(seed):
