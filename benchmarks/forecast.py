@@ -592,6 +592,7 @@ def draw(rows: list[dict[str, Any]], picture: str) -> None:
                 std = math.sqrt((share * count + 1) * ((1 - share) * count + 1) / (count + 2) ** 2 / (count + 3))
                 axes.errorbar(stated[mine].mean(), share, std, color=COLOURS[0], marker="o", markersize=4)
                 axes.annotate(str(count), (stated[mine].mean(), share), (5, -9), textcoords="offset points", fontsize=7)
+            axes.set_ylim(-0.05, 1.05)
             axes.set_title(f"{moment}: Brier score {score:.3f}")
             axes.set_xlabel("stated probability of the reserve")
         figure.axes[0].set_ylabel("share of flights that kept it")
