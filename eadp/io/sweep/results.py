@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import quote
 
 from eadp import __version__
-from eadp.errors import InputError
+from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
 from eadp.simulation.sweep.design import Result, Run
 
@@ -341,4 +341,4 @@ def _fault(path: str, error: Exception) -> InputError:
         return InputError.at(path, 1, 1, "is not an SQLite database", "results of eadp sweep, or a new file")
     if name.startswith("SQLITE_BUSY"):
         return InputError.at(path, 1, 1, f"another process has held it for {BUSY_S:g} s", "a file that is not locked")
-    return InputError.at(path, 1, 1, f"cannot be used: {error}", "a results file in a writable place")
+    return InputError.at(path, 1, 1, f"cannot be used: {printable(str(error))}", "a results file in a writable place")

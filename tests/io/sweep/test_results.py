@@ -265,3 +265,15 @@ def test_another_file_is_refused_and_unchanged(tmp_path, kind):
 def test_a_file_that_is_not_there_cannot_be_merged(tmp_path):
     with closing(Results(None)) as results, pytest.raises(InputError, match=r"none\.db:1:1: error: cannot be used"):
         results.merge(str(tmp_path / "none.db"))
+
+
+def test_what_sqlite_says_of_a_damaged_schema_is_printable(path):
+    """Found by fuzzing: the message quotes the schema's bytes."""
+    with closing(expecting(Results(path))):
+        pass
+    data = Path(path).read_bytes()
+    at = data.index(b"CREATE TABLE sessions")
+    Path(path).write_bytes(data[: at + 13] + b"\x01\x1b" + data[at + 15 :])
+    with pytest.raises(InputError) as error:
+        Results(path)
+    assert all(line.isprintable() for line in str(error.value).splitlines())
