@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import threading
@@ -66,6 +67,11 @@ items = st.tuples(st.sampled_from(KINDS), coordinates, coordinates)
 @settings(deadline=None, max_examples=40)
 @given(flown=st.lists(items, min_size=1, max_size=7), to=st.sampled_from(["qgc", "ardupilot"]))
 def test_what_is_exported_reads_back_as_the_same_path(flown, to):
+    """A loiter round the place of a neighbour is left out: where it is left turns with a millimetre."""
+    places = [(0.0, 0.0), *(flown_at[1:] for flown_at in flown)]
+    radii = [0.0, *(abs(item[3]) if item[0] == 18 else 0.0 for item, *_ in flown)]
+    for (one, near), (other, far) in itertools.pairwise(zip(places, radii, strict=True)):
+        assume(math.dist(one, other) > max(near, far) + 1)
     rows = ["QGC WPL 110", f"0 1 0 16 0 0 0 0 {HOME[0]} {HOME[1]} 400 1"]
     for number, ((command, p1, p2, p3), east, north) in enumerate(flown, 1):
         lat, lon = to_geodetic_deg(east, north, HOME)
