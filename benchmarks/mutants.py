@@ -189,13 +189,20 @@ def fall(mutant: Mutant) -> None:
     os._exit(run_pytest(Chosen(mutant.tests), "-x", *sorted({test.split("::")[0] for test in mutant.tests})))
 
 
+def _ended(running: dict[int, Any]) -> tuple[Any, int]:
+    """The next of these processes to end; others, which a library has started, may end before it."""
+    while True:
+        process, status = os.wait()
+        if process in running:
+            return running.pop(process), status
+
+
 def forked(tasks: Iterable[tuple[Any, Callable[[], None]]], jobs: int) -> Iterator[tuple[Any, int]]:
     """Run each task in a process of its own, `jobs` at a time; its name and its exit status, in order of their ends."""
     running: dict[int, Any] = {}
     for name, task in tasks:
         if len(running) == jobs:
-            process, status = os.wait()
-            yield running.pop(process), status
+            yield _ended(running)
         process = os.fork()
         if not process:
             silent = os.open(os.devnull, os.O_WRONLY)
@@ -205,8 +212,7 @@ def forked(tasks: Iterable[tuple[Any, Callable[[], None]]], jobs: int) -> Iterat
             os._exit(0)
         running[process] = name
     while running:
-        process, status = os.wait()
-        yield running.pop(process), status
+        yield _ended(running)
 
 
 def digest(paths: Iterable[Path]) -> str:
