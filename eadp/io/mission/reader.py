@@ -106,8 +106,7 @@ class PlanReader:
         InputError
             With every fault of the file.
         """
-        head = text.body.lstrip()[:20]
-        chosen = next((each for each in FORMATS if each.recognise(head)), None)
+        chosen = _format_of(text)
         if chosen is None:
             return plan_reader.read_plan(text)
         if len(text.body) > LIMIT_CHARACTERS:
@@ -118,7 +117,13 @@ class PlanReader:
 
 def is_mission(text: Text) -> bool:
     """Whether a text is a mission of other software."""
-    return any(each.recognise(text.body.lstrip()[:20]) for each in FORMATS)
+    return _format_of(text) is not None
+
+
+def _format_of(text: Text) -> MissionFormat | None:
+    """The format of a mission by its first characters; None for a plan of eadp."""
+    head = text.body.lstrip()[:20]
+    return next((each for each in FORMATS if each.recognise(head)), None)
 
 
 class _Visit(NamedTuple):
