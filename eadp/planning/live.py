@@ -39,6 +39,9 @@ RECENT_S = 10.0
 APPLY_S, SAME_SHARE = 10.0, 0.01
 """Time in which the aircraft applies a parameter [s]; and by how much a value may be off, as a share of its set."""
 
+APART_S = 3.0
+"""By how much the aircraft may start a stage before positions show it, or after [s]."""
+
 STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 """Codes of warnings: position or charge is not measured, the stage is not certain, parameters are not applied."""
 
@@ -323,6 +326,9 @@ class LiveFlight:
                 known = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
                 what = f"{name} = {value:g} is outside its set; clipped"
                 self._notice_once("parameters", what, known, f"{name} outside")
+        if not self._executor.cursor.table.live:
+            for i in self._applied.apart(time_s, reported, expected):
+                values[i] = expected[i]
         try:
             self._locator.take_in_force(values, position)
             if self._applied.update(time_s, reported, expected):
@@ -469,6 +475,10 @@ class AppliedParameters:
         self._before: dict[int, float] = {}
         """Reported when another value was decided."""
         self._refused_s: dict[int, float] = {}
+        self._ahead_s: dict[int, float] = {}
+        self._expected = parameters
+        self._left: dict[int, tuple[float, float]] = {}
+        """Values in force before the last change, and the time of that [s]."""
 
     @property
     def effective(self) -> Vector:
@@ -503,6 +513,18 @@ class AppliedParameters:
                 self.held[i] = value
                 del self._refused_s[i]
         return held != self.held
+
+    def apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
+        """Parameters reported as in the stage before, or as in the next one, where that has started in `APART_S`."""
+        for i, value in enumerate(expected):
+            if value != self._expected[i]:
+                self._left[i] = self._expected[i], time_s
+        self._expected = expected
+        others = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
+        ahead = [i for i, value in others.items() if self._same(i, value, self.asked[i])]
+        self._ahead_s = {i: self._ahead_s.get(i, time_s) for i in ahead}
+        left = {i: since_s for i, (value, since_s) in self._left.items() if i in others and others[i] == value}
+        return [i for i, since_s in (self._ahead_s | left).items() if time_s - since_s < APART_S]
 
     def _same(self, i: int, one: float, other: float) -> bool:
         return abs(one - other) <= self._tolerances[i]

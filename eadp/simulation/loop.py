@@ -125,9 +125,9 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     bridge = _SensorBridge(world, planner, inner_loop, outcome.records)
     losses = _losses(world)
     alarms = [step + bridge.late for step, _ in losses]
-    parameters, stage = executor.parameters, executor.stage
+    parameters, stage, sets = executor.parameters, executor.stage, world.plan.quality_sets
     computing_w = world.computing_w(parameters, stage)
-    log = outcome.parameters = ParameterLog(world.plan, parameters, stage.sets, world.actual, computing_w)
+    log = outcome.parameters = ParameterLog(world.plan, parameters, sets[stage.index - 1], world.actual, computing_w)
     inner_loop.start_stage(executor, computing_w)
     decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
@@ -180,7 +180,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             stage, parameters = executor.stage, executor.parameters
             computing_w = world.computing_w(parameters, stage)
             inner_loop.start_stage(executor, computing_w)
-            log.change(time_s, parameters, stage.sets, computing_w)
+            log.change(time_s, parameters, sets[stage.index - 1], computing_w)
             next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
         elif due:
             next_update = max(k + 1, step_at(planner.next_update_s, step_s, steps))

@@ -36,9 +36,9 @@ class ParameterRecord:
 class ParameterLog:
     """Parameters over time: means, changes, the quality U, and the energy of computations. Updated at changes only.
 
-    U is Σ weight · c̃ over the parameters whose box has more than one value, averaged over the time in which it has.
-    Weights are equal by default, and scaled to sum to 1. c̃ is that of the rates at which the computations run, which
-    `actual` gives. Source: letter, Sec. V.
+    U is Σ weight · c̃ over the parameters whose set has more than one value, averaged over the time in which it has; the
+    sets are those of `Plan.quality_sets`. Weights are equal by default, and scaled to sum to 1. c̃ is that of the rates
+    at which the computations run, which `actual` gives. Source: letter, Sec. V.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.planning.gate import OutlierGate, Sample
 from eadp.planning.joint.held import HeldForecast
-from eadp.planning.live import APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight
+from eadp.planning.live import APART_S, APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -257,6 +257,56 @@ def test_a_parameter_is_held_until_another_value_is_reported(recorded):
     assert (applied.effective, applied.asked) == ((0.0, 2.0), (-500.0, 2.0))
     assert applied.update(70.0, {0: -500.0, 1: 2.0}, (0.0, 2.0))
     assert (applied.held, applied.effective) == ({}, (-500.0, 2.0))
+
+
+def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+    # the aircraft has started the stage that takes c1
+    assert applied.apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
+    # the other way round: it has not started it yet
+    applied.decide((0.0, 10.0))
+    assert applied.apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+
+
+def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
+    assert applied.apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
+    assert applied.apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
+
+
+def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
+    """What it reports to be in force then takes effect with the stage, as the plan has it."""
+    inputs = recorded[0]
+
+    class Deciding(Recorder):
+        """Decides once, in the first stage."""
+
+        def update(self, observation):
+            decision = super().update(observation)
+            return decision._replace(parameters=(-500.0, 10.0)) if observation.time_s > 5 else decision
+
+        ingest = None
+        next_update_s = 0.0
+
+    recorder = Deciding(inputs_of("static").planner())
+    for _ in fly(inputs_of("static").world, recorder, Outcome()):
+        pass
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    flight = LiveFlight(inputs.mission, lambda _: Deciding(inputs_of("static").planner()), lambda _: held, 1.0)
+    ahead = 0
+    for o, later in itertools.pairwise(recorder.seen[99::100]):
+        reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
+        advice, _ = flight.update(Sample(o.time_s, o.x_m, o.y_m, o.power_w, o.soc, parameters=reported))
+        ahead += o.parameters[0] != later.parameters[0]
+        assert advice.stage == o.stage
+        assert advice.in_force["c1"] == o.parameters[0]
+    assert ahead > 0
 
 
 def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):

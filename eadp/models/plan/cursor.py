@@ -299,11 +299,7 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
         if parameter.kind == COMPUTATION or not (segment.repeats or plan.repeats):
             latches.append(None)
             continue
-        # names of loop variables that depend on the parameter, through formulas of formulas
-        dependent = {parameter.name}
-        for variable in segment.variables:
-            if variable.shift is None and variable.first.names & dependent:
-                dependent.add(variable.name)
+        dependent = segment.dependent(parameter.name)
         named = [i for i, stage in enumerate(stages) if stage.path.names & dependent]
         # the stage before the first one named; a whole lap for what no path names
         latches.append(segment.first + ((named[0] - 1) % segment.count if named else 0))

@@ -107,6 +107,34 @@ class Plan:
             named |= q.first.names | (q.shift.names if q.shift else set())
         return tuple(name for name in self.names[: self.path_count] if name in named)
 
+    @cached_property
+    def quality_sets(self) -> tuple[tuple[Box, ...], ...]:
+        """The sets of each stage as the quality U counts them: path parameters that alter nothing there have no choice.
+
+        A stage depends on what its path or trigger names; where laps repeat, on what any of them, a loop variable or
+        the shift names.
+        """
+        segments = self.segments or (Segment(0, len(self.stages)),)
+        return tuple(sets for segment in segments for sets in self._quality_sets(segment))
+
+    def _quality_sets(self, segment: Segment) -> list[tuple[Box, ...]]:
+        stages = self.stages[segment.first : segment.first + segment.count]
+        named = [stage.path.names.union(*(part.names for part in stage.trigger)) for stage in stages]
+        if segment.repeats or self.repeats:
+            of_lap = [part.names for part in (*(segment.until or ()), *(self.shift or ()))]
+            of_lap += [part.names for q in segment.variables if q.shift for part in (q.first, q.shift)]
+            named = [frozenset().union(*named, *of_lap)] * len(stages)
+        dependent = [segment.dependent(name) for name in self.names[: self.path_count]]
+        return [
+            tuple(
+                [
+                    box if i >= len(dependent) or names & dependent[i] else Box(box.lo, box.lo)
+                    for i, box in enumerate(stage.sets)
+                ]
+            )
+            for stage, names in zip(stages, named, strict=True)
+        ]
+
     @property
     def final_point(self) -> PointExpression:
         """The final point: as stated, or the last stage's trigger."""

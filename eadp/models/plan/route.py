@@ -23,7 +23,7 @@ from eadp.core.geometry.tracks import Nodes
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg, first_beyond_m
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import Box, Stage
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
@@ -56,13 +56,14 @@ class Route:
     """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
 
     `parameters` holds for each leg the parameters in force on it; computations there mean nothing. `ends` are those
-    before the last leg's, in the order of their clearance.
+    before the last leg's, in the order of their clearance. `quality_sets` are those of the plan's stages, see `Plan`.
     """
 
     legs: tuple[Leg, ...]
     parameters: tuple[Vector, ...]
     nodes: tuple[Nodes, ...]
     ends: tuple[UncertainEnd, ...] = ()
+    quality_sets: tuple[tuple[Box, ...], ...] = ()
 
     @cached_property
     def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
@@ -105,9 +106,9 @@ class Route:
 
     @cached_property
     def free(self) -> FloatArray:
-        """1 where a parameter has a choice on a leg, else 0, shape (parameters, legs)."""
+        """1 where a parameter has a choice on a leg that depends on it, else 0, shape (parameters, legs)."""
         count, (firsts, order) = len(self.parameters[0]), self._kinds
-        free = [[not box.fixed for box in self.legs[i].stage.sets] or [False] * count for i in firsts]
+        free = [[not box.fixed for box in self._sets(i)] or [False] * count for i in firsts]
         return np.ascontiguousarray(np.array(free, dtype=float).T[:, order])
 
     @cached_property
@@ -116,10 +117,13 @@ class Route:
         firsts, order = self._kinds
         shares = []
         for i in firsts:
-            sets, own = self.legs[i].stage.sets, self.parameters[i]
+            sets, own = self._sets(i), self.parameters[i]
             known = zip(sets, own, strict=True) if sets else ()
             shares.append([box.share(value) or 0.0 for box, value in known] or [0.0] * len(own))
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
+
+    def _sets(self, leg: int) -> tuple[Box, ...]:
+        return self.quality_sets[self.legs[leg].stage.index - 1]
 
     def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
@@ -133,7 +137,7 @@ class Route:
     def after(self) -> Route:
         """The same without its first leg."""
         ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
-        return Route(self.legs[1:], self.parameters[1:], self.nodes[1:], ends)
+        return replace(self, legs=self.legs[1:], parameters=self.parameters[1:], nodes=self.nodes[1:], ends=ends)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -204,7 +208,7 @@ class RoutePredictor:
             legs.append(leg)
             nodes.append(shape.nodes)
             following, start = cursor.next(), goal
-        return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends))
+        return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets)
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
         """A leg in the frame of lap 0."""

@@ -50,6 +50,14 @@ class Segment:
         """Whether the segment is flown lap by lap."""
         return self.until is not None
 
+    def dependent(self, name: str) -> set[str]:
+        """A parameter, and the loop variables whose formula depends on it, through formulas of formulas."""
+        found = {name}
+        for q in self.variables:
+            if q.shift is None and q.first.names & found:
+                found.add(q.name)
+        return found
+
     def start(self, parameters: Sequence[float]) -> State:
         """The state of the first lap.
 

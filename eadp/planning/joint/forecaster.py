@@ -255,7 +255,7 @@ class Forecaster:
         self._cursor, self._joined = o.cursor, o.joined_m
         if self._held_for != (o.parameters, o.stage):
             self._held_for = (o.parameters, o.stage)
-            self._flown.hold(o.time_s, o.parameters, o.cursor.stage.sets)
+            self._flown.hold(o.time_s, o.parameters, self._plan.quality_sets[o.stage - 1])
         return started
 
     def observe(self, o: Observation, computing_w: float) -> bool:

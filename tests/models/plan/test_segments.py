@@ -55,6 +55,14 @@ def test_a_change_waits_for_the_stage_before_the_laps_bend():
     assert cursor.next().next().state == pytest.approx((step(-900),))
 
 
+def test_the_quality_counts_a_path_parameter_where_laps_depend_on_it():
+    """c1 is named by a formula of the laps alone; the computation counts wherever it has a choice."""
+    free = [[not box.fixed for box in sets] for sets in plan().quality_sets]
+    sets = [stage.sets[1] for stage in plan().stages]
+    assert [c1 for c1, _ in free] == [False, True, True, True, True, False]
+    assert [c2 for _, c2 in free] == [not box.fixed for box in sets]
+
+
 def test_laps_that_are_over_before_they_begin_are_passed_over():
     text = (
         PARTS.replace("s = 0, next - s", "s = 90, next - s")
