@@ -34,6 +34,9 @@ windows."""
 JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 """Innovation, absolute and in standard deviations, beyond which a reading is an outlier; and that of an exact gauge."""
 
+SMALL_JUMP_STDS = 3.0
+"""Innovation, in standard deviations, whose excess is charge that was lost."""
+
 EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS = 1e-8, 0.02, 60
 """Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely."""
 
@@ -48,6 +51,9 @@ not measured, as a share of it."""
 GAUGE_QUANTUM, MAX_QUANTUM, CHECKED_DRAIN, CHECKED_QUANTA, CHECKED_STDS, MIN_FALL = 0.01, 0.1, 0.02, 2.5, 10.0, 0.25
 """Resolution of a gauge until it is seen, and at most; drain over which a gauge is checked, at least, in resolutions
 and in standard deviations of its noise; and the least share of it by which it has to fall."""
+
+GAUGE_GAIN_STD = 0.01
+"""Standard deviation of a gauge's gain: what it counts of the charge used, less 1. No reading shows it."""
 
 
 class TimeRatio:
@@ -205,6 +211,11 @@ class ChargeFilter:
     that falls by less than `MIN_FALL` of the drain, over more of it than the gauge resolves, is disbelieved until it
     agrees with the integral.
 
+    Parameters
+    ----------
+    voltage_fall : float, optional
+        By how much the voltage that predicts the drain falls from full to empty, as a share of its mean.
+
     Attributes
     ----------
     believed, rises : bool
@@ -213,13 +224,15 @@ class ChargeFilter:
     Source: Kalman filter.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, voltage_fall: float = 0.0) -> None:
+        self._min_slope = -voltage_fall
         # κ is what is stated at half of the charge: when full, it is less by half of s
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
         self._state: _ChargeState = (math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope)
         self._noise = self._drained = self._unmeasured = self._total = 0.0
         self._last: float | None = None
+        self._first = math.nan
         self._outliers = 0
         self._count = self._readings = 1
         self._quantum, self._lost = GAUGE_QUANTUM, 0.0
@@ -239,14 +252,18 @@ class ChargeFilter:
     def use(self, drain: float) -> tuple[float, float]:
         """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
 
-        A slope below 0 is 0: no voltage rises while the charge falls.
+        The slope has a least value: no voltage rises while the charge falls.
 
         Source: b ← b − κ d − ½ s d².
         """
         now = _drained(self._state, self._drained)
-        now = (*now[:2], max(now[2], 0.0), *now[3:])
+        now = (*now[:2], max(now[2], self._min_slope), *now[3:])
         then = _drained(now, drain)
         return now[0] - then[0], then[3]
+
+    def gain_std(self, soc: float) -> float:
+        """Standard deviation of b at a reading, as a gauge that is not exact counts too much or too little."""
+        return 0.0 if self._noise < EXACT_GAUGE else GAUGE_GAIN_STD * max(self._first - soc, 0.0)
 
     def observe(self, reading: float, drained: float, *, measured: bool = True) -> bool:
         """Take a reading, with the charge drained since the last by prediction; return whether some was lost.
@@ -254,7 +271,7 @@ class ChargeFilter:
         Where its power was not measured, a drain says little of κ.
         """
         if self._last is None:
-            self._last = reading
+            self._last = self._first = reading
             self._state = (reading, *self._state[1:])
             self._checked = (reading, self._state, 0.0)
             return False
@@ -288,11 +305,13 @@ class ChargeFilter:
         self._outliers = 0
         if not self.believed:
             return False
+        # a small loss is one of charge, not of capacity
+        variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + self._noise))
         if not self._unmeasured:
             change = state[1] * since - fell
             self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
         self._quantum = min(max(self._quantum, fell), MAX_QUANTUM)
-        self._state = _corrected(state, self._bounded(variance), error, self._noise)
+        self._state = _corrected(state, variance, error, self._noise)
         self._drained = self._unmeasured = 0.0
         return False
 

@@ -187,7 +187,8 @@ class Forecaster:
         limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
         self.gate = PowerGate(mission.motion_w, limit_w)
         self._slope = 0.0
-        self._charge = ChargeFilter()
+        full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
+        self._charge = ChargeFilter((full_v - empty_v) / battery.voltage_at(0.5))
         self._flown = ParameterAverages(len(plan.parameters))
         self._held_for: tuple[Vector, int] | None = None
         self._decided = mission.parameters
@@ -586,8 +587,9 @@ class Forecaster:
         """The final state of charge, of mean `soc` where the whole route is flown, at powers of its legs [W]."""
         energy_j2 = load.energy_std_j**2 + (terms.mean_w * load.time_std_s) ** 2
         losses = self._own.loss_rate_per_h / 3600 * float(load.times_s.sum())
-        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + load.charge_std**2 + losses * LOSS_SQUARE)
         soc -= losses * LOSS
+        charge_var = load.charge_std**2 + self._charge.gain_std(soc) ** 2
+        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + charge_var + losses * LOSS_SQUARE)
         if not load.ends:
             return FinalCharge(std, means=(soc,))
         unused_j = _unspent(load, powers_w * load.times_s)

@@ -432,3 +432,34 @@ def test_stages_without_sets_leave_no_choice():
     flown.hold(0.0, (4.0,), ())
     flown.hold(10.0, (5.0,), ())
     assert flown.times_s == [0.0]
+
+
+def test_a_loss_below_the_outliers_limit_is_not_learned_as_use():
+    """Of a gauge in steps of 1 %, whose noise is taken for more than it is, 3.5 % are within six deviations."""
+    for seed in range(20):
+        rng, charge, soc = np.random.default_rng(seed), ChargeFilter(), 1.0
+        for k in range(200):
+            soc -= 1e-3 + (0.035 if k == 83 else 0.0)
+            charge.observe(round(soc + rng.normal(0, 0.002), 2), 0.0 if k == 0 else 1e-3)
+        assert charge.use(0.4)[0] == pytest.approx(0.4, rel=0.05)
+
+
+def test_the_gain_of_a_gauge_is_unknown_unless_it_is_exact():
+    coarse, exact = ChargeFilter(), ChargeFilter()
+    for k in range(100):
+        coarse.observe(round(1 - 1e-3 * k, 2), 1e-3 * (k > 0))
+        exact.observe(1 - 1e-3 * k, 1e-3 * (k > 0))
+    assert coarse.gain_std(0.2) == pytest.approx(0.01 * 0.8)
+    assert exact.gain_std(0.2) == 0.0
+
+
+@pytest.mark.parametrize(("voltage_fall", "slope"), [(0.0, 0.0), (0.2, -0.2)])
+def test_use_falls_no_faster_than_the_voltage_of_the_prediction(voltage_fall, slope):
+    """A voltage that is constant, predicted to fall by a fifth: the ratio of use falls by as much."""
+    charge, soc, drained = ChargeFilter(voltage_fall), 1.0, 0.0
+    for _ in range(600):
+        charge.observe(soc, 1e-3 * (drained > 0))
+        soc -= 1e-3 * (1 + 0.4 * (0.25 - drained))
+        drained += 1e-3
+    now = charge.use(1e-6)[0] / 1e-6
+    assert charge.use(0.3)[0] == pytest.approx(0.3 * now + slope * 0.3**2 / 2, rel=0.02)
