@@ -112,13 +112,15 @@ class Readings(NamedTuple):
 class Decision(NamedTuple):
     """The parameters to fly with, the power forecast for the last reading [W], and the reason.
 
-    `record` describes the last re-planning, a new object for each; None from planners without records.
+    `record` describes the last re-planning, a new object for each; None from planners without records. `returns_home`
+    is whether to give the plan up and fly home.
     """
 
     parameters: Vector
     power_forecast_w: float
     reason: str = ""
     record: DecisionRecord | None = None
+    returns_home: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +162,7 @@ class DecisionRecord:
     wind_mps : (float, float) or None
         Estimated wind [m/s].
     home_reachable : bool or None
-        Whether home can be reached from here with the reserve kept; None without a home.
+        Whether home can be reached from here with the reserve kept, with its probability; None without a home.
     point_of_no_return_s : float or None
         Last time at which it could be reached [s], if it cannot.
     """
@@ -282,12 +284,17 @@ class SolverReport:
     solve_ms: list[float] = field(default_factory=list)
 
 
+HOME_RADII = 1.5
+"""Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
+
+
 @dataclass(frozen=True)
 class Mission:
     """The mission as known before take-off.
 
     `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest; `home_m` is
-    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s].
+    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s]. `turn_radius_m` is the
+    least; `returns_home` is whether to fly home where the plan cannot be completed with the reserve kept.
     """
 
     plan: Plan
@@ -302,6 +309,8 @@ class Mission:
     rules: Rules = field(default_factory=Rules)
     max_motion_w: float = math.inf
     gust_time_s: float = GUST_TIME_S
+    turn_radius_m: float = 0.0
+    returns_home: bool = False
 
 
 class Planner(Protocol):

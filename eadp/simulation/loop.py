@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.battery import CUT_OFF, Battery, BatteryFault
 from eadp.models.computing import ComputationRate, Computing
@@ -22,13 +23,15 @@ from eadp.models.plan.stage import Stage
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.base import Decision, DecisionRecord, Observation, Planner, Readings
+from eadp.planning.base import HOME_RADII, Decision, DecisionRecord, Observation, Planner, Readings
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
+from eadp.simulation.homing import home_plan
 from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
 from eadp.simulation.metrics import FlightTotals, ParameterLog
 from eadp.simulation.sensors import SensorSuite
 
 COMPLETED = "final point reached"
+RETURNED = "returned home"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
@@ -57,6 +60,8 @@ class World:
     sensors: Sensors = field(default_factory=Sensors)
     rates: Mapping[str, ComputationRate] = field(default_factory=dict)
     """Computations, by parameter, that run at another rate than commanded."""
+    home_m: Point | None = None
+    """Where the aircraft flies when the planner gives the plan up [m]."""
 
     def actual(self, parameters: Vector) -> Vector:
         """Parameters with the rates at which the computations run in place of the commanded ones."""
@@ -129,15 +134,16 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     computing_w = world.computing_w(parameters, stage)
     log = outcome.parameters = ParameterLog(world.plan, parameters, sets[stage.index - 1], world.actual, computing_w)
     inner_loop.start_stage(executor, computing_w)
+    plan_stage = stage.index
     decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
-    reason = TIME_LIMIT
+    reason, returning = TIME_LIMIT, False
     k, next_update, last_logged = 0, 1, -1
 
     def logged() -> Step:
         motion = (variable(X), variable(Y), variable(ALTITUDE), variable(HEADING))
         forecast_w = bridge.decision.power_forecast_w
-        return Step(k * step_s, stage.index, *motion, variable(POWER), forecast_w, variable(SOC), parameters)
+        return Step(k * step_s, plan_stage, *motion, variable(POWER), forecast_w, variable(SOC), parameters)
 
     variable = inner_loop.variable
     while k < steps:
@@ -150,11 +156,11 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm, k - k % log_every + log_every))
         time_s = k * step_s
         if events & (LOST | EMPTY | SAGS):
-            reason = _failure(events, world, inner_loop, stage.index, k)
+            reason = _failure(events, world, inner_loop, plan_stage, k)
             if events & SAGS:
                 outcome.battery_limit = world.battery.limit_at(world.battery.voltage_at(variable(SOC)))
             break
-        due = k >= next_update or k == alarm
+        due = (k >= next_update or k == alarm) and not returning
         if due:
             bridge.update(k, executor)
         if k % log_every == 0:
@@ -166,11 +172,15 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         try:
             changed = executor.handle(events, variable(X), variable(Y)) if events else False
             if executor.complete:
-                outcome.completed, reason = True, COMPLETED
+                outcome.completed, reason = not returning, RETURNED if returning else COMPLETED
                 break
-            if changed:
+            if changed and not returning:
                 outcome.stage_times_s.append(time_s)
-            if bridge.decision.parameters is not decided:
+            if bridge.decision.returns_home and not returning:
+                executor = _turned_back(world, executor, (variable(X), variable(Y), variable(HEADING)))
+                returning = True
+                changed = True
+            elif bridge.decision.parameters is not decided and not returning:
                 decided = bridge.decision.parameters
                 changed |= executor.decide(decided, (variable(X), variable(Y)))
         except EadpError as error:
@@ -178,9 +188,13 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             break
         if changed:
             stage, parameters = executor.stage, executor.parameters
+            plan_stage = plan_stage if returning else stage.index  # of the plan that was given up
             computing_w = world.computing_w(parameters, stage)
             inner_loop.start_stage(executor, computing_w)
-            log.change(time_s, parameters, sets[stage.index - 1], computing_w)
+            log.change(time_s, parameters, stage.sets if returning else sets[plan_stage - 1], computing_w)
+        if returning:
+            next_update = steps
+        elif changed:
             next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
         elif due:
             next_update = max(k + 1, step_at(planner.next_update_s, step_s, steps))
@@ -194,6 +208,14 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, variable(SOC)
     bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
     outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
+
+
+def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecutor:
+    """The flight home from a pose."""
+    assert world.home_m is not None
+    plan = home_plan(executor.cursor, pose, world.home_m, HOME_RADII * world.vehicle.turn_radius_m)
+    lowest = tuple(box.lo for box in plan.stages[0].sets)
+    return PlanExecutor(plan, lowest, pose[:2], Rules(box_triggers=world.rules.box_triggers))
 
 
 class _SensorBridge:

@@ -135,6 +135,39 @@ def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
     return sorted(paths, key=lambda path: path.length_m)
 
 
+def to_point(start: Pose, point_m: Point, radius_m: float) -> tuple[Piece, ...]:
+    """The shortest arc and straight to a point, at which any heading will do.
+
+    Parameters
+    ----------
+    start : (float, float, float)
+        x, y [m] and heading [rad].
+    point_m : (float, float)
+        [m].
+    radius_m : float
+        Turning radius [m]; a point within the turn to one side is reached by the turn to the other.
+    """
+    ways = []
+    for turn in (1, -1):
+        centre = _centre_m(start, turn, radius_m)
+        assert centre is not None
+        distance = math.dist(centre, point_m)
+        if distance < radius_m:
+            continue
+        # the straight leaves the circle along the tangent through the point
+        bearing = math.atan2(point_m[1] - centre[1], point_m[0] - centre[0])
+        arc = (turn * (bearing - start[2]) + math.asin(radius_m / distance)) % (2 * math.pi)
+        arc = 0.0 if 2 * math.pi - arc < WHOLE_TURN_RAD else arc
+        ways.append((radius_m * arc, math.sqrt(distance**2 - radius_m**2), turn, centre))
+    arc_m, straight_m, turn, centre = min(ways, key=lambda way: way[0] + way[1])
+    middle = _advanced(start, turn, radius_m, arc_m)
+    pieces = (
+        Piece(turn, start, middle, arc_m, centre),
+        Piece(0, middle, _advanced(middle, 0, math.inf, straight_m), straight_m, None),
+    )
+    return tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M)
+
+
 def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray:
     """Lengths of the shortest paths from many poses to many others.
 

@@ -38,6 +38,7 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 
 CORNERS_LIMIT = 6
 COMMANDED = ComputationRate()
+RETURN_HOME = "home"
 """A computation that runs as commanded."""
 
 Content = TypeVar("Content")
@@ -197,6 +198,7 @@ def load_flight(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
+        home_m=keys.home.position_m,
     )
     _check_rates(world, scenario)
     _check_names(plan, scenario)
@@ -213,6 +215,8 @@ def load_flight(
         scenario.rules,
         vehicle.max_motion_w,
         keys.wind.gust_time_s,
+        vehicle.turn_radius_m,
+        keys.on_infeasible == RETURN_HOME,
     )
     _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
@@ -315,8 +319,14 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
 
 
 def _check_planner(scenario: Scenario, mission: Mission) -> None:
-    """The planner's own settings fit the mission."""
+    """The planner's own settings fit the mission, and it can turn back where that is asked for."""
     name = scenario.planner.name
+    if mission.returns_home and mission.home_m is None:
+        raise InputError(scenario.fault("on_infeasible", "home, which has no location", "home: {position_m: [x, y]}"))
+    if mission.returns_home and not planner_class(name).optimises_to_end:
+        raise InputError(
+            scenario.fault("on_infeasible", f"home, with planner {name}", "planner joint, which forecasts")
+        )
     if found := planner_class(name).faults(scenario.planner, scenario.estimator, mission):
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 

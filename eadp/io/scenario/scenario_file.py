@@ -102,7 +102,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Home:
-    """Where the aircraft can return to, for the point of no return."""
+    """Where the aircraft can return to, for the point of no return and flights that turn back."""
 
     position_m: Pair | None = None
     """Position [east, north] in the plan's frame [m]."""
@@ -164,6 +164,9 @@ class ScenarioFile:
 
     planner: PlannerSection = field(default_factory=PlannerSection)
     """The planner and its settings; sections of planners that do not fly are checked and unused."""
+
+    on_infeasible: Literal["continue", "home"] = "continue"
+    """Where the reserve cannot be kept to the end: continue the plan, or fly home while that keeps the reserve."""
 
     step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
     """Time step of the simulation [s]."""

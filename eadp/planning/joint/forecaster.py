@@ -23,7 +23,7 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
-from eadp.planning.base import Mission, Observation, PlannerSettings, Readings
+from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.program import Candidate, Shares, Solution
@@ -35,8 +35,8 @@ WIND_STEP_MPS = 0.02
 
 SENSITIVITY_EVERY_S, WIND_DIFFERENCE_MPS = 10.0, 0.3
 PERIOD_SAMPLES = 48
-HOME_TURN = 1.1
-"""Ratio of the length of the way home to the straight line: it starts with a turn."""
+AT_HOME_M = 1.0
+"""Distance at which the aircraft is at home [m]."""
 
 ALIKE_STDS = 0.1
 """Plans whose final charge differs by less, in standard deviations, are equally safe: probabilities differ by at most
@@ -204,7 +204,6 @@ class Forecaster:
         self._power_w = self._computing_w = 0.0
         self._stages_started = 1
         self._through_gap = False
-        self._home_s: float | None = 0.0
         self.before_latch = self._cursor.accepts_changes()
 
     # --- measurements
@@ -595,28 +594,34 @@ class Forecaster:
         unused_j = _unspent(load, powers_w * load.times_s)
         return FinalCharge(std, _shares_of(load), tuple([soc + terms.soc_per_j * energy_j for energy_j in unused_j]))
 
-    def home(self, solution: Solution) -> tuple[bool | None, float | None]:
-        """Whether home can be reached with the reserve kept; if not, when it last could [s]. None without a home."""
-        home = self._mission.home_m
+    def home_spare(self, solution: Solution) -> float | None:
+        """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
+
+        The way is a whole turn and a straight line, with the computations of minimum power.
+        """
+        home, b = self._mission.home_m, self._mission.battery
         if home is None:
-            return None, None
+            return None
         terms, load = self.terms(solution.candidate.shares)
         dx, dy = home[0] - self._position[0], home[1] - self._position[1]
-        distance = math.hypot(dx, dy)
-        reachable = distance < 1.0
-        if not reachable:
+        distance, seconds = math.hypot(dx, dy), 0.0
+        if distance >= AT_HOME_M:
             wx, wy = self.wind_mps
             tail, cross = (wx * dx + wy * dy) / distance, (wx * dy - wy * dx) / distance
             square = self._speed**2 - cross**2
             speed = tail + math.sqrt(square) if square > 0 else 0.0
-            if speed > 0:
-                base_w = min(float(envelope.powers_w[0]) for envelope in terms.kinds)
-                energy_j = HOME_TURN * distance / speed * (float(load.motion_w.min()) + base_w)
-                reachable = self.soc - self._settings.reserve_soc >= energy_j * terms.soc_per_j
-        if reachable:
-            self._home_s = self._time_s
-            return True, None
-        return False, self._home_s
+            if speed <= 0:
+                return -math.inf
+            seconds = distance / speed + 2 * math.pi * HOME_RADII * self._mission.turn_radius_m / self._speed
+        power_w = float(load.motion_w.min()) + min(float(envelope.powers_w[0]) for envelope in terms.kinds)
+        drain = float(b.drain_per_s(power_w, b.voltage_at(min(max(self.soc, 0.0), 1.0)))) * seconds
+        used, charge_var = self._charge.use(drain)
+        energy_j2 = self._motion.energy_variance_j2(seconds, 0.0) + power_w**2 * self._ratio.variance_s2(seconds)
+        losses = self._own.loss_rate_per_h / 3600 * seconds
+        soc = self.soc - used - losses * LOSS
+        charge_var += self._charge.gain_std(soc) ** 2 + losses * LOSS_SQUARE
+        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + charge_var)
+        return FinalCharge(std, means=(soc,)).level(self._own.reserve_probability) - self._settings.reserve_soc
 
 
 def _remaining_load(

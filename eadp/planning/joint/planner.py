@@ -95,6 +95,8 @@ class JointPlanner(TrackingPlanner):
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._falls = self._changes = 0
+        self._home_spare: float | None = None
+        self._home_s = 0.0
         self._jumped = False
         self._updated_s, self._ambiguous = 0.0, False
 
@@ -114,6 +116,8 @@ class JointPlanner(TrackingPlanner):
 
     def update(self, observation: Observation) -> Decision:
         """Update with an observation; re-plan when due, at a new stage, and at once when the charge jumps."""
+        if self._decision.returns_home:
+            return self._decision
         o, forecaster = observation, self._forecaster
         cause = NEW_STAGE if forecaster.update_stage(o) else ""
         read = o.time_s >= self._next_reading_s - 1e-9
@@ -171,9 +175,25 @@ class JointPlanner(TrackingPlanner):
         )
         if not forecaster.believes_gauge:
             reason += GAUGE_DISBELIEVED
+        returns_home = self._must_turn_back(o.time_s, solution)
+        if returns_home:
+            reason = f"home: {reason}"
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.decide(chosen, shares)
-        self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record)
+        self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
+
+    def _must_turn_back(self, time_s: float, solution: Solution) -> bool:
+        """Whether the plan is infeasible, and home will be at the next re-planning, or is now by less than the plan."""
+        before, spare = self._home_spare, self._forecaster.home_spare(solution)
+        self._home_spare = spare
+        if spare is None:
+            return False
+        if spare >= 0:
+            self._home_s = time_s
+        if not self._mission.returns_home or solution.allocation.feasible:
+            return False
+        falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
+        return -solution.shortfall < spare < falls
 
     def _solve(self, cause: str) -> tuple[Solution, bool, bool]:
         """The point from which OSQP decides, whether path parameters were scanned for it, and whether they may move."""
@@ -311,7 +331,7 @@ class JointPlanner(TrackingPlanner):
         self, o: Observation, cause: str, chosen: Vector, solution: Solution, reason: str, calls: int
     ) -> DecisionRecord:
         forecaster, b = self._forecaster, self._mission.battery
-        forecast, (reachable, lost_s) = forecaster.forecast(solution), forecaster.home(solution)
+        forecast = forecaster.forecast(solution)
         terms, _ = forecaster.terms(solution.candidate.shares)
         floor = max(self._settings.reserve_soc, terms.min_soc)
         return DecisionRecord(
@@ -337,8 +357,8 @@ class JointPlanner(TrackingPlanner):
             reserve_probability=forecast.reserve_probability,
             quality_forecast=solution.value if self._own.objective == QUALITY else None,
             wind_mps=forecaster.wind_mps,
-            home_reachable=reachable,
-            point_of_no_return_s=lost_s,
+            home_reachable=None if self._home_spare is None else self._home_spare >= 0,
+            point_of_no_return_s=None if self._home_spare is None or self._home_spare >= 0 else self._home_s,
         )
 
 

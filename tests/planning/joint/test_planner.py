@@ -15,6 +15,7 @@ from common.observations import observation
 from common.recorder import Recorder
 
 from eadp.core.flight.battery import soc_rate_per_s
+from eadp.errors import InputError
 from eadp.io.flight.folder import record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
@@ -382,3 +383,52 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
         assert sum(a[i] != b[i] for a, b in itertools.pairwise(flown_with)) <= 6
     assert soc >= RESERVE
     assert soc < RESERVE + 0.01 or np.mean([a == 10.0 for a, _ in flown_with]) > 0.9
+
+
+# --- home
+
+
+HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}
+
+
+@pytest.mark.parametrize("home_m", [[0.0, -1000.0], [-800.0, 300.0], [900.0, 0.0]])
+def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
+    flight = flown(**HOME, **{"home.position_m": home_m})
+    last, end = flight.records[-1], flight.steps[-1]
+    assert (flight.outcome.completed, flight.outcome.reason) == (False, "returned home")
+    assert end.x_m == pytest.approx(home_m[0], abs=25)
+    assert end.y_m == pytest.approx(home_m[1], abs=25)
+    assert end.parameters[1] == 2.0
+    assert last.reason.startswith("home: infeasible")
+    assert last.time_s < end.time_s - 20
+    assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
+    assert all(record.home_reachable for record in flight.records[:-1])
+
+
+def test_a_plan_that_is_feasible_or_continues_is_flown_to_its_end():
+    home = {"home.position_m": [0.0, -1000.0]}
+    assert flown(**HOME | {"battery.capacity_ah": 0.9}, **home).outcome.completed
+    flight = flown(**HOME | {"on_infeasible": "continue"}, **home)
+    assert flight.outcome.reason == "battery empty"
+    lost = next(record for record in flight.records if not record.home_reachable)
+    before = [record.time_s for record in flight.records if record.time_s < lost.time_s]
+    assert lost.point_of_no_return_s == before[-1]
+
+
+def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
+    """A loss of charge on the way, from which neither end keeps the reserve: the nearer one is flown to."""
+    fault = {"faults": [{"at_s": 200, "soc_drop": 0.3}], "home.position_m": [0.0, -3500.0]}
+    flight = flown(**HOME | {"battery.capacity_ah": 0.45} | fault)
+    assert not any(record.reason.startswith("home") for record in flight.records)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "what"),
+    [
+        ({"home.position_m": None}, "home, which has no location"),
+        ({"planner.name": "static"}, "home, with planner static"),
+    ],
+)
+def test_a_flight_home_needs_a_home_and_a_forecast(overrides, what):
+    with pytest.raises(InputError, match=what):
+        flown(**HOME, **{"home.position_m": [0.0, 0.0]} | overrides)

@@ -1,0 +1,52 @@
+"""The plan of a flight that gives its mission up: a turn and straight home, with the computations at their lowest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import constant
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose, to_point
+from eadp.coverage.plan_builder import piece_path
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
+
+
+def home_plan(cursor: PlanCursor, pose: Pose, home_m: Point, radius_m: float) -> Plan:
+    """A plan of a turn and a straight line home.
+
+    Parameters
+    ----------
+    cursor : PlanCursor
+        Where the flight was in its plan: its stage's altitude and airspeed stay, and the path parameters.
+    pose : (float, float, float)
+        Where the aircraft is [m] and its heading [rad].
+    home_m : (float, float)
+        [m].
+    radius_m : float
+        Radius of the turn [m].
+    """
+    plan = cursor.table.plan
+    rho = plan.path_count
+    lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
+    sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
+    stages = []
+    for index, piece in enumerate(to_point(pose, home_m, radius_m), 1):
+        function, rotation_deg, gain = piece_path(piece)
+        x, y = map(constant, piece.end[:2])
+        stages.append(
+            replace(
+                cursor.stage,
+                index=index,
+                gain=gain,
+                rotation_deg=rotation_deg,
+                path=read_expression(function),
+                trigger=(x, y),
+                sets=sets,
+                segment=None,
+                commands=(),
+            )
+        )
+    return Plan(plan.name, tuple(stages), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)
