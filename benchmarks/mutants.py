@@ -6,7 +6,7 @@ The operators are mutmut's (pip install mutmut coverage), and `return x` to `ret
 leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on.
 Coverage records once which test executes which line, and keeps it in `build/mutants` until the sources change. A
 mutant meets the tests that execute its statement, the quickest first, until one fails; a hang is a failure. Processes
-are forked with the libraries imported. Prints the mutants that survive and the counts of each layer.
+are forked with the libraries imported. Prints the mutants that survive or hang and the counts of each layer.
 """
 
 from __future__ import annotations
@@ -317,7 +317,7 @@ def main() -> None:
 
     def report(mutant: Mutant, result: str) -> None:
         counts[mutant.file.split("/")[1], result] += 1
-        if result in ("survives", "no test"):
+        if result != "falls":
             print(f"{result}: {mutant.file}:{mutant.change}", flush=True)
 
     for mutant, status in forked(tasks(), options.jobs):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -212,9 +213,7 @@ def _readings(
     name: str, rows: Iterable[Row], layout: _Layout
 ) -> tuple[LogReadings, list[Fault], dict[str, int | float]]:
     """The rows that are readings; warnings for those that are not, and their numbers."""
-    lines: list[int] = []
-    values: list[list[float]] = []
-    others: list[list[float]] = []
+    lines, values, others = array("q"), array("d"), array("d")
     faults: list[Fault] = []
     dropped: dict[str, list[int]] = {}
     limits = [LARGEST_S, *[LARGEST_W] * (len(layout.index) - 1)]
@@ -235,13 +234,13 @@ def _readings(
             dropped.setdefault(found, []).append(row.line)
         else:
             lines.append(row.line)
-            values.append(found)
-            others.append([_optional(row.fields, i) for i in layout.others])
+            values.extend(found)
+            others.extend(_optional(row.fields, i) for i in layout.others)
     refuse(faults)
     warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
     counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
-    table = np.array(values).reshape(len(values), len(columns))
-    rest = np.array(others).reshape(len(values), len(layout.others))
+    table = np.array(values).reshape(len(lines), len(columns))
+    rest = np.array(others).reshape(len(lines), len(layout.others))
     if layout.degrees and len(rest):
         rest[:, :2] = _metres(name, rest[:, :2], lines)
     readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
@@ -254,14 +253,14 @@ def _values(row: Row, columns: Sequence[tuple[int, float]]) -> list[float] | str
     reason = ""
     for index, limit in columns:
         raw = row.fields[index] if index < len(row.fields) else ""
-        if not raw:
+        if NUMBER.match(raw) and abs(value := float(raw)) <= limit:
+            values.append(value)
+        elif not raw:
             reason = "empty"
         elif NOT_FINITE.match(raw):
             reason = "not_finite"
         elif fault := number_fault(raw, limit):
             return row.fault(index, *fault)
-        else:
-            values.append(float(raw))
     if not reason and len(values) == 3 and (values[1] <= 0 or values[2] in (0, -1)):
         reason = "unknown"
     return reason or values

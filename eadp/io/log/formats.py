@@ -6,9 +6,10 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+from eadp.errors import InputError
 from eadp.io.log.autopilot_battery import DATAFLASH_TOPICS, ULOG_TOPICS, battery_log
 from eadp.io.log.csv_log import read_csv_log
 from eadp.io.log.messages import read_tables
@@ -17,6 +18,7 @@ from eadp.io.text.streams import Text, read_text
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
+_OF_A_PIPE = "UTF-8 text from a pipe; a ULog or a binary DataFlash log as a file"
 
 
 @dataclass
@@ -27,7 +29,7 @@ class LogSource:
 
     @cached_property
     def head(self) -> bytes:
-        """The first bytes; those of the text where the file, a pipe, can be read only once."""
+        """The first bytes; those of the text where the file, a pipe, can be read only once. Raises InputError."""
         if os.path.isfile(self.name):
             try:
                 with open(self.name, "rb") as stream:
@@ -38,8 +40,13 @@ class LogSource:
 
     @cached_property
     def text(self) -> Text:
-        """The content as a text."""
-        return read_text(self.name)
+        """The content as a text. Raises InputError."""
+        try:
+            return read_text(self.name)
+        except InputError as error:
+            if os.path.isfile(self.name) or "not UTF-8" not in str(error):
+                raise
+            raise InputError(replace(error.faults[0], expected=_OF_A_PIPE)) from None
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,8 @@ def is_dataflash_text(head: bytes) -> bool:
 
 
 def _autopilot(form: str, topics: Sequence[str], source: LogSource, columns: Columns) -> PowerLog:
+    if not os.path.isfile(source.name):
+        raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
     return battery_log(source.name, read_tables(source.name, source.name, form, topics), columns)
 
 

@@ -15,9 +15,12 @@ NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Row:
-    """A line of a table and its fields, without the quotes and blanks around them; `mark` separates them."""
+    """A line of a table and its fields, without the quotes and blanks around them; `mark` separates them.
+
+    Nothing changes it. It is not frozen because a log has a million rows, and a frozen one takes long to make.
+    """
 
     file: str
     line: int
@@ -52,7 +55,8 @@ def repeated(names: Sequence[str]) -> list[int]:
 
 def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
     """A line split at the marks outside quotes, or at blanks if there is no mark."""
-    return Row(file, line, source, [_unquoted(text.strip()) for text in _split(source, mark)], mark)
+    fields = [text.strip() for text in _split(source, mark)]
+    return Row(file, line, source, [*map(_unquoted, fields)] if '"' in source else fields, mark)
 
 
 def read_rows(file: str, body: str, mark: str | None = ",") -> Iterator[Row]:

@@ -512,6 +512,13 @@ def test_nesting_limit(before, after):
     assert isinstance(expression.names, frozenset)
 
 
+@pytest.mark.parametrize("part", ["-x", "x^2", "x^-2", "(x)", "sqrt(x)"])
+def test_what_stands_beside_a_nesting_does_not_deepen_or_lift_it(part):
+    beside = " + ".join([part] * 200)
+    assert not fails(f"{beside} + {'(' * NESTING_LIMIT}x{')' * NESTING_LIMIT}")
+    assert fails(f"{beside} + {'(' * (NESTING_LIMIT + 1)}x{')' * (NESTING_LIMIT + 1)}")
+
+
 def fails(text):
     try:
         read_expression(text)

@@ -447,6 +447,12 @@ def test_length_along_a_parabola_in_closed_form():
     )
 
 
+def test_length_along_a_small_circle_is_its_arc():
+    # a quarter of 3 m: steps of 5 m would leave it
+    wanted = pytest.approx(1.5 * math.pi, rel=LENGTH_SHARE)
+    assert curve_length_m(path("x^2+y^2-9"), (3.0, 0.0), (0.0, 3.0), 1) == wanted
+
+
 def test_length_of_what_is_not_met_is_infinite():
     away = curve_length_m(path("y - x^2/100"), (0.0, 0.0), (50.0, 25.0), 1, limit_m=300.0)
     assert away == math.inf

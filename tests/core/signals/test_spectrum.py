@@ -91,6 +91,13 @@ def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
     assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
 
 
+def test_a_periodogram_of_one_harmonic_explains_that_harmonic_alone() -> None:
+    times = sampled(8)
+    for terms, explained in (((2.0, 0.8), (2.0, -1.9)), 0.5), (((2.0, 0.8), (1.0, 2.6)), 0.8):
+        period, share = periodogram(times, signal(times, terms), order=1, points=2000)
+        assert share[np.argmin(abs(period - PERIOD_S))] == pytest.approx(explained, abs=0.03)
+
+
 def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
     times = np.arange(0.0, 400.0, 0.1)
     period, share = periodogram(times, signal(times), order=1, points=40)
@@ -436,6 +443,15 @@ def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float, trials: in
         found = analyse(0.5 * np.arange(n), MEAN_W + noise)
         inside.append(abs(found.mean_w - MEAN_W) <= 1.96 * found.mean_std_w or found.periodic)
     assert sum(inside) >= least
+
+
+@pytest.mark.parametrize("std_w", [0.2, 2.0])
+def test_standard_deviations_of_mean_and_amplitudes_in_white_noise(std_w: float) -> None:
+    # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
+    times = sampled(8)
+    found = analyse(times, noisy(times, std_w, seed=3))
+    assert found.mean_std_w == pytest.approx(std_w / math.sqrt(len(times)), rel=0.25)
+    assert found.amplitude_std_w == pytest.approx(3 * [std_w * math.sqrt(2 / len(times))], rel=0.25)
 
 
 def test_a_period_that_does_not_fit_twice_does_not_count() -> None:

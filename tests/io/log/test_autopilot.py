@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import random
 import struct
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -245,6 +247,19 @@ def test_dataflash_text_is_told_from_a_table() -> None:
     assert is_dataflash_text(text_log().encode())
     assert not is_dataflash_text(b"time_s,power_w\n1,2\n")
     assert not is_dataflash_text(b"FMT,power_w\n1,2\n")
+
+
+@pytest.mark.parametrize(
+    "data", [b"ULog\x01\x12\x35\x01\xff", HEAD, b"\xa3\x95\x80"], ids=["ulog", "ascii", "dataflash"]
+)
+def test_a_pipe_is_refused_with_what_to_do(tmp_path: Path, data: bytes) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(data,))
+    writer.start()
+    with pytest.raises(InputError, match="a ULog or a binary DataFlash log as a file"):
+        read_power_log(str(pipe))
+    writer.join()
 
 
 def test_no_battery_and_no_time(tmp_path: Path) -> None:
