@@ -24,6 +24,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
+from eadp.models.vehicle import FixedWing
 from eadp.planning.estimation.estimator import (
     MIN_NOISE_W,
     ONE_LAP_SHARE,
@@ -287,7 +288,8 @@ class Mission:
     """The mission as known before take-off.
 
     `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest; `home_m` is
-    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s].
+    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s]. `airframe` gives the power
+    of climbs and of the stages' airspeeds, None that of level flight alone; `altitude_m` is that of take-off [m].
     """
 
     plan: Plan
@@ -302,6 +304,8 @@ class Mission:
     rules: Rules = field(default_factory=Rules)
     max_motion_w: float = math.inf
     gust_time_s: float = GUST_TIME_S
+    airframe: FixedWing | None = None
+    altitude_m: float = 0.0
 
 
 class Planner(Protocol):

@@ -342,9 +342,9 @@ class _PlanBuilder:
         return visits
 
     def _altitude_m(self, item: DraftItem, before: float | None) -> float | None:
-        """The altitude above home at an item [m]."""
+        """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
         altitude = item.parameters[6]
-        if item.command == d.RETURN or item.command in _LANDS or math.isnan(altitude):
+        if item.command == d.RETURN or math.isnan(altitude):
             return before
         frame = d.FRAMES[item.frame]
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):

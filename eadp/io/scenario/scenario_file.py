@@ -92,7 +92,7 @@ class Start:
     """Compass bearing of the nose, 0 north, 90 east [°]; by default along the first path."""
 
     altitude_m: Coordinate | None = None
-    """Altitude [m]; by default that of the airframe's cruise."""
+    """Altitude [m]; by default that of the first stage or of the airframe's cruise, and 0 for a mission, from home."""
 
     @property
     def heading_rad(self) -> float | None:
