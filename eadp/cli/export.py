@@ -11,11 +11,13 @@ from typer import Argument, Option
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, usage_fault, warn
 from eadp.errors import Fault, InputError, PathUndefined, printable
+from eadp.io.mission.export import EXPORTS
 
 if TYPE_CHECKING:
     from eadp.models.vehicle import Airframe
 
-ExportName = StrEnum("ExportName", ["qgc", "ardupilot", "paparazzi", "kml", "geojson", "gpx"])
+ExportName = StrEnum("ExportName", {name: name for name in EXPORTS})  # type: ignore[misc]
+"""Formats by name."""
 
 
 def command(
@@ -61,7 +63,6 @@ def command(
     Exit code 0 if it is written, 2 on bad input.
     """
     from eadp.cli.plan import parameters_of
-    from eadp.io.mission.export import EXPORTS
     from eadp.io.mission.path import PlannedPath, planned_sections
     from eadp.io.mission.reader import PlanReader
     from eadp.io.text.streams import read_text, write_text
