@@ -14,7 +14,7 @@ from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined,
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.profile.model_file import parse_profile
-from eadp.io.scenario.scenario_file import Scenario, Start, scenario_document, scenario_of
+from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
 from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -182,7 +182,7 @@ def load_flight(
         )
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
-    altitude_m, rates = _altitude_m(plan, keys.start, vehicle), keys.computations
+    altitude_m, rates = _altitude_m(plan, scenario, vehicle), keys.computations
     world = World(
         plan=plan,
         computing=computing,
@@ -214,7 +214,7 @@ def load_flight(
         start,
         energy,
         vehicle.cruise_power_w,
-        keys.home.position_m,
+        scenario.position_m("home", plan.origin_deg),
         scenario.rules,
         vehicle.max_motion_w,
         keys.wind.gust_time_s,
@@ -240,12 +240,12 @@ def _commands(plan: Plan) -> bool:
     return any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
 
 
-def _altitude_m(plan: Plan, start: Start, vehicle: Airframe) -> float:
+def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     """Altitude at the start [m]: as given, else the first stage's; a mission, which starts at home, on the ground."""
-    if start.altitude_m is not None:
-        return start.altitude_m
+    if scenario.keys.start.altitude_m is not None:
+        return scenario.keys.start.altitude_m
     commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    if commanded_m and plan.start_m is not None and start.position_m is None:
+    if commanded_m and plan.start_m is not None and scenario.position_m("start", plan.origin_deg) is None:
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m
@@ -391,7 +391,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
-    start, heading = scenario.keys.start.position_m, scenario.keys.start.heading_rad
+    start, heading = scenario.position_m("start", plan.origin_deg), scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:
@@ -404,7 +404,8 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tu
             raise ValueError
     except (ArithmeticError, ValueError):
         message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
-        raise InputError(scenario.fault("start.position_m", message, "a start from which it can be joined")) from None
+        key = "position_m" if scenario.keys.start.lat_deg is None else "lat_deg"
+        raise InputError(scenario.fault(f"start.{key}", message, "a start from which it can be joined")) from None
     if heading is None:
         phi, gx, gy = jet[:3]
         dx = -stage.sense * gy - stage.gain * phi * gx
