@@ -68,6 +68,8 @@ class Observation(NamedTuple):
         Heading of the nose, 0 east, counter-clockwise [rad].
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
+    airspeed_mps : float or None
+        Measured airspeed [m/s].
     """
 
     time_s: float
@@ -82,6 +84,7 @@ class Observation(NamedTuple):
     velocity_mps: Point | None = None
     heading_rad: float | None = None
     through_gap: bool = False
+    airspeed_mps: float | None = None
 
     @property
     def stage(self) -> int:

@@ -273,7 +273,7 @@ class Forecaster:
         """
         step_s = self._duration_s(o.time_s)
         self._off_path((o.x_m, o.y_m), step_s)
-        beside_w = computing_w + self._followed_w(step_s)
+        beside_w = computing_w + self._followed_w(step_s, o.airspeed_mps)
         if o.power_w is not None and step_s > 0:
             self._motion.observe(o.power_w - beside_w, min(step_s, MAX_STEP_S), self._slope)
         if o.wind_mps is not None:
@@ -314,13 +314,17 @@ class Forecaster:
         self._last_s = time_s
         return step_s
 
-    def _followed_w(self, step_s: float) -> float:
-        """Power that climbing and the stage's airspeed added over a step [s], which ends now [W]."""
-        if self._climb is None:
-            return 0.0
-        self._climb.follow(self._cursor.stage, step_s)
-        self._wind.airspeed_mps = self._climb.level_mps
-        return self._climb.power_w
+    def _followed_w(self, step_s: float, airspeed_mps: float | None = None) -> float:
+        """Power that climbing and the stage's airspeed added over a step [s], which ends now [W].
+
+        The wind is estimated with the airspeed measured [m/s], else the one commanded.
+        """
+        power_w, commanded_mps = 0.0, self._speed
+        if self._climb is not None:
+            self._climb.follow(self._cursor.stage, step_s)
+            power_w, commanded_mps = self._climb.power_w, self._climb.level_mps
+        self._wind.airspeed_mps = airspeed_mps or commanded_mps
+        return power_w
 
     def _off_path(self, position: Point, step_s: float) -> None:
         """Update position and the standard deviation of the cross-track error, by its median: stages are joined from
