@@ -49,11 +49,14 @@ class _ItemBuilder:
                 airspeed = stage.airspeed_mps
                 self._command((d.CHANGE_SPEED, 0.0, airspeed, -1.0, 0.0, 0.0, 0.0, 0.0))
             for command in stage.commands:
-                self._command(command)
+                if command[0] != d.TRIGGER_DISTANCE or path.trigger_distance_m is None:
+                    self._command(command)
             if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > JOINED_M:
                 self._fly_to(section.start_m)
             self._fly(section, sections[k + 1] if k + 1 < len(sections) else None)
-        if path.trigger_distance_m is not None:
+        distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
+        # a mission's own pictures, which nothing ends, are written back as they are
+        if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         if path.home_deg is not None:
             self.items.append(MissionItem(d.RETURN, d.NO_POSITION, (0.0,) * 7))
