@@ -109,7 +109,7 @@ def command(
     except PathUndefined as error:
         raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
     path = PlannedPath(
-        printable(name.rpartition("/")[2]),
+        (flown.field.name if flown.field else "") or printable(name.rpartition("/")[2]),
         sections,
         place,
         airframe.cruise_altitude_m if altitude is None else altitude,

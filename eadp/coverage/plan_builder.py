@@ -14,7 +14,7 @@ from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import FieldNote, Plan
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import Box, Stage
 
@@ -55,6 +55,7 @@ def build_plan(
     computations: FieldComputations | None = None,
     min_radius_m: float | None = None,
     origin_deg: Point | None = None,
+    field: FieldNote | None = None,
     altitude_m: float | None = None,
     commands: tuple[Command, Command] | None = None,
 ) -> Plan:
@@ -71,6 +72,8 @@ def build_plan(
         The aircraft's smallest turning radius [m], for the plan's header.
     origin_deg : (float, float), optional
         Latitude and longitude of the local frame's origin [°].
+    field : FieldNote, optional
+        Name and area of the field.
     altitude_m : float, optional
         Altitude of all stages [m].
     commands : (tuple, tuple), optional
@@ -87,6 +90,7 @@ def build_plan(
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
         origin_deg=origin_deg,
+        field=field,
         segments=tuple(builder.segments) if repeats else (),
         primitive_stages=4 if repeats else None,
     )

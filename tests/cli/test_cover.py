@@ -54,6 +54,21 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     assert eadp("simulate", plan, "--planner", "static").code == 0
 
 
+def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
+    plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)
+    field = json.loads(answer.out)["field"]
+    assert field["name"] == "meadow"
+    assert json.loads(eadp("plan", plan, "--format", "json").out)["field"] == {
+        "name": "meadow",
+        "area_m2": pytest.approx(field["area_m2"], abs=0.1),
+    }
+    assert eadp("plan", plan, "--format", "plan").out.count("%: field 143564.7 meadow\n") == 1
+    assert eadp("simulate", plan, "--planner", "static", "--set", "time_limit_s=1", "-o", folder).code == 1
+    assert json.loads((folder / "summary.json").read_text())["field"]["name"] == "meadow"
+    assert "<name>meadow</name>" in eadp("export", plan, "--to", "kml").out
+
+
 CAMERA = {"--altitude": 80, "--sensor-width-mm": 13.2, "--focal-length-mm": 8.8, "--side-overlap": 70}
 PICTURES = {"--sensor-height-mm": 8.8, "--forward-overlap": 80}
 

@@ -22,7 +22,7 @@ from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import FieldNote, Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -32,6 +32,7 @@ MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
 MAX_ALTITUDE_M, MAX_LENGTH_MM = 1e5, 1e5
 MAX_OVERLAP = 99.0
+NAME_LIMIT = 100
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
 
@@ -233,6 +234,7 @@ def plan_coverage(
         computations=computations,
         min_radius_m=motion.min_radius_m,
         origin_deg=field.origin_deg,
+        field=FieldNote(round(field.area_m2, 1), printable(" ".join(field.name.split()), NAME_LIMIT)),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )

@@ -68,6 +68,7 @@ def summarise(
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
+        "field": None if world.plan.field is None else world.plan.field._asdict(),
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,
         "energy_wh": totals.energy_j / 3600,
