@@ -88,12 +88,36 @@ def test_in_flight_too(text, within, inputs_of):
 
 
 def test_a_battery_that_cannot_climb_is_forecast(inputs_of):
-    # 50 W are enough for level flight, not for 100 W of climbing
-    limits = {"battery.capacity_ah": 0.5, "battery.max_c_rate": 7.0}
-    inputs = inputs_of(CLIMB, "joint", **limits)
+    # 52 W are enough for level flight, and for the mean of a leg with 100 W of climbing in it
+    limits = {"battery.capacity_ah": 1.0, "battery.max_c_rate": 3.5}
+    inputs = inputs_of(leg(1000, "altitude 25") + leg(7000, "altitude 125"), "joint", **limits)
     assert not inputs.preflight().feasible
-    assert inputs_of(LEVEL, "joint", **limits).preflight().feasible
+    assert inputs_of(leg(1000) + leg(7000), "joint", **limits).preflight().feasible
     assert "cannot deliver" in flown(inputs)[1].reason
+
+
+def test_the_forecast_knows_the_ground_speed_that_a_climb_takes(inputs_of):
+    level, climb = (inputs_of(text).preflight().forecast for text in (LEVEL, CLIMB))
+    slower_s = 100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2))
+    assert climb.remaining_s - level.remaining_s == pytest.approx(slower_s, rel=0.01)
+    more_j = 3600 * (climb.energy_wh - level.energy_wh)
+    assert more_j == pytest.approx(CLIMB_J + VEHICLE.cruise_power_w * slower_s, rel=1e-3)
+
+
+def test_a_climb_is_no_slow_flight(inputs_of):
+    inputs = inputs_of(CLIMB)
+    forecast, stage = ClimbForecast.of(inputs.mission), inputs.world.plan.stages[1]
+    for _ in range(600):
+        forecast.follow(stage, 0.1)
+    assert forecast.slowed_s == pytest.approx(100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2)), rel=0.05)
+    assert forecast.level_mps == pytest.approx(15)
+    assert forecast.power_w == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("text", "within"), [(STAIRS, 0.1), (FASTER, 1.0)])
+def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of):
+    _, outcome = flown(inputs_of(text, "joint"))
+    assert max(math.hypot(*record.wind_mps) for record in outcome.records) < within
 
 
 def test_the_altitude_is_known_by_dead_reckoning(inputs_of):
