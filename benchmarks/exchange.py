@@ -1,12 +1,14 @@
 """Missions of other software: lengths beside geodesics, missions exported and read back, the time to read and check.
 
-    python benchmarks/exchange.py [--missions FOLDER] [--random 200] [--items 700]
+    python benchmarks/exchange.py [--missions FOLDER] [--plant] [--random 200] [--items 700]
 
 For each mission of the folder (WPL and QGroundControl plans): its length as a plan and as simulated without wind, its
 time, and the sum of the geodesics between its waypoints with its loiters' circles, by pyproj over the file's own rows
-(`pip install pyproj`). Jumps for ever are flown twice. Then random missions are exported as WPL and as a QGroundControl
-plan and read back: the largest distance between the two paths, and the largest difference of their lengths. Last the
-CPU seconds that a mission of many items takes to be read and to be checked.
+(`pip install pyproj`). Jumps for ever are flown twice. With `--plant`, time and energy that eadp forecasts and
+simulates for the aircraft of `twin/owner.yaml` beside a flight of the same mission in JSBSim (`plant.py`, `pip install
+'eadp[bench]'`), at the altitudes of the mission, from the ground on. Then random missions are exported as WPL and as a
+QGroundControl plan and read back: the largest distance between the two paths, and the largest difference of their
+lengths. Last the CPU seconds that a mission of many items takes to be read and to be checked.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from pyproj import Geod
 import eadp
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
+from eadp.io.flight.inputs import load_flight
 from eadp.io.mission.export import EXPORTS
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
@@ -31,8 +34,10 @@ from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs, trace
 from eadp.models.vehicle import FixedWing
+from eadp.simulation.loop import Outcome, fly
 from eadp.validation.check import check_plan
 
+HERE = Path(__file__).resolve().parent
 HOME = (47.0, 8.0)
 LAPS = 2
 AIRSPEED_MPS, LOITER_RADIUS_M = FixedWing.airspeed_mps, 60.0
@@ -92,6 +97,41 @@ def reference(folder: Path) -> None:
         print(
             f"{path.name:<42} {len(plan.stages):>6} {length:>9.0f} {straight:>10.0f} {length / straight:>6.3f} "
             f"{summary['distance_m']:>9.0f} {summary['duration_s']:>7.0f}"
+        )
+
+
+def plant_flight(plan: Plan) -> tuple[bool, float, float]:
+    """Whether JSBSim's aeroplane completes a mission, its time [s] and its energy [Wh]."""
+    from plant import ALTITUDE_M, SAMPLE_S, PlanFlight, battery_w
+
+    flight = PlanFlight(plan, (), (0.0, 0.0), (0.0, 0.0))
+    energy_j, time_s = 0.0, 0.0
+    flight.plane.altitude_target_m = ALTITUDE_M + (plan.stages[0].altitude_m or 0.0)
+    for sample in flight.samples():
+        # the plant trims at its altitude, which is the ground here
+        flight.plane.altitude_target_m = ALTITUDE_M + (flight.executor.stage.altitude_m or 0.0)
+        energy_j += float(battery_w(sample.shaft_w)) * SAMPLE_S
+        time_s = sample.time_s
+    return flight.executor.complete, time_s, energy_j / 3600
+
+
+def plant(folder: Path) -> None:
+    print(f"\n{'mission':<42} {'plant s':>8} {'eadp':>7} {'plant Wh':>9} {'forecast':>9} {'flown':>7}")
+    owner = {"vehicle": str(HERE / "twin/owner.yaml"), "vehicle.airframe.max_climb_rate_mps": 2.5}
+    keys = {**owner, "battery.capacity_ah": 20.0, "wind.speed_mps": 0.0, "planner.name": "static", "step_s": 0.02}
+    for path in sorted(folder.iterdir()):
+        try:
+            inputs = load_flight(str(path), overrides={**keys, "laps": LAPS})
+        except InputError:
+            continue
+        forecast, outcome = inputs.preflight().forecast, Outcome()
+        for _ in fly(inputs.world, inputs.planner(), outcome):
+            pass
+        completed, time_s, energy_wh = plant_flight(inputs.world.plan)
+        ratios = forecast.energy_wh / energy_wh, outcome.totals.energy_j / 3600 / energy_wh
+        print(
+            f"{path.name:<42} {time_s:>8.1f} {100 * (outcome.duration_s / time_s - 1):>+6.1f}% {energy_wh:>9.3f} "
+            f"{100 * (ratios[0] - 1):>+8.1f}% {100 * (ratios[1] - 1):>+6.1f}%{'' if completed else ' not completed'}"
         )
 
 
@@ -161,11 +201,14 @@ def timed(count: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--missions", type=Path, help="folder of missions")
+    parser.add_argument("--plant", action="store_true", help="fly them in JSBSim, too")
     parser.add_argument("--random", type=int, default=200)
     parser.add_argument("--items", type=int, default=700)
     options = parser.parse_args()
     if options.missions:
         reference(options.missions)
+        if options.plant:
+            plant(options.missions)
     exported(options.random)
     timed(options.items)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 
+import numpy as np
 import pytest
 from common import ROOT
 from common.console import missing_links
@@ -36,10 +38,14 @@ def keys(value, names, prefix=""):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The result folder of a flight that ends early."""
+    """The result folder of a flight that ends early, of a plan with an origin."""
     target = tmp_path_factory.mktemp("results") / "flight"
+    plan = target.parent / "survey.plan"
+    plan.write_text(
+        "%: origin 55.37 10.43\n%: field 120000 Meadow\n" + PLAN.read_text(encoding="utf-8"), encoding="utf-8"
+    )
     overrides = {"time_limit_s": 60, "computations.c2.max_rate": 8}
-    eadp.simulate(PLAN, scenario=SCENARIO, overrides=overrides).write(target, paper_figure=True)
+    eadp.simulate(plan, scenario=SCENARIO, overrides=overrides).write(target, paper_figure=True)
     return target
 
 
@@ -53,6 +59,13 @@ def test_the_columns_of_the_flight(folder):
     with (folder / "flight.csv").open(encoding="utf-8", newline="") as stream:
         header = next(csv.reader(stream))
     assert header == [name for name in documented("flight.csv") if name != "…"]
+    rows = np.genfromtxt(folder / "flight.csv", delimiter=",", names=True)
+    # latitude and longitude by the local radii of the WGS-84 ellipsoid
+    a, e2, latitude = 6378137.0, 0.00669437999014, math.radians(55.37)
+    across = a / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
+    along = across * (1 - e2) / (1 - e2 * math.sin(latitude) ** 2)
+    assert rows["lat_deg"] == pytest.approx(55.37 + np.degrees(rows["y_m"] / along), abs=1e-7)
+    assert rows["lon_deg"] == pytest.approx(10.43 + np.degrees(rows["x_m"] / across / math.cos(latitude)), abs=1e-6)
 
 
 @pytest.mark.parametrize("planner", ["joint", "paper", "static"])

@@ -20,7 +20,31 @@ def command(
         str, Argument(help="Field outline: GeoJSON, KML or CSV of vertices, - for standard input.", metavar="FIELD")
     ],
     min_radius: Annotated[float, Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
-    swath: Annotated[float, Option(help="Width of ground that a line covers [m].", metavar="METRES")],
+    swath: Annotated[
+        float | None,
+        Option(help="Width of ground that a line covers [m]; or it follows from the camera.", metavar="METRES"),
+    ] = None,
+    altitude: Annotated[
+        float | None, Option(help="Altitude above the ground [m], which the plan holds.", metavar="METRES")
+    ] = None,
+    sensor_width: Annotated[
+        float | None,
+        Option("--sensor-width-mm", help="Width of the camera's sensor, across the lines [mm].", metavar="MM"),
+    ] = None,
+    sensor_height: Annotated[
+        float | None,
+        Option("--sensor-height-mm", help="Height of the camera's sensor, along the lines [mm].", metavar="MM"),
+    ] = None,
+    focal_length: Annotated[
+        float | None, Option("--focal-length-mm", help="Focal length of the camera [mm].", metavar="MM")
+    ] = None,
+    side_overlap: Annotated[
+        float | None, Option(help="Overlap of the pictures of neighbouring lines [%].", metavar="PERCENT")
+    ] = None,
+    forward_overlap: Annotated[
+        float | None,
+        Option(help="Overlap of the pictures along a line [%]: the plan takes them.", metavar="PERCENT"),
+    ] = None,
     radius: Annotated[
         float | None, Option(help="Ideal turning radius [m]; by default 1.5 times the smallest.", metavar="METRES")
     ] = None,
@@ -96,6 +120,12 @@ def command(
         turns_off,
         metres,
         feature,
+        altitude,
+        sensor_width,
+        sensor_height,
+        focal_length,
+        side_overlap,
+        forward_overlap,
     )
     try:
         found = api.cover(file, options, profile, scenario, warn=warn)
@@ -107,7 +137,8 @@ def command(
     if plot is not None:
         from eadp.io.figures.coverage import write_coverage_figure
 
-        write_coverage_figure(plot, found.report.field, found.report.titled_paths(), swath)
+        report = found.report
+        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m)
     if wanted is CoverFormat.json:
         emit_json(found.document)
         return 0

@@ -11,11 +11,13 @@ from typer import Argument, Option
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, usage_fault, warn
 from eadp.errors import Fault, InputError, PathUndefined, printable
+from eadp.io.mission.export import EXPORTS
 
 if TYPE_CHECKING:
     from eadp.models.vehicle import Airframe
 
-ExportName = StrEnum("ExportName", ["qgc", "ardupilot", "paparazzi", "kml", "geojson", "gpx"])
+ExportName = StrEnum("ExportName", {name: name for name in EXPORTS})  # type: ignore[misc]
+"""Formats by name."""
 
 
 def command(
@@ -61,7 +63,6 @@ def command(
     Exit code 0 if it is written, 2 on bad input.
     """
     from eadp.cli.plan import parameters_of
-    from eadp.io.mission.export import EXPORTS
     from eadp.io.mission.path import PlannedPath, planned_sections
     from eadp.io.mission.reader import PlanReader
     from eadp.io.text.streams import read_text, write_text
@@ -108,7 +109,7 @@ def command(
     except PathUndefined as error:
         raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
     path = PlannedPath(
-        printable(name.rpartition("/")[2]),
+        (flown.field.name if flown.field else "") or printable(name.rpartition("/")[2]),
         sections,
         place,
         airframe.cruise_altitude_m if altitude is None else altitude,

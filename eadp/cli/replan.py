@@ -33,9 +33,10 @@ def command(
     The planner on a live or recorded flight: telemetry in, decisions out, as JSON lines. The scenario gives battery,
     aircraft and planner; its simulated world is unused.
 
-    A line in has time_s, x_m, y_m, power_w and soc; stage, stages_started, wind_mps, velocity_mps, heading_deg and
-    parameters are optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason,
-    warnings and more. An invalid value gives a warning and counts as null; an invalid line is skipped.
+    A line in has time_s, x_m, y_m, power_w and soc; lat_deg and lon_deg in place of x_m and y_m, current_consumed_ah
+    in place of soc; stage, stages_started, wind_mps, velocity_mps, airspeed_mps, heading_deg and parameters are
+    optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason, warnings and
+    more. An invalid value gives a warning and counts as null; an invalid line is skipped.
 
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """

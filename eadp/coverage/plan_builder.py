@@ -14,7 +14,7 @@ from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import FieldNote, Plan
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import Box, Stage
 
@@ -31,6 +31,8 @@ MIN_STAGE_M = 1e-5
 """A shorter piece is left out: the next one starts no farther away than that."""
 
 _DIGITS = 9
+
+Command = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,9 @@ def build_plan(
     computations: FieldComputations | None = None,
     min_radius_m: float | None = None,
     origin_deg: Point | None = None,
+    field: FieldNote | None = None,
+    altitude_m: float | None = None,
+    commands: tuple[Command, Command] | None = None,
 ) -> Plan:
     """The plan of a coverage path.
 
@@ -67,17 +72,25 @@ def build_plan(
         The aircraft's smallest turning radius [m], for the plan's header.
     origin_deg : (float, float), optional
         Latitude and longitude of the local frame's origin [°].
+    field : FieldNote, optional
+        Name and area of the field.
+    altitude_m : float, optional
+        Altitude of all stages [m].
+    commands : (tuple, tuple), optional
+        What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
     """
     builder = _PlanBuilder(solution, computations or FieldComputations())
     repeats = len(builder.segments) > 1
+    stages = builder.stages if commands is None else builder.commanded(commands)
     return Plan(
         name=name,
-        stages=tuple(builder.stages),
+        stages=tuple(replace(stage, altitude_m=altitude_m) for stage in stages),
         path_count=1 if solution.min_c1 < 0 else 0,
         computations=builder.computations.computations,
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
         origin_deg=origin_deg,
+        field=field,
         segments=tuple(builder.segments) if repeats else (),
         primitive_stages=4 if repeats else None,
     )
@@ -91,6 +104,7 @@ class _PlanBuilder:
         self.stages: list[Stage] = []
         self.segments: list[Segment] = []
         self.shortest_m = math.inf
+        self._sensing: list[bool] = []
         self._min_c1 = solution.min_c1
         legs: list[CoverageLeg] = []
         for section in solution.sections:
@@ -108,12 +122,22 @@ class _PlanBuilder:
         self._add_once(legs)
 
     def _add_stage(self, path: tuple[str, int, float], trigger: tuple[str, str], sensing: bool, min_c1: float) -> None:
+        self._sensing.append(sensing)
         function, rotation, gain = path
         box = (Box(min_c1, 0.0),) if self._min_c1 < 0 else ()
         sets = (*box, *self.computations.sets_for(sensing))
         x, y = map(_expression, trigger)
         gain = float(f"{gain:.4g}")
         self.stages.append(Stage(len(self.stages) + 1, 0, gain, rotation, _expression(function), (x, y), sets))
+
+    def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
+        """The stages with a command where the field starts, and one where it ends."""
+        stages = []
+        for i, (stage, over) in enumerate(zip(self.stages, self._sensing, strict=True)):
+            before = {self._sensing[i - 1] if i else False}
+            before |= {self._sensing[part.first + part.count - 1] for part in self.segments if part.first == i}
+            stages.append(stage if before == {over} else replace(stage, commands=(commands[0 if over else 1],)))
+        return stages
 
     def _add_once(self, legs: Sequence[CoverageLeg]) -> None:
         """A segment of stages flown once."""

@@ -147,6 +147,7 @@ class CoverageReport:
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "origin_deg": self.field.origin_deg,
+            "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "normalised": list(normalised),
             "plan": plan,
         }
@@ -162,7 +163,8 @@ class CoverageReport:
         if solution.pattern == ZAMBONI:
             pattern, other = f"Zamboni-like, {_counted(blocks, 'block')}", "lines in an order"
         lines = [
-            f"field      {self.field.area_m2 / 1e4:.2f} ha" + (f", {_counted(holes, 'hole')}" if holes else ""),
+            f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
+            + (f", {_counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
         ]
         for end in self.ends:

@@ -205,6 +205,24 @@ class FixedWing:
         load = self.weight_n * load_factor(bank_rad)
         return lift_coefficient(load, airspeed_mps, self.wing_area_m2, self.air_density_kgpm3)
 
+    @property
+    def climb_j_per_m(self) -> float:
+        """Electrical energy of a metre of climb beside level flight's [J/m], and what a metre of descent saves."""
+        # E = m g Δh / η
+        return self.weight_n / self.propulsive_efficiency
+
+    def climb_rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
+        """Greatest rates of climb and of descent in straight flight at an airspeed [m/s], 0 or more.
+
+        Both are within `max_climb_rate_mps`; the excess power bounds the climb, and the glide's sink rate the descent.
+
+        Source: Anderson 1999.
+        """
+        # without thrust D V = W v, and R/C = (T − D) V / W
+        sink = self.drag_n(airspeed_mps) * airspeed_mps / self.weight_n
+        excess = max(self.max_power_w * self.propulsive_efficiency / self.weight_n - sink, 0.0)
+        return min(self.max_climb_rate_mps, excess), min(self.max_climb_rate_mps, sink)
+
     def faults(self) -> list[str]:
         """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
         found = []

@@ -24,6 +24,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
+from eadp.models.vehicle import FixedWing
 from eadp.planning.estimation.estimator import (
     MIN_NOISE_W,
     ONE_LAP_SHARE,
@@ -67,6 +68,8 @@ class Observation(NamedTuple):
         Heading of the nose, 0 east, counter-clockwise [rad].
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
+    airspeed_mps : float or None
+        Measured airspeed [m/s].
     """
 
     time_s: float
@@ -81,6 +84,7 @@ class Observation(NamedTuple):
     velocity_mps: Point | None = None
     heading_rad: float | None = None
     through_gap: bool = False
+    airspeed_mps: float | None = None
 
     @property
     def stage(self) -> int:
@@ -294,7 +298,9 @@ class Mission:
 
     `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest; `home_m` is
     the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s]. `turn_radius_m` is the
-    least; `returns_home` is whether to fly home where the plan cannot be completed with the reserve kept.
+    least; `returns_home` is whether to fly home where the plan cannot be completed with the reserve kept. `airframe`
+    gives the power of climbs and of the stages' airspeeds, None that of level flight alone; `altitude_m` is that of
+    take-off [m].
     """
 
     plan: Plan
@@ -311,6 +317,8 @@ class Mission:
     gust_time_s: float = GUST_TIME_S
     turn_radius_m: float = 0.0
     returns_home: bool = False
+    airframe: FixedWing | None = None
+    altitude_m: float = 0.0
 
 
 class Planner(Protocol):

@@ -55,6 +55,8 @@ class Sample(NamedTuple):
         Stages started over the whole flight, the first included.
     warnings : tuple of str
         Codes of what is wrong with it.
+    airspeed_mps : float or None
+        Airspeed [m/s].
     """
 
     time_s: float
@@ -69,6 +71,7 @@ class Sample(NamedTuple):
     parameters: Mapping[str, float] = {}
     stages_started: int | None = None
     warnings: tuple[str, ...] = ()
+    airspeed_mps: float | None = None
 
     @property
     def position_m(self) -> Point | None:

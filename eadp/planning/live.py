@@ -192,6 +192,7 @@ class LiveFlight:
             wind_mps=sample.wind_mps,
             velocity_mps=velocity,
             heading_rad=sample.heading_rad,
+            airspeed_mps=sample.airspeed_mps,
         )
         self._update_planner(observation)
         changed = self._decision.parameters != before.parameters

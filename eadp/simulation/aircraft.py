@@ -188,10 +188,16 @@ def _fixed_wing_step(
     s[BANK] += (bank - s[BANK]) * c[ROLLED]
     level = math.cos(s[BANK])
     turn = GRAVITY_MPS2 * math.sin(s[BANK]) / (level * speed)  # g tan φ / V
-    # 2. climb rate without lag, within its limit; airspeed by the throttle, with drag and climb fed forward
+    # 2. climb rate without lag, within its limit, the glide's and the motor's; airspeed by the throttle, with drag and
+    # climb fed forward
     climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MAX_CLIMB])
     square = speed * speed
     drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
+    sink = drag * speed / weight  # without thrust
+    if climb < -sink:
+        climb = -sink
+    elif climb > 0.0:
+        climb = min(climb, max(c[MAX_W] * c[EFFICIENCY] / weight - sink, 0.0))
     needed = drag + weight * climb / speed + mass * c[SPEED_GAIN] * (c[SPEED_HELD] - speed)
     motor_w = needed * speed / c[EFFICIENCY]  # P = T V / η
     if motor_w < 0.0:

@@ -23,12 +23,16 @@ from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AIRCRAFT_CONSTANTS,
     AIRCRAFT_STATE,
+    CRUISE_M,
+    FIXED_WING_MODEL,
     FLYING,
     GUST_X,
     GUST_Y,
     GUSTS,
     HEADING,
+    MODEL,
     NOISE_LEFT,
+    SPEED_HELD,
     STEADY_X,
     STEADY_Y,
     STEP_S,
@@ -206,6 +210,7 @@ class InnerLoop:
         self._path: PathFunction | None = None
         self._curve: CurveProgress | None = None
         self._watch: Any = []
+        self._cruise = constants[CRUISE_M], constants[SPEED_HELD]
         self._s, self._c = self._numbers(s), self._numbers(c)
 
     def _numbers(self, values: list[float]) -> Any:
@@ -225,6 +230,10 @@ class InnerLoop:
         """Start the stage that an executor is at."""
         c, stage, (ox, oy) = self._c, executor.stage, executor.cursor.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
+        if c[MODEL] == FIXED_WING_MODEL:
+            altitude_m, airspeed_mps = self._cruise
+            c[CRUISE_M] = altitude_m if stage.altitude_m is None else stage.altitude_m
+            c[SPEED_HELD] = airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps
         if executor.form is not None:
             q, x, y, a, b, e = executor.form
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e

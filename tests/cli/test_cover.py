@@ -6,6 +6,7 @@ import json
 import re
 
 import pytest
+from common.answers import refused
 
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.io.field.coverage import wind_vector_mps
@@ -51,6 +52,72 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     trace = eadp("plan", plan, "--trace", "5").out.splitlines()
     assert trace[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
     assert eadp("simulate", plan, "--planner", "static").code == 0
+
+
+def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
+    plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)
+    field = json.loads(answer.out)["field"]
+    assert field["name"] == "meadow"
+    assert json.loads(eadp("plan", plan, "--format", "json").out)["field"] == {
+        "name": "meadow",
+        "area_m2": pytest.approx(field["area_m2"], abs=0.1),
+    }
+    assert eadp("plan", plan, "--format", "plan").out.count("%: field 143564.7 meadow\n") == 1
+    assert eadp("simulate", plan, "--planner", "static", "--set", "time_limit_s=1", "-o", folder).code == 1
+    assert json.loads((folder / "summary.json").read_text())["field"]["name"] == "meadow"
+    assert "<name>meadow</name>" in eadp("export", plan, "--to", "kml").out
+
+
+CAMERA = {"--altitude": 80, "--sensor-width-mm": 13.2, "--focal-length-mm": 8.8, "--side-overlap": 70}
+PICTURES = {"--sensor-height-mm": 8.8, "--forward-overlap": 80}
+
+
+def flags(options):
+    return [str(word) for pair in options.items() for word in pair]
+
+
+@pytest.mark.parametrize("pattern", ["zamboni", "dubins"])
+def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
+    plan, mission = tmp_path / "meadow.plan", tmp_path / "meadow.waypoints"
+    given = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", pattern)
+    # 80 m · 13.2 mm / 8.8 mm = 120 m of ground across, of which 30 % are new; along 80 m, of which 20 %
+    assert eadp(*given, "--swath", "36", "--format", "json").code == 0
+    alike, answer = (
+        json.loads(eadp(*given, *more, "--format", "json").out)
+        for more in (("--swath", "36"), flags(CAMERA | PICTURES))
+    )
+    assert (answer["lines"], answer["length_m"]) == (alike["lines"], alike["length_m"])
+    plan.write_text(answer["plan"])
+    stages = json.loads(eadp("plan", plan, "--format", "json").out)["stages"]
+    assert {stage["altitude_m"] for stage in stages} == {80}
+    assert eadp("simulate", plan, "--planner", "static", "--set", "step_s=0.05").code == 0
+    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
+    rows = [[float(word) for word in line.split()] for line in mission.read_text().splitlines()[1:]]
+    pictures = [row[4] for row in rows if row[3] == 206]
+    assert set(pictures) == {16, 0}
+    assert pictures[0] == 16
+    assert pictures[-1] == 0
+    # on along a line, off after it
+    on = sum(before == 0 and now == 16 for before, now in zip([0, *pictures], pictures, strict=False))
+    assert on == answer["lines"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "--swath, or --altitude"),
+        ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
+        ({**CAMERA, "--focal-length-mm": 0}, "--focal-length-mm:1:1: error: 0 is out of range"),
+        ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
+        ({**CAMERA, "--side-overlap": 100}, "percent from 1 to 99"),
+        ({**CAMERA, "--forward-overlap": 80}, "the camera needs --sensor-height-mm too"),
+        ({"--swath": 30, "--forward-overlap": 80, "--sensor-height-mm": 9}, "the camera needs --altitude too"),
+        ({"--swath": 30, "--altitude": "nan"}, "--altitude:1:1"),
+    ],
+)
+def test_a_camera_that_is_none_is_refused(eadp, options, words):
+    assert refused(eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *flags(options)), words)
 
 
 def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):

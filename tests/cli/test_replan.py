@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from eadp.cli.main import main
+from eadp.core.geometry.geodesy import to_geodetic_deg
 
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
 ARGUMENTS = ("replan", PLAN, "--scenario", SCENARIO, "--planner", "joint")
@@ -68,6 +69,24 @@ def ask(process, line):
     process.stdin.write(line)
     process.stdin.flush()
     return process.stdout.readline()
+
+
+def test_degrees_and_the_charge_drawn_lead_to_the_same_advice(eadp, whole, tmp_path):
+    origin = (55.37, 10.43)
+    plan, telemetry = tmp_path / "survey.plan", tmp_path / "flight.jsonl"
+    plan.write_text(f"%: origin {origin[0]} {origin[1]}\n" + (ROOT / PLAN).read_text())
+    lines = []
+    for line in map(dict, LINES_OF[:120]):
+        lat, lon = to_geodetic_deg(line.pop("x_m"), line.pop("y_m"), origin)
+        drawn_ah = (1 - line.pop("soc")) * 0.5
+        lines.append(json.dumps({**line, "lat_deg": lat, "lon_deg": lon, "current_consumed_ah": drawn_ah}) + "\n")
+    telemetry.write_text("".join(lines))
+    answer = eadp("replan", plan, *ARGUMENTS[2:], "--telemetry", telemetry)
+    assert answer.err == ""
+    for line, other in zip(answer.out.splitlines(), whole, strict=False):
+        one = json.loads(line)
+        assert (one["stage"], one["lap"]) == (other["stage"], other["lap"])
+        assert one["soc_end_forecast"] == pytest.approx(other["soc_end_forecast"], abs=1e-3)
 
 
 def test_the_recorded_flight(whole):

@@ -104,6 +104,47 @@ def test_it_climbs_to_its_height_within_its_limit_and_pays_for_it():
     assert plane.s[ALTITUDE] == pytest.approx(60, abs=0.1)
 
 
+def test_a_climb_takes_its_potential_energy_over_the_efficiency():
+    # E = m g Δh / η beside a level flight of the same time
+    energies = []
+    for altitude in (25.0, 125.0):
+        plane = Plane(vehicle=FixedWing(cruise_altitude_m=altitude))
+        energies.append(sum(fly(plane, path("-y"), 60)) * STEP_S)
+        assert plane.s[ALTITUDE] == pytest.approx(altitude, abs=1e-3)
+    vehicle = FixedWing()
+    assert energies[1] - energies[0] == pytest.approx(
+        vehicle.mass_kg * GRAVITY_MPS2 * 100 / vehicle.propulsive_efficiency, rel=1e-4
+    )
+
+
+@pytest.mark.parametrize("airspeed", [10.0, 12.0, 15.0])
+def test_a_descent_is_at_most_the_glide_of_the_drag_polar(airspeed):
+    vehicle = FixedWing(airspeed_mps=airspeed, cruise_altitude_m=0.0)
+    plane = Plane(altitude=200.0, vehicle=vehicle)
+    powers = fly(plane, path("-y"), 60)
+    assert powers[-1] == vehicle.avionics_w
+    assert plane.s[AIRSPEED] == pytest.approx(airspeed, rel=1e-6)
+    # tan γ = C_D / C_L with C_D = C_D0 + C_L² / (π e A): Anderson 1999, power-off glide
+    pressure = 0.5 * vehicle.air_density_kgpm3 * airspeed**2
+    lift = vehicle.mass_kg * GRAVITY_MPS2 / (pressure * vehicle.wing_area_m2)
+    drag = vehicle.zero_lift_drag_coefficient + lift**2 / (math.pi * vehicle.oswald_efficiency * vehicle.aspect_ratio)
+    assert (200 - plane.s[ALTITUDE]) / plane.s[X] == pytest.approx(drag / lift, rel=0.01)
+    assert vehicle.climb_rates_mps(airspeed)[1] == pytest.approx(-plane.s[CLIMB])
+
+
+def test_a_weak_motor_climbs_with_its_excess_power_and_keeps_the_airspeed():
+    vehicle = FixedWing(max_power_w=60.0, cruise_altitude_m=500.0)
+    plane = Plane(vehicle=vehicle)
+    powers = fly(plane, path("-y"), 30)
+    assert powers[-1] == pytest.approx(60.0 + vehicle.avionics_w)
+    assert plane.s[AIRSPEED] == pytest.approx(15, rel=1e-6)
+    # R/C = (P_available − P_required) / W: Anderson 1999
+    required = (vehicle.level_power_w(15.0) - vehicle.avionics_w) * vehicle.propulsive_efficiency
+    rate = (60.0 * vehicle.propulsive_efficiency - required) / (vehicle.mass_kg * GRAVITY_MPS2)
+    assert plane.s[CLIMB] == pytest.approx(rate, rel=1e-6)
+    assert vehicle.climb_rates_mps(15.0)[0] == pytest.approx(rate)
+
+
 def test_energy_is_conserved_when_the_motor_is_off():
     # without thrust at level height, kinetic energy is lost to drag alone: m V dV = −D ds
     vehicle = FixedWing(airspeed_mps=14.0, speed_gain_per_s=100.0)

@@ -33,7 +33,7 @@ FORGET_S = 60.0
 
 
 def ground_speeds_mps(
-    cosine: FloatArray, sine: FloatArray, airspeed_mps: float, wind_mps: Point
+    cosine: FloatArray, sine: FloatArray, airspeed_mps: float | FloatArray, wind_mps: Point
 ) -> tuple[FloatArray, FloatArray]:
     """Speed over ground of an aircraft that holds courses in a wind by crabbing.
 
@@ -41,7 +41,7 @@ def ground_speeds_mps(
     ----------
     cosine, sine : array, shape (n,)
         Directions of the courses.
-    airspeed_mps : float
+    airspeed_mps : float, or array of shape (n,)
         Airspeed s [m/s].
     wind_mps : (float, float)
         Wind w [m/s].
@@ -63,7 +63,7 @@ def ground_speeds_mps(
 
 
 def squared_bank_slopes(
-    curvature_per_m: FloatArray, speeds_mps: FloatArray, along_mps: FloatArray, airspeed_mps: float
+    curvature_per_m: FloatArray, speeds_mps: FloatArray, along_mps: FloatArray, airspeed_mps: float | FloatArray
 ) -> FloatArray:
     """tan² φ = n² − 1 of the bank that holds a curved course in wind.
 
@@ -73,14 +73,15 @@ def squared_bank_slopes(
         Curvature κ of the course [1/m], 0 for a line.
     speeds_mps, along_mps : array, shape (n,)
         As `ground_speeds_mps` returns.
-    airspeed_mps : float
+    airspeed_mps : float, or array of shape (n,)
         s [m/s].
 
     Source: coordinated turn, tan φ = s θ̇/g; the heading turns ‖ṗ‖/(s cos(θ − χ)) times as fast as the course.
     """
     # χ̇ = κ v,  θ̇ = χ̇ v / (s cos(θ − χ)),  tan φ = s θ̇ / g
     turn = curvature_per_m * speeds_mps * speeds_mps / np.maximum(along_mps, 1e-3 * airspeed_mps)
-    return (airspeed_mps * turn / GRAVITY_MPS2) ** 2
+    slopes: FloatArray = (airspeed_mps * turn / GRAVITY_MPS2) ** 2
+    return slopes
 
 
 class WindFilter:
@@ -93,7 +94,7 @@ class WindFilter:
     Parameters
     ----------
     airspeed_mps : float
-        s [m/s].
+        s [m/s]; may be changed.
     gust_time_s : float
         Correlation time of gusts [s].
 
@@ -101,7 +102,7 @@ class WindFilter:
     """
 
     def __init__(self, airspeed_mps: float, gust_time_s: float = GUST_TIME_S) -> None:
-        self._s, self._gust_time_s = airspeed_mps, gust_time_s
+        self.airspeed_mps, self._gust_time_s = airspeed_mps, gust_time_s
         self._state: _WindState = (0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
 
     @property
@@ -123,7 +124,7 @@ class WindFilter:
         """Take a reading, `step_s` [s] after the last one."""
         heading = math.nan if heading_rad is None else heading_rad
         self._state = jitted(_updated, _corrected, _gust_variance)(
-            self._state, self._s, self._gust_time_s, *velocity_mps, heading, step_s
+            self._state, self.airspeed_mps, self._gust_time_s, *velocity_mps, heading, step_s
         )
 
     def observe_batch(
@@ -134,7 +135,7 @@ class WindFilter:
         if enabled():
             columns = [np.array(values) for values in columns]
         self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(
-            self._state, self._s, self._gust_time_s, *columns
+            self._state, self.airspeed_mps, self._gust_time_s, *columns
         )
 
 

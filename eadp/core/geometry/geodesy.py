@@ -12,6 +12,9 @@ SEMI_MAJOR_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
 _E2 = FLATTENING * (2 - FLATTENING)
 
+FARTHEST_M = 200_000.0
+"""Largest distance from the origin [m]: beyond it the tangent plane is distorted by more than 1 part in 5,000."""
+
 
 def to_geodetic_deg(east_m: float, north_m: float, origin_deg: tuple[float, float]) -> tuple[float, float]:
     """Latitude and longitude of a point of the tangent plane.
@@ -46,6 +49,16 @@ def to_local_m(latitude_deg: float, longitude_deg: float, origin_deg: tuple[floa
     east = -math.sin(lon) * dx + math.cos(lon) * dy
     north = -math.sin(lat) * math.cos(lon) * dx - math.sin(lat) * math.sin(lon) * dy + math.cos(lat) * dz
     return east, north
+
+
+def to_near_local_m(
+    latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]
+) -> tuple[float, float] | None:
+    """`to_local_m` of a point within `FARTHEST_M` of the origin; None of any other."""
+    point = to_local_m(latitude_deg, longitude_deg, origin_deg)
+    # the plane maps both sides of the earth to the same place
+    near = abs(latitude_deg - origin_deg[0]) <= 2 and math.cos(math.radians(longitude_deg - origin_deg[1])) >= 0
+    return point if near and math.hypot(*point) <= FARTHEST_M else None
 
 
 def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:

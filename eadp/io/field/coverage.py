@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from eadp.core.geometry.bearings import blowing_to_rad, heading_rad
@@ -16,11 +17,12 @@ from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, InputError, printable
 from eadp.io.field.reader import read_field
+from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import FieldNote, Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -28,6 +30,9 @@ from eadp.models.vehicle import Airframe
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
+MAX_ALTITUDE_M, MAX_LENGTH_MM = 1e5, 1e5
+MAX_OVERLAP = 99.0
+NAME_LIMIT = 100
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
 
@@ -42,8 +47,8 @@ class CoverageOptions:
     min_radius_m: float
     """Smallest turning radius of the aircraft [m]."""
 
-    swath_m: float
-    """Width of ground that a line covers [m]."""
+    swath_m: float | None = None
+    """Width of ground that a line covers [m]; or it follows from the camera."""
 
     radius_m: float | None = None
     """Ideal turning radius [m]; by default 1.5 times the smallest."""
@@ -78,16 +83,78 @@ class CoverageOptions:
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number."""
 
+    altitude_m: float | None = None
+    """Altitude above the ground, held by the plan [m]."""
+
+    sensor_width_mm: float | None = None
+    """Width of the camera's sensor, across the lines [mm]."""
+
+    sensor_height_mm: float | None = None
+    """Height of the camera's sensor, along the lines [mm]."""
+
+    focal_length_mm: float | None = None
+    """Focal length of the camera [mm]."""
+
+    side_overlap: float | None = None
+    """Overlap of the pictures of neighbouring lines [%]; by default 0."""
+
+    forward_overlap: float | None = None
+    """Overlap of the pictures along a line [%], for their distance; by default none are taken."""
+
+    def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
+        """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
+        for name, value, limit in (
+            ("--altitude", self.altitude_m, MAX_ALTITUDE_M),
+            (option, size_mm, MAX_LENGTH_MM),
+            ("--focal-length-mm", self.focal_length_mm, MAX_LENGTH_MM),
+        ):
+            if value is None:
+                message = f"the camera needs {name} too"
+                raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
+            if not 0 < value <= limit:
+                raise _fault(name, f"{value:g}", f"{value:g} is out of range", f"above 0, at most {limit:g}")
+        assert self.altitude_m is not None
+        assert size_mm is not None
+        assert self.focal_length_mm is not None
+        side = option == "--sensor-width-mm"
+        overlap = overlap or 0.0
+        if not (overlap == 0 or 1 <= overlap <= MAX_OVERLAP):
+            name = "--side-overlap" if side else "--forward-overlap"
+            raise _fault(name, f"{overlap:g}", f"{overlap:g} %", f"percent from 1 to {MAX_OVERLAP:g}, as 70; or 0")
+        # similar triangles: h/f on the ground for each millimetre of the sensor
+        return self.altitude_m * size_mm / self.focal_length_mm * (1 - overlap / 100)
+
+    @cached_property
+    def line_swath_m(self) -> float:
+        """Width of ground that a line covers beside its neighbours [m]: as given, or the camera's."""
+        camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
+        if self.swath_m is None:
+            if camera == (None, None, None):
+                expected = "--swath, or --altitude, --sensor-width-mm and --focal-length-mm"
+                raise _fault("--swath", "", "no width of ground that a line covers", expected)
+            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self.side_overlap)
+        if self.sensor_width_mm is not None or self.side_overlap is not None:
+            raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
+        return self.swath_m
+
+    @cached_property
+    def picture_distance_m(self) -> float | None:
+        """Distance between pictures along a line [m]; None where none are taken."""
+        if self.forward_overlap is None:
+            return None
+        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
+
     def motion(self, airspeed_mps: float, wind_mps: Point) -> MotionLimits:
         """The limits of the motion; the airspeed and the wind given here hold where the options have none."""
         ideal = min(RADIUS_SHARE * self.min_radius_m, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
-        apart = SPACING_SHARE * self.swath_m if self.spacing_m is None else self.spacing_m
+        swath = self.line_swath_m
+        apart = SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
         speed = airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
         for option, value, low, high, closed in (
             ("--min-radius", self.min_radius_m, MIN_RADIUS_M, MAX_LENGTH_M, True),
-            ("--swath", self.swath_m, 0.0, MAX_LENGTH_M, False),
+            ("--swath", swath, 0.0, MAX_LENGTH_M, False),
             ("--radius", ideal, self.min_radius_m, MAX_LENGTH_M, True),
-            ("--spacing", apart, 0.0, self.swath_m, False),
+            ("--spacing", apart, 0.0, swath, False),
             ("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS, False),
         ):
             if not (low < value <= high or (closed and value == low)):
@@ -98,7 +165,7 @@ class CoverageOptions:
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
-        return MotionLimits(self.swath_m, self.min_radius_m, ideal, apart, speed, wind_mps)
+        return MotionLimits(swath, self.min_radius_m, ideal, apart, speed, wind_mps)
 
     @property
     def heading_rad(self) -> float | None:
@@ -149,7 +216,10 @@ def plan_coverage(
     InputError
         Of the options and of the file, and if the profile does not measure whole settings.
     """
-    motion = options.motion(airframe.airspeed_mps, wind_mps)
+    motion, distance_m = options.motion(airframe.airspeed_mps, wind_mps), options.picture_distance_m
+    if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
+        message = f"{options.altitude_m:g} is out of range"
+        raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
     text = read_text(path)
     field, repairs = read_field(text, metres=options.metres, feature=options.feature)
     start, home = _point("--start", options.start, field), _point("--home", options.home, field)
@@ -164,11 +234,19 @@ def plan_coverage(
         computations=computations,
         min_radius_m=motion.min_radius_m,
         origin_deg=field.origin_deg,
+        field=FieldNote(round(field.area_m2, 1), printable(" ".join(field.name.split()), NAME_LIMIT)),
+        altitude_m=options.altitude_m,
+        commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
     return CoveragePlan(plan, comments + plan_text(plan), report, repairs)
+
+
+def _pictures(distance_m: float) -> tuple[float, ...]:
+    """The command to take a picture every so many metres; 0 for none."""
+    return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def wind_vector_mps(given: Pair) -> Point:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.figures.paper import write_paper_figure
 from eadp.io.flight.estimate import estimate_rows
@@ -67,6 +68,7 @@ def summarise(
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
+        "field": None if world.plan.field is None else world.plan.field._asdict(),
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,
         "energy_wh": totals.energy_j / 3600,
@@ -186,12 +188,16 @@ class Flight:
     @property
     def _names(self) -> list[str]:
         world = self.inputs.world
-        return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates)]
+        earth = () if world.plan.origin_deg is None else ("lat_deg", "lon_deg")
+        return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
 
     def _row(self, step: Step) -> list[float]:
         world = self.inputs.world
         actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
-        return [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
+        row = [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
+        if world.plan.origin_deg is not None:
+            row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.origin_deg)]
+        return row
 
     def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
         """Write the result folder, whole or not at all.

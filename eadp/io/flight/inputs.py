@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from eadp import __version__
@@ -27,6 +27,7 @@ from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import default_start
 from eadp.models.profile_sum import AnyProfile
+from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
 from eadp.planning.joint.preflight import Preflight, preflight
 from eadp.planning.registry import make_planner, planner_class
@@ -148,6 +149,11 @@ def load_flight(
         texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
+    if not isinstance(vehicle, FixedWing) and _commands(plan):
+        message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
+        warnings.append(Fault(plan_text.name, plan.stages[0].line, 1, message, severity="note"))
+        level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
+        plan = replace(plan, stages=tuple(level))
     plan = _with_sets(plan, plan_text, scenario).laps()
     profile, energy = None, None
     reference = None if profile_path else scenario.fault("profile", "")
@@ -167,6 +173,8 @@ def load_flight(
     if keys.wind.speed_mps >= vehicle.airspeed_mps:
         message = f"a wind of {keys.wind.speed_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
+    if isinstance(vehicle, FixedWing):
+        _check_airspeeds(plan, plan_text, vehicle, keys.wind.speed_mps)
     battery = keys.battery
     power_w = vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets)
     if power_w > battery.max_power_w(battery.voltage_v):
@@ -175,10 +183,7 @@ def load_flight(
         )
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
-    altitude, rates = keys.start.altitude_m, keys.computations
-    if any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages):
-        message = "altitudes and airspeeds of stages are kept and not flown: the simulated aircraft holds its own"
-        warnings.append(Fault(plan_text.name, plan.stages[0].line, 1, message, severity="note"))
+    altitude_m, rates = _altitude_m(plan, scenario, vehicle), keys.computations
     world = World(
         plan=plan,
         computing=computing,
@@ -189,7 +194,7 @@ def load_flight(
         faults=keys.faults,
         start_m=start,
         heading_rad=heading,
-        altitude_m=vehicle.cruise_altitude_m if altitude is None else altitude,
+        altitude_m=altitude_m,
         parameters=parameters,
         rules=scenario.rules,
         step_s=keys.step_s,
@@ -198,7 +203,7 @@ def load_flight(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=keys.home.position_m,
+        home_m=scenario.position_m("home", plan.origin_deg),
     )
     _check_rates(world, scenario)
     _check_names(plan, scenario)
@@ -211,12 +216,14 @@ def load_flight(
         start,
         energy,
         vehicle.cruise_power_w,
-        keys.home.position_m,
+        scenario.position_m("home", plan.origin_deg),
         scenario.rules,
         vehicle.max_motion_w,
         keys.wind.gust_time_s,
         vehicle.turn_radius_m,
         keys.on_infeasible == RETURN_HOME,
+        vehicle if isinstance(vehicle, FixedWing) else None,
+        altitude_m,
     )
     _check_planner(scenario, mission)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
@@ -230,6 +237,37 @@ def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenar
         return LIMIT_S
     forecast_s = float(route.times_s(airspeed_mps, scenario.keys.wind.steady_mps)[0].sum())
     return LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S
+
+
+def _commands(plan: Plan) -> bool:
+    """Whether stages command altitudes or airspeeds."""
+    return any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
+
+
+def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
+    """Altitude at the start [m]: as given, else the first stage's; a mission, which starts at home, on the ground."""
+    if scenario.keys.start.altitude_m is not None:
+        return scenario.keys.start.altitude_m
+    commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
+    if commanded_m and plan.start_m is not None and scenario.position_m("start", plan.origin_deg) is None:
+        return 0.0
+    first_m = plan.stages[0].altitude_m
+    return vehicle.cruise_altitude_m if first_m is None else first_m
+
+
+def _check_airspeeds(plan: Plan, text: Text, vehicle: FixedWing, wind_mps: float) -> None:
+    """The aircraft can fly at the airspeeds of the stages, and faster than the wind."""
+    checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
+    faults = []
+    for airspeed_mps, stage in checked.items():
+        found = replace(vehicle, airspeed_mps=airspeed_mps).faults()
+        if wind_mps >= airspeed_mps:
+            found.append(f"a wind of {wind_mps:g} m/s, at an airspeed of {airspeed_mps:g} m/s")
+        faults += [
+            Fault(text.name, stage.line, 1, f"stage {stage.index}: {what}", "an airspeed at which the aircraft can fly")
+            for what in found
+        ]
+    refuse(faults)
 
 
 def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
@@ -363,7 +401,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
-    start, heading = scenario.keys.start.position_m, scenario.keys.start.heading_rad
+    start, heading = scenario.position_m("start", plan.origin_deg), scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:
@@ -376,7 +414,8 @@ def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tu
             raise ValueError
     except (ArithmeticError, ValueError):
         message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
-        raise InputError(scenario.fault("start.position_m", message, "a start from which it can be joined")) from None
+        key = "position_m" if scenario.keys.start.lat_deg is None else "lat_deg"
+        raise InputError(scenario.fault(f"start.{key}", message, "a start from which it can be joined")) from None
     if heading is None:
         phi, gx, gy = jet[:3]
         dx = -stage.sense * gy - stage.gain * phi * gx

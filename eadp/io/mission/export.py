@@ -22,6 +22,9 @@ from eadp.io.mission.wpl import wpl_text
 HALVES_TOLERANCE = 1e-4
 """How near to a whole number of half turns an arc is one."""
 
+JOINED_M = 5.0
+"""Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
+
 
 def mission_items(path: PlannedPath) -> list[MissionItem]:
     """The items of the mission that flies a path; home is not among them."""
@@ -46,18 +49,20 @@ class _ItemBuilder:
                 airspeed = stage.airspeed_mps
                 self._command((d.CHANGE_SPEED, 0.0, airspeed, -1.0, 0.0, 0.0, 0.0, 0.0))
             for command in stage.commands:
-                self._command(command)
-            if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > path.tolerance_m:
-                self._fly_to(section.start_m)  # a trigger off its path leaves a gap
-            before_arc = k + 1 < len(sections) and sections[k + 1].arc is not None
-            self._fly(section, joins=section.arc is not None and before_arc)
-        if path.trigger_distance_m is not None:
+                if command[0] != d.TRIGGER_DISTANCE or path.trigger_distance_m is None:
+                    self._command(command)
+            if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > JOINED_M:
+                self._fly_to(section.start_m)
+            self._fly(section, sections[k + 1] if k + 1 < len(sections) else None)
+        distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
+        # a mission's own pictures, which nothing ends, are written back as they are
+        if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         if path.home_deg is not None:
             self.items.append(MissionItem(d.RETURN, d.NO_POSITION, (0.0,) * 7))
 
-    def _fly(self, section: Section, *, joins: bool) -> None:
-        """Add a section; where it `joins` another arc, its end is no waypoint."""
+    def _fly(self, section: Section, following: Section | None) -> None:
+        """Add a section; where an arc joins another one, its end is no waypoint."""
         arc = section.arc
         halves = arc.sweep_rad / math.pi if arc else 0.0
         if arc and arc.radius_m > 1 and (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
@@ -67,8 +72,13 @@ class _ItemBuilder:
         else:
             for point in section.corners(self.path.tolerance_m):
                 self._fly_to(point)
-        if not joins:
-            self._fly_to(section.end_m)
+        end = section.end_m
+        if following is not None:
+            if arc and following.arc:
+                return
+            if self.path.tolerance_m < math.dist(end, following.start_m) <= JOINED_M:
+                end = (end[0] + following.start_m[0]) / 2, (end[1] + following.start_m[1]) / 2
+        self._fly_to(end)
 
     def _fly_to(self, point: Point) -> None:
         self._add(d.WAYPOINT, (0.0,) * 4, point)

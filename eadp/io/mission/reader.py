@@ -15,7 +15,7 @@ from typing import NamedTuple
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
 from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
 from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, InputError, Unreachable, refuse
@@ -32,8 +32,6 @@ from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.stage import Stage
 from eadp.models.vehicle import Airframe, FixedWing
 
-FARTHEST_M = 200_000.0
-"""Largest distance from home [m]: beyond it the tangent plane is distorted by more than 1 part in 5,000."""
 HIGHEST_M = 1e5
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
@@ -217,13 +215,8 @@ class _PlanBuilder:
         if max(abs(latitude), abs(longitude)) < SAME_POINT_DEG:
             return
         home = self.draft.home[:2]
-        point = to_local_m(latitude, longitude, (home[0], home[1]))
-        # the plane maps both sides of the earth to the same place
-        if (
-            abs(latitude - home[0]) > 2
-            or math.hypot(*point) > FARTHEST_M
-            or math.cos(math.radians(longitude - home[1])) < 0
-        ):
+        point = to_near_local_m(latitude, longitude, (home[0], home[1]))
+        if point is None:
             self._fault(at[6], item, "too far from home", f"at most {FARTHEST_M / 1000:g} km")
         self.points[index] = point
 
@@ -342,9 +335,9 @@ class _PlanBuilder:
         return visits
 
     def _altitude_m(self, item: DraftItem, before: float | None) -> float | None:
-        """The altitude above home at an item [m]."""
+        """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
         altitude = item.parameters[6]
-        if item.command == d.RETURN or item.command in _LANDS or math.isnan(altitude):
+        if item.command == d.RETURN or math.isnan(altitude):
             return before
         frame = d.FRAMES[item.frame]
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):

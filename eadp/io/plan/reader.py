@@ -27,7 +27,7 @@ from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, print
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, FieldNote, Finding, Plan, ShortForm
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
@@ -414,7 +414,7 @@ class _Reader:
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
-        known = ("computations", "sets", "trigger-radius", "min-radius", "origin", "start", *_STAGE_HEADERS)
+        known = ("computations", "sets", "trigger-radius", "min-radius", "origin", "start", "field", *_STAGE_HEADERS)
         if key in _STAGE_HEADERS:
             self._read_stage_header(key, line.after(start))
             return
@@ -453,6 +453,20 @@ class _Reader:
         line = self._headers.get("start")
         values = self._header_numbers(line, (2,), "x and y in metres, like -100 220") if line else None
         return (values[0], values[1]) if values else None
+
+    def _header_field(self) -> FieldNote | None:
+        line = self._headers.get("field")
+        if line is None:
+            return None
+        area, _, name = line.text.strip().partition(" ")
+        try:
+            area_m2 = float(area)
+        except ValueError:
+            area_m2 = math.nan
+        if not 0 < area_m2 <= 1e12:
+            self._fault(line, 0, "no area of a field", "its area [m²] and its name, like 143600 North meadow")
+            return None
+        return FieldNote(area_m2, " ".join(name.split()))
 
     def _header_radius(self, key: str) -> float | None:
         line = self._headers.get(key)
@@ -609,6 +623,7 @@ class _Reader:
             header_shift=self._header_shift,
             segments=parts,
             start_m=self._header_start(),
+            field=self._header_field(),
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured

@@ -25,6 +25,8 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
     if plan.start_m is not None:
         lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
+    if plan.field is not None:
+        lines.append(f"%: field {number_text(plan.field.area_m2)} {plan.field.name}".rstrip())
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:

@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from annotated_types import Ge, Le, Lt
 from pydantic import Field, TypeAdapter
 
-from eadp.core.bounds import Coordinate, Degrees, Duration, Reserve
+from eadp.core.bounds import Coordinate, Degrees, Duration, Latitude, Longitude, Reserve
 from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.named import parse_named
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
@@ -82,30 +84,31 @@ else:
 
 
 @dataclass(frozen=True)
-class Start:
-    """Where the flight starts; by default on the first path, before its trigger."""
+class Home:
+    """Where the aircraft can return to, for the point of no return and flights that turn back."""
 
-    position_m: Pair | None = None
-    """Position [east, north] in the plan's frame [m]."""
+    # described so, and not by docstrings, for `Start` too
+    position_m: Annotated[Pair | None, Field(description="Position [east, north] in the plan's frame [m].")] = None
+    lat_deg: Annotated[
+        Latitude | None, Field(description="Latitude [°], instead of `position_m`, where the plan has an origin.")
+    ] = None
+    lon_deg: Annotated[Longitude | None, Field(description="Longitude [°], with `lat_deg`.")] = None
+
+
+@dataclass(frozen=True)
+class Start(Home):
+    """Where the flight starts; by default on the first path, before its trigger."""
 
     heading_deg: Degrees | None = None
     """Compass bearing of the nose, 0 north, 90 east [°]; by default along the first path."""
 
     altitude_m: Coordinate | None = None
-    """Altitude [m]; by default that of the airframe's cruise."""
+    """Altitude [m]; by default that of the first stage or of the airframe's cruise, and 0 for a mission, from home."""
 
     @property
     def heading_rad(self) -> float | None:
         """The heading in the plan's frame, 0 east, counter-clockwise [rad], if it is given."""
         return None if self.heading_deg is None else heading_rad(self.heading_deg)
-
-
-@dataclass(frozen=True)
-class Home:
-    """Where the aircraft can return to, for the point of no return and flights that turn back."""
-
-    position_m: Pair | None = None
-    """Position [east, north] in the plan's frame [m]."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +225,26 @@ class Scenario:
     def bounds(self) -> dict[str, Box]:
         """Sets for a plan whose stages carry none."""
         return {name: Box(lo, hi) for name, (lo, hi) in self.keys.bounds.items()}
+
+    def position_m(self, key: str, origin_deg: Point | None) -> Point | None:
+        """The position at `start` or `home` [m], of a plan with an origin or without; None where it has none.
+
+        Raises
+        ------
+        InputError
+            If its latitude and longitude have no position in the plan's frame.
+        """
+        place: Home = getattr(self.keys, key)
+        if place.lat_deg is None or place.lon_deg is None:
+            return place.position_m
+        if origin_deg is None:
+            message = "a latitude and a longitude, and the plan has no origin"
+            raise InputError(self.fault(f"{key}.lat_deg", message, f"{key}.position_m, or %: origin in the plan"))
+        point = to_near_local_m(place.lat_deg, place.lon_deg, origin_deg)
+        if point is None:
+            expected = f"at most {FARTHEST_M / 1000:g} km"
+            raise InputError(self.fault(f"{key}.lat_deg", "too far from the plan's origin", expected))
+        return point
 
     def fault(self, key: str, message: str, expected: str = "") -> Fault:
         """A fault at a dotted key."""
@@ -407,6 +430,12 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     if keys.planner.name not in PLANNERS:
         message = f"unknown planner {printable(keys.planner.name, 60)}"
         faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))
+    for key, place in {"start": keys.start, "home": keys.home}.items():
+        if (place.lat_deg is None) != (place.lon_deg is None):
+            faults.append(document.fault((key,), f"{key} has one of lat_deg and lon_deg", "both, or neither"))
+        elif place.lat_deg is not None and place.position_m is not None:
+            message = f"{key} has both position_m and lat_deg"
+            faults.append(document.fault((key, "lat_deg"), message, "one of the two"))
     for name, (lo, hi) in keys.bounds.items():
         if lo > hi:
             faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))

@@ -18,6 +18,7 @@ from eadp import __version__
 from eadp.errors import Fault, InputError
 from eadp.io.telemetry.reader import KEYS, TelemetryReader
 from eadp.io.text.streams import Text
+from eadp.planning.base import Mission
 from eadp.planning.gate import Sample
 
 SCHEMA = "eadp.replan-log/1"
@@ -79,7 +80,7 @@ class ReplanLog:
             os.close(self._file)
             raise
 
-    def entries(self) -> Iterator[Sample | None]:
+    def entries(self, mission: Mission | None = None) -> Iterator[Sample | None]:
         """Samples of the log, and None for each decision; an incomplete last line is dropped with a warning.
 
         Raises
@@ -87,7 +88,7 @@ class ReplanLog:
         InputError
             At a line that is no entry of a log.
         """
-        reader = TelemetryReader(self._path)
+        reader = TelemetryReader(self._path, mission)
         with self._open() as stream:
             number, kept = 1, len(stream.readline())
             while raw := stream.readline():

@@ -11,10 +11,13 @@ from typing import Annotated, Any, BinaryIO
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
+from eadp.models.battery import Battery
+from eadp.planning.base import Mission
 from eadp.planning.gate import Sample
 
 LINE_LIMIT_BYTES = 65_536
@@ -38,9 +41,19 @@ class TelemetryLine(BaseModel):
     time_s: Time = Field(description="a time in seconds, of any clock that rises")
     x_m: Metres | None = Field(default=None, description="a position in metres, east")
     y_m: Metres | None = Field(default=None, description="a position in metres, north")
+    lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
+        default=None, description="a latitude in degrees, in place of x_m and y_m where the plan has an origin"
+    )
+    lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = Field(default=None, description="a longitude in degrees")
     power_w: Watts | None = Field(default=None, description="a power in watts, or null where the sensor has no reading")
     soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = Field(
         default=None, description="a state of charge, 0 to 1"
+    )
+    current_consumed_ah: Annotated[float, Field(ge=0, le=1e6)] | None = Field(
+        default=None, description="the charge drawn since take-off in ampere-hours, in place of soc"
+    )
+    airspeed_mps: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="an airspeed in metres per second"
     )
     stage: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="the stage being flown, a whole number from 1"
@@ -63,6 +76,8 @@ class TelemetryLine(BaseModel):
 KEYS = tuple(TelemetryLine.model_fields)
 EXPECTED = ("time_s", "x_m", "y_m", "power_w", "soc")
 """Keys that every line should have."""
+INSTEAD = {"x_m": "lat_deg", "y_m": "lon_deg", "soc": "current_consumed_ah"}
+"""What a line may have in place of them."""
 
 
 def json_schema() -> dict[str, Any]:
@@ -77,10 +92,15 @@ class TelemetryReader:
     ----------
     name : str
         Name of the stream in messages.
+    mission : Mission, optional
+        Its plan's origin and its battery give position and charge from what a line has in place of them.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, mission: Mission | None = None) -> None:
         self._name = name
+        self._origin_deg = mission.plan.origin_deg if mission is not None else None
+        self._battery = mission.battery if mission is not None else Battery()
+        self._placed = True
         self._unknown: set[str] = set()
         self._missing: set[str] = set()
 
@@ -103,14 +123,15 @@ class TelemetryReader:
             return None, document, [replace(error.faults[0], line=number, source="", severity="warning")]
         warnings = self._unknown_keys(number, document)
         line, faults = self._line(number, document)
-        missing = [key for key in EXPECTED if key not in document]
-        useless = all(document.get(key) is None for key in EXPECTED[1:])
-        if line is None or useless or not self._missing.issuperset(missing):
+        sample, more = (None, []) if line is None else self._sample(number, line, document)
+        missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
+        useless = sample is None or all(value is None for value in sample[1:5])
+        if useless or not self._missing.issuperset(missing):
             self._missing.update(missing)
             if missing and not faults:
                 what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
                 faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
-        return None if line is None or useless else self._sample(line), document, [*warnings, *faults]
+        return None if useless else sample, document, [*warnings, *faults, *more]
 
     def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
         """A warning about a key of a line that has been read."""
@@ -169,10 +190,27 @@ class TelemetryReader:
             return None, faults
         return TelemetryLine.model_validate({key: document[key] for key in known}), faults
 
-    def _sample(self, line: TelemetryLine) -> Sample:
-        values = line.model_dump(exclude={"heading_deg", "parameters"})
+    def _sample(self, number: int, line: TelemetryLine, document: JsonObject) -> tuple[Sample, list[Fault]]:
+        """The sample of a line, and a warning where its latitude and longitude are no position."""
+        values = line.model_dump(exclude={"heading_deg", "parameters", *INSTEAD.values()})
+        faults = []
+        if line.x_m is None and line.y_m is None and line.lat_deg is not None and line.lon_deg is not None:
+            point = to_near_local_m(line.lat_deg, line.lon_deg, self._origin_deg) if self._origin_deg else None
+            if point is not None:
+                values["x_m"], values["y_m"] = point
+            elif self._placed:
+                what = (
+                    "is too far from the plan's origin" if self._origin_deg else "has no place: the plan has no origin"
+                )
+                expected = "a position near it" if self._origin_deg else "x_m and y_m, or %: origin in the plan"
+                faults = [self.fault(number, document, "lat_deg", f"lat_deg {what}; ignored", expected)]
+            self._placed = point is not None
+        if line.soc is None and line.current_consumed_ah is not None:
+            # b = b0 − ∫ k_b I / Q_c dt
+            drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
+            values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
-        return Sample(**values, heading_rad=heading, parameters=line.parameters or {})
+        return Sample(**values, heading_rad=heading, parameters=line.parameters or {}), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""

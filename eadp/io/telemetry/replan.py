@@ -63,13 +63,14 @@ class Replanner:
 
     def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
         settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
+        self._mission = inputs.mission
         self._flight = LiveFlight(
             inputs.mission,
             lambda mission: make_planner(settings, estimator, mission),
             lambda mission: HeldForecast(settings, mission),
             settings.every_s,
         )
-        self._gate, self._reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name)
+        self._gate, self._reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
         self._log, self._emit, self._warn = log, emit, warn
         self._logged: set[tuple[float | None, ...]] = set()
         self._logged_to_s = 0.0
@@ -121,7 +122,7 @@ class Replanner:
     def _restore(self, log: ReplanLog) -> None:
         """Replay a log; emit the last decision if it is missing."""
         pending: Advice | None = None
-        for sample in log.entries():
+        for sample in log.entries(self._mission):
             if sample is None:
                 pending = None
                 continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
@@ -35,6 +36,13 @@ class Finding:
     def fault(self, file: str) -> Fault:
         """The finding at its place in a file."""
         return Fault(file, self.line, self.column, self.message, severity=self.severity)
+
+
+class FieldNote(NamedTuple):
+    """What a plan knows of its field: its area [m²], and its name, '' for none."""
+
+    area_m2: float
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,7 @@ class Plan:
     ends_at_trigger: bool = False
     segments: tuple[Segment, ...] = ()
     start_m: Point | None = None
+    field: FieldNote | None = None
 
     @property
     def has_sets(self) -> bool:

@@ -75,6 +75,16 @@ class Route:
         return flat, np.repeat(np.arange(len(different)), [len(nodes.weights_m) for nodes in different]), order
 
     @cached_property
+    def _own_airspeeds(self) -> FloatArray | None:
+        """Airspeed that the stage of each node of `_flat` commands [m/s], NaN for none; None where no stage does."""
+        if all(leg.stage.airspeed_mps is None for leg in self.legs):
+            return None
+        _, of_node, order = self._flat
+        own = np.full(order.max() + 1, math.nan)
+        own[order] = [leg.stage.airspeed_mps or math.nan for leg in self.legs]
+        return own[of_node]
+
+    @cached_property
     def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
         index: dict[tuple[int, Vector], int] = {}
@@ -88,7 +98,7 @@ class Route:
         Parameters
         ----------
         airspeed_mps : float
-            Airspeed [m/s].
+            Airspeed where a stage has none of its own [m/s].
         wind_mps : (float, float)
             Wind [m/s].
 
@@ -102,7 +112,9 @@ class Route:
         if not self.legs:
             return np.zeros(0), np.zeros(0)
         nodes, of_node, order = self._flat
-        return jitted(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, airspeed_mps, wind_mps)
+        own = self._own_airspeeds
+        speed = airspeed_mps if own is None else np.where(np.isnan(own), airspeed_mps, own)
+        return jitted(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, speed, wind_mps)
 
     @cached_property
     def free(self) -> FloatArray:
@@ -255,7 +267,7 @@ def _times_s(
     curvature_per_m: FloatArray,
     of_node: IntArray,
     order: IntArray,
-    airspeed_mps: float,
+    airspeed_mps: float | FloatArray,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:
     """`Route.times_s` by the nodes of the legs that differ; may be compiled."""

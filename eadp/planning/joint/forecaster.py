@@ -26,6 +26,7 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
+from eadp.planning.joint.climb import ClimbForecast
 from eadp.planning.joint.program import Candidate, Shares, Solution
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
@@ -189,6 +190,7 @@ class Forecaster:
         self._slope = 0.0
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._charge = ChargeFilter((full_v - empty_v) / battery.voltage_at(0.5))
+        self._climb = ClimbForecast.of(mission)
         self._flown = ParameterAverages(len(plan.parameters))
         self._held_for: tuple[Vector, int] | None = None
         self._decided = mission.parameters
@@ -271,8 +273,9 @@ class Forecaster:
         """
         step_s = self._duration_s(o.time_s)
         self._off_path((o.x_m, o.y_m), step_s)
+        beside_w = computing_w + self._followed_w(step_s, o.airspeed_mps)
         if o.power_w is not None and step_s > 0:
-            self._motion.observe(o.power_w - computing_w, min(step_s, MAX_STEP_S), self._slope)
+            self._motion.observe(o.power_w - beside_w, min(step_s, MAX_STEP_S), self._slope)
         if o.wind_mps is not None:
             self._measured_wind, self._measured_until_s = o.wind_mps, o.time_s + MEASURED_WIND_S
         elif o.time_s > self._measured_until_s:
@@ -293,8 +296,9 @@ class Forecaster:
         )
         jumped = False
         for time_s, duration_s, power_w, soc in zip(times, durations, readings.powers_w, readings.charges, strict=True):
+            beside_w = computing_w + self._followed_w(duration_s)
             if power_w is not None and duration_s > 0:
-                self._motion.observe(power_w - computing_w, duration_s, self._slope)
+                self._motion.observe(power_w - beside_w, duration_s, self._slope)
             jumped |= self._observe_charge(time_s, power_w, soc)
         if times[-1] > self._measured_until_s:
             self._measured_wind = None
@@ -309,6 +313,18 @@ class Forecaster:
         step_s = time_s - self._last_s if self._last_s is not None else 0.0
         self._last_s = time_s
         return step_s
+
+    def _followed_w(self, step_s: float, airspeed_mps: float | None = None) -> float:
+        """Power that climbing and the stage's airspeed added over a step [s], which ends now [W].
+
+        The wind is estimated with the airspeed measured [m/s], else the one commanded.
+        """
+        power_w, commanded_mps = 0.0, self._speed
+        if self._climb is not None:
+            self._climb.follow(self._cursor.stage, step_s)
+            power_w, commanded_mps = self._climb.power_w, self._climb.level_mps
+        self._wind.airspeed_mps = airspeed_mps or commanded_mps
+        return power_w
 
     def _off_path(self, position: Point, step_s: float) -> None:
         """Update position and the standard deviation of the cross-track error, by its median: stages are joined from
@@ -356,13 +372,15 @@ class Forecaster:
 
         A leg flown through a gap of the telemetry has no known time.
         """
-        duration = o.time_s - self._stage_since_s
+        duration, slowed_s = o.time_s - self._stage_since_s, 0.0
         self._stage_since_s = o.time_s
+        if self._climb is not None:
+            slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
         route = self._route(self.shares)
         if route is not None and self._stages_started > 1 and not self._through_gap:
             forecast_s = float(route.times_s(self._speed, self.wind_mps)[0][0])
             gusts = self._wind.gust_std_mps, self._speed, self._mission.gust_time_s
-            self._ratio.learn(forecast_s, duration, *gusts)
+            self._ratio.learn(forecast_s, duration - slowed_s, *gusts)
         self._motion.end_window(self._slope)
         self._margin_m = max(MARGIN_M, NAVIGATION_STDS * self._navigation_std_m)
         next_leg, self._stages_started = o.stages_started == self._stages_started + 1, o.stages_started
@@ -523,12 +541,17 @@ class Forecaster:
         times, motion_w, total_s, bank_s = jitted(_remaining_load)(
             whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w
         )
+        climb_w = motion_w
+        if self._climb is not None:
+            whole = whole * self._ratio.ratio
+            times, motion_w, climb_w = self._climb.loaded(route, whole, times, motion_w)
+            total_s = max(float(times.sum()), 1e-3)
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(route)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
         drain = b.drain_per_s(float(motion_w @ times) / total_s + self._computing_w, volts) * total_s
         used, charge_var = self._charge.use(drain)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), motion_w)
+        peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
         stds = math.sqrt(time_var), math.sqrt(energy_var)
         use = used / max(drain, MIN_STD), math.sqrt(charge_var)
         return RouteLoad(times, motion_w, peak_w, *stds, *use, self._ends(route, left))

@@ -209,7 +209,7 @@ def test_altitudes_are_above_home_whatever_their_frame():
         waypoint(900, 0, altitude=80, frame=10), item(21, east=1200, north=0, altitude=0),
     ]  # fmt: skip
     plan, found = read(wpl(*items))
-    assert [stage.altitude_m for stage in plan.stages] == [50, 70, 80, 80]
+    assert [stage.altitude_m for stage in plan.stages] == [50, 70, 80, 0]
     assert [f.code for f in found] == ["terrain"]
 
 
@@ -463,7 +463,7 @@ def mission(tmp_path):
 def test_a_mission_is_simulated_with_turns_of_its_aircraft(eadp, mission):
     answer = eadp("simulate", mission, "--set", "step_s=0.05", "--format", "json")
     assert answer.code == 0
-    assert "altitudes and airspeeds of stages are kept and not flown" in answer.err
+    assert "not flown" not in answer.err
     summary = json.loads(answer.out)
     radius = 15**2 / GRAVITY_MPS2  # a bank of 45°
     assert summary["distance_m"] == pytest.approx(1600 - 3 * (2 - math.pi / 2) * radius, rel=0.015)
@@ -472,6 +472,9 @@ def test_a_mission_is_simulated_with_turns_of_its_aircraft(eadp, mission):
         "simulate", mission, "--set", "vehicle.airframe.max_bank_deg=20", "--set", "step_s=0.05", "--format", "json"
     )
     assert json.loads(slow.out)["distance_m"] < summary["distance_m"] - 20
+    paper = eadp("simulate", mission, "--set", "vehicle.airframe.model=paper", "--set", "step_s=0.05")
+    assert paper.code == 0
+    assert "not flown: the airframe paper holds its own" in paper.err
 
 
 def test_waypoints_too_close_are_a_finding_of_the_check(eadp, mission):

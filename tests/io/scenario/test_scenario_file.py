@@ -8,6 +8,7 @@ import pytest
 from common import ROOT
 from settings_page import pages
 
+from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.io.scenario.scenario_file import json_schema, read_scenario
@@ -158,3 +159,49 @@ def test_a_flight_that_starts_with_heading_90_flies_east(tmp_path):
     steps = list(fly(inputs.world, inputs.planner(), Outcome()))
     assert steps[-1].x_m == pytest.approx(5 * 15, abs=1)
     assert abs(steps[-1].y_m) < 0.1
+
+
+# --- places on the earth
+
+ORIGIN = (55.37, 10.43)
+
+
+@pytest.fixture
+def line(tmp_path):
+    path = tmp_path / "line.plan"
+    path.write_text(f"%: origin {ORIGIN[0]} {ORIGIN[1]}\n0.1; 270; y\n300, 0\n0.1; 270; y\n900, 0\n")
+    return str(path)
+
+
+def test_start_and_home_are_latitudes_and_longitudes_too(line):
+    north, east = to_geodetic_deg(0.0, 800.0, ORIGIN), to_geodetic_deg(-200.0, 5.0, ORIGIN)
+    keys = {"home": dict(zip(("lat_deg", "lon_deg"), north, strict=True)), "start.lat_deg": east[0]}
+    inputs = load_flight(line, overrides={**keys, "start.lon_deg": east[1]})
+    assert inputs.mission.home_m == pytest.approx((0.0, 800.0), abs=1e-3)
+    assert inputs.world.start_m == pytest.approx((-200.0, 5.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("start", {"lat_deg": 55.37}, "one of lat_deg and lon_deg"),
+        ("home", {"lat_deg": 55.37, "lon_deg": 10.4, "position_m": [0, 0]}, "both position_m and lat_deg"),
+        ("home", {"lat_deg": 91, "lon_deg": 10.4}, "home.lat_deg cannot be 91"),
+        ("home", {"lat_deg": 55.37, "lon_deg": -169.57}, "too far from the plan's origin"),
+        ("start", {"lat_deg": 52.37, "lon_deg": 10.43}, "too far from the plan's origin"),
+    ],
+)
+def test_places_that_are_none_are_refused(line, key, value, words):
+    with pytest.raises(InputError) as refused:
+        load_flight(line, overrides={key: value})
+    assert words in str(refused.value.faults[0])
+
+
+def test_a_plan_without_an_origin_has_no_latitudes():
+    with pytest.raises(InputError) as refused:
+        load_flight(
+            str(ROOT / "plans/survey.plan"),
+            scenario_path=str(ROOT / "scenarios/survey.yaml"),
+            overrides={"home": {"lat_deg": 55.37, "lon_deg": 10.43}},
+        )
+    assert "the plan has no origin" in str(refused.value.faults[0])

@@ -10,7 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.io.mission.reader import PlanReader
 from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryReader, json_schema, numbered_lines
+from eadp.io.text.streams import Text
+from eadp.models.battery import Battery
+from eadp.models.computing import join_profile
+from eadp.planning.base import Mission
 
 GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
 
@@ -25,7 +31,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert sample[5:] == (None, None, None, None, {}, None, ())
+    assert sample[5:] == (None, None, None, None, {}, None, (), None)
 
 
 def test_all_keys():
@@ -54,6 +60,34 @@ def test_missing_keys_give_one_warning_and_count_as_null():
         "log.jsonl:1:1: warning: x_m, y_m, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc"
     ]
     assert reader.read(2, raw)[2] == []
+
+
+def test_latitude_longitude_and_the_charge_drawn_stand_for_position_and_charge():
+    origin, place = (55.37, 10.43), to_geodetic_deg(120.0, -40.0, (55.37, 10.43))
+    plan = PlanReader()(Text("p", f"%: origin {origin[0]} {origin[1]}\n0.1; 90; x\n0, 300\n"))[0]
+    battery = Battery(capacity_ah=4.0, soc=0.9)
+    reader = TelemetryReader("log.jsonl", Mission(plan, join_profile(plan, None), battery, 15.0, ()))
+    line = {"time_s": 1.0, "lat_deg": place[0], "lon_deg": place[1], "power_w": 36.5, "current_consumed_ah": 1.0}
+    sample, _, warnings = reader.read(1, json.dumps({**line, "airspeed_mps": 16}).encode())
+    assert warnings == []
+    assert sample.position_m == pytest.approx((120.0, -40.0), abs=1e-3)
+    assert (sample.soc, sample.airspeed_mps) == (pytest.approx(0.9 - 1.0 / 4.0), 16)
+    # what they stand for has precedence
+    sample, _, _ = reader.read(2, json.dumps({**line, **GOOD}).encode())
+    assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
+    far, _, warnings = reader.read(3, json.dumps({**line, "lat_deg": 57.5}).encode())
+    assert far.position_m is None
+    assert "too far from the plan's origin" in str(warnings[0])
+    assert reader.read(4, json.dumps({**line, "lat_deg": 57.5}).encode())[2] == []
+    wrong, _, warnings = reader.read(5, json.dumps({**line, "lat_deg": 91, "current_consumed_ah": -1}).encode())
+    assert (wrong.position_m, wrong.soc) == (None, None)
+    assert len(warnings) == 2
+
+
+def test_without_an_origin_there_are_no_latitudes():
+    sample, warnings = read(json.dumps({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0, "power_w": 36.5, "soc": 1}))
+    assert sample.position_m is None
+    assert ["the plan has no origin" in warning for warning in warnings] == [True]
 
 
 HEAD = "<stdin>:7:"
@@ -160,9 +194,8 @@ def test_lines_of_a_stream_and_one_that_is_too_long():
 def test_the_schema_names_what_is_required():
     schema = json_schema()
     assert schema["required"] == ["time_s"]
-    assert {*GOOD, "stage", "stages_started", "wind_mps", "velocity_mps", "heading_deg", "parameters"} == set(
-        schema["properties"]
-    )
+    more = {"lat_deg", "lon_deg", "current_consumed_ah", "airspeed_mps", "stage", "stages_started", "wind_mps"}
+    assert {*GOOD, *more, "velocity_mps", "heading_deg", "parameters"} == set(schema["properties"])
 
 
 JSON = st.recursive(
