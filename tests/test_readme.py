@@ -1,6 +1,6 @@
-"""The README's blocks and the tutorial's: every command is run, and what a page shows is what its commands print.
+"""The blocks of the README, the tutorial and the aircraft's page show what their commands print.
 
-`PYTHONPATH=tests/support python tests/test_readme.py` writes the present output into both pages.
+`PYTHONPATH=tests/support python tests/test_readme.py` writes the present output into the pages.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from common import ROOT
 from common.console import Console, blocks, commands, missing_links, update
 
 README = ROOT / "README.md"
-TUTORIAL = ROOT / "docs/tutorial.md"
-PAGES = [README, TUTORIAL]
+IN_ORDER = [ROOT / "docs/tutorial.md", ROOT / "docs/aircraft.md"]
+"""Pages whose commands use the files of those before."""
+PAGES = [README, *IN_ORDER]
 
 
 def first_words(block):
@@ -34,11 +35,12 @@ def test_a_block_of_the_readme_shows_what_its_commands_print(block, tmp_path, mo
     assert Console(tmp_path).fresh(block) == block
 
 
-def test_the_tutorials_blocks_show_what_their_commands_print_in_this_order(tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", IN_ORDER, ids=lambda page: page.name)
+def test_the_blocks_show_what_their_commands_print_in_this_order(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     console = Console(tmp_path)
-    console.write_files(TUTORIAL.read_text(encoding="utf-8"))
-    for block in blocks(TUTORIAL):
+    console.write_files(page.read_text(encoding="utf-8"))
+    for block in blocks(page):
         assert console.fresh(block) == block
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import bisect
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -23,13 +24,32 @@ LIMITS = {
 }
 """Limits of power, and their names in words."""
 
+Chemistry = Literal["lipo", "lihv", "li-ion", "lifepo4"]
+CELL_V: dict[Chemistry, tuple[float, float]] = {
+    "lipo": (4.20, 3.50),
+    "lihv": (4.35, 3.55),
+    "li-ion": (4.20, 3.20),
+    "lifepo4": (3.40, 3.15),
+}
+"""Open-circuit voltage of a full and an empty cell, linear between [V]: within 0.13 V of usual curves above a tenth of
+the charge. An empty cell's real voltage is lower: the curve bends down at its end."""
+
 VOLTAGE_STEP_V = 0.05
 ENDURANCE_STEPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """A Rint battery, drained by the power it delivers, or a replayed state of charge."""
+    """A Rint battery, drained by the power it delivers, or a replayed state of charge.
+
+    With `cells`, the open-circuit voltages are those of so many cells of the chemistry.
+    """
+
+    chemistry: Chemistry | None = None
+    """Chemistry of the cells, beside `cells`; lipo if it is not given."""
+
+    cells: Annotated[int, Ge(1), Le(1000)] | None = None
+    """Number of cells in series: it gives `voltage_v` and `voltage_empty_v`, instead of them."""
 
     voltage_v: Annotated[float, Gt(0), Le(1e4)] = 14.8
     """Open-circuit voltage at full charge; at every charge if `voltage_empty_v` is not given [V]."""
@@ -62,9 +82,22 @@ class Battery:
     cutoff_voltage_v: Annotated[float, Gt(0), Le(1e4)] | None = None
     """Voltage under load below which the battery counts as empty; none by default [V]."""
 
+    def __post_init__(self) -> None:
+        if self.cells is not None:
+            full_v, empty_v = CELL_V[self.chemistry or "lipo"]
+            object.__setattr__(self, "voltage_v", self.cells * full_v)
+            object.__setattr__(self, "voltage_empty_v", self.cells * empty_v)
+
+    def overridden(self, keys: Mapping[str, Any]) -> Battery:
+        """The battery with other values of some keys: voltages that are given take the place of cells."""
+        voltages = {"cells": None, "chemistry": None} if keys.keys() & {"voltage_v", "voltage_empty_v"} else {}
+        return replace(self, **(voltages | dict(keys)))
+
     def faults(self) -> list[tuple[str, str]]:
         """Settings that contradict each other: the key, and what is wrong."""
         found = []
+        if self.chemistry is not None and self.cells is None:
+            found.append(("chemistry", "chemistry without cells"))
         if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
             found.append(("voltage_empty_v", f"voltage_empty_v: {self.voltage_empty_v:g} V is above voltage_v"))
         if self.cutoff_voltage_v is not None and self.cutoff_voltage_v >= self.voltage_v:
@@ -84,16 +117,17 @@ class Battery:
         """b Q_c V [Wh] at a state of charge b. Source: letter, Def. III.3."""
         return soc * self.capacity_ah * self.voltage_at(soc)
 
-    def endurance_s(self, power_w: float) -> float:
-        """Time [s] from full charge until a constant power, above 0 [W], finds it empty or can no longer be delivered.
+    def endurance_s(self, power_w: float, reserve_soc: float = 0.0) -> float:
+        """Time [s] from full charge until a constant power, above 0 [W], finds the reserve or is no longer delivered.
 
         Source: letter, Lem. III.3, integrated over the charge.
         """
         soc, empty_v = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS, self.voltage_at(0.0)
+        soc = reserve_soc + (1 - reserve_soc) * soc
         voltage_v = empty_v + (self.voltage_v - empty_v) * soc
         voltage_v = voltage_v[self.max_power_w(voltage_v) >= power_w]
         # ∫ db / −ḃ, by the midpoint rule
-        return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) / ENDURANCE_STEPS
+        return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) * (1 - reserve_soc) / ENDURANCE_STEPS
 
     def drain_per_s(self, power_w: Any, voltage_v: Any) -> Any:
         """How fast the charge falls [1/s] under a power [W] at an open-circuit voltage [V], numbers or arrays.
@@ -117,7 +151,7 @@ class Battery:
         if self.voltage_empty_v is None:
             return self
         volts = math.floor(self.voltage_at(soc) / VOLTAGE_STEP_V) * VOLTAGE_STEP_V
-        return replace(self, voltage_v=max(volts, VOLTAGE_STEP_V), voltage_empty_v=None)
+        return self.overridden({"voltage_v": max(volts, VOLTAGE_STEP_V), "voltage_empty_v": None})
 
     @property
     def max_current_a(self) -> float:

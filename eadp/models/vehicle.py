@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from eadp.core.bounds import Coordinate, Duration, Efficiency, NotNegative, Watts
@@ -79,6 +80,14 @@ class PaperVehicle:
     def cruise_power_w(self) -> float:
         """Motion power in level flight [W]."""
         return self.idle_power_w + self.throttle_power_w * self.nominal_throttle / 100
+
+    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Motion power in level flight [W], the same at any bank; its airspeed is that of the throttle."""
+        return self.idle_power_w + self.throttle_power_w * airspeed_mps / self.speed_per_throttle_mps / 100
+
+    def level_speeds_mps(self) -> tuple[float, float]:
+        """Least and greatest airspeed of level flight [m/s]: the one whose lift carries the weight."""
+        return self.airspeed_mps, self.airspeed_mps
 
     @property
     def max_motion_w(self) -> float:
@@ -179,6 +188,36 @@ class FixedWing:
         """Electrical power in level flight [W]: D V/η and the avionics'."""
         # P = D V / η
         return self.drag_n(airspeed_mps, bank_rad) * airspeed_mps / self.propulsive_efficiency + self.avionics_w
+
+    def level_speeds_mps(self) -> tuple[float, float]:
+        """Least and greatest airspeed of level flight [m/s]: the stall's, and where the motor's power is all needed."""
+        # P_max η = ½ρS C_D0 V³ + 2K W²/(ρS V); above the speed of least drag it rises
+        density_area = 0.5 * self.air_density_kgpm3 * self.wing_area_m2
+        parasitic = density_area * self.zero_lift_drag_coefficient
+        roots = np.roots(
+            [
+                parasitic,
+                0.0,
+                0.0,
+                -self.max_power_w * self.propulsive_efficiency,
+                self.induced_drag * self.weight_n**2 / density_area,
+            ]
+        )
+        real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
+        return self.stall_mps, max([self.stall_mps, *real])
+
+    @property
+    def glide_mps(self) -> float:
+        """Airspeed of least drag [m/s]: where C_L² = C_D0/K, or the stall's above it. Source: Anderson 1999."""
+        lift = math.sqrt(self.zero_lift_drag_coefficient / self.induced_drag)
+        return math.sqrt(
+            2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * min(lift, self.max_lift_coefficient))
+        )
+
+    @property
+    def glide_ratio(self) -> float:
+        """Lift over drag at `glide_mps`."""
+        return self.weight_n / self.drag_n(self.glide_mps)
 
     @property
     def cruise_power_w(self) -> float:

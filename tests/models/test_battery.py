@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eadp.models.battery import CURRENT, CUT_OFF, DELIVERABLE, VOLTAGE_STEP_V, Battery
+from eadp.models.battery import CELL_V, CURRENT, CUT_OFF, DELIVERABLE, VOLTAGE_STEP_V, Battery
 
 TRACE = Battery(prescribed=((0, 1.0), (10, 0.9), (10, 0.8), (20, 0.4)))
 
@@ -30,6 +30,34 @@ def test_the_voltage_falls_in_a_straight_line_with_the_charge():
     battery = Battery(voltage_v=16.8, voltage_empty_v=13.2)
     assert [battery.voltage_at(soc) for soc in (1.0, 0.5, 0.0)] == pytest.approx([16.8, 15.0, 13.2])
     assert Battery(voltage_v=14.8).voltage_at(0.1) == 14.8
+
+
+# resting voltages of a cell of lithium polymer at 10, 20, … 100 % of the charge, as chargers' tables have them [V]
+RESTING_V = (3.69, 3.73, 3.77, 3.80, 3.84, 3.87, 3.95, 4.02, 4.11, 4.20)
+
+
+def test_cells_have_the_voltage_of_their_chemistry():
+    battery = Battery(cells=4, capacity_ah=5.0)
+    assert [battery.voltage_at(soc / 10) / 4 for soc in range(1, 11)] == pytest.approx(RESTING_V, abs=0.125)
+    assert Battery(cells=2, chemistry="lifepo4").voltage_v == pytest.approx(6.8)
+    assert all(full > empty for full, empty in CELL_V.values())
+    near = battery.near(0.5)
+    assert (near.cells, near.voltage_empty_v) == (None, None)
+    assert near.voltage_v == pytest.approx(15.4)
+
+
+def test_voltages_take_the_place_of_cells():
+    battery = Battery(cells=4, chemistry="li-ion")
+    assert battery.overridden({"capacity_ah": 2.0}).cells == 4
+    own = battery.overridden({"voltage_v": 12.0, "voltage_empty_v": None})
+    assert (own.cells, own.chemistry, own.voltage_v, own.voltage_empty_v) == (None, None, 12.0, None)
+    assert Battery(chemistry="lipo").faults() == [("chemistry", "chemistry without cells")]
+
+
+@given(st.floats(0.2, 1), st.floats(0, 0.9))
+def test_endurance_down_to_a_reserve(power_c, reserve):
+    battery = Battery(voltage_v=10.0, resistance_ohm=0.0, capacity_ah=1.0)
+    assert battery.endurance_s(10 * power_c, reserve) == pytest.approx(3600 / power_c * (1 - reserve))
 
 
 @given(st.floats(0, 1))

@@ -27,7 +27,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
 from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
-from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, vehicle_of
+from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
@@ -312,7 +312,7 @@ def scenario_of(
     refuse(_raw_faults(value, document))
     keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
     # null restores a default, which is what the key has in a battery of its own
-    battery = replace(keys.vehicle.battery, **{key: getattr(keys.battery, key) for key in own or ()})
+    battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
 
@@ -392,21 +392,27 @@ def _put(document: Document, key: str, value: Any) -> None:
             target[part] = {}
         target = target[part]
     target[parts[-1]] = value
-    if key in WIND_DIRECTIONS and value is not None:
-        target.pop(WIND_DIRECTIONS[key], None)
+    for other in REPLACED.get(".".join(parts[-2:]), ()) if value is not None else ():
+        target.pop(other, None)
     path = tuple(parts)
     for known in [place for place in document.places if place[: len(path)] == path]:
         del document.places[known]
     document.overrides[path] = f"--set {key}"
 
 
-WIND_DIRECTIONS = {"wind.from_deg": "towards_deg", "wind.towards_deg": "from_deg"}
-"""The other key of the wind's direction: an override of one removes the other."""
+REPLACED = {
+    "wind.from_deg": ("towards_deg",),
+    "wind.towards_deg": ("from_deg",),
+    "battery.voltage_v": ("cells", "chemistry"),
+    "battery.cells": ("voltage_v", "voltage_empty_v"),
+}
+"""Keys that an override of another one removes: two ways to give one thing."""
 
 
 def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     """What shows in the keys given, and no longer in the settings."""
     faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
+    faults += two_voltages(document, value) + two_voltages(document, value.get("vehicle"), ("vehicle",))
     wind, planner = value.get("wind"), value.get("planner")
     if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
         message = "wind.from_deg and wind.towards_deg are both given"

@@ -18,7 +18,7 @@ from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.mission.reader import PlanReader
-from eadp.io.scenario.scenario_file import WIND_DIRECTIONS, Scenario, beside, override_key, vehicle_path
+from eadp.io.scenario.scenario_file import REPLACED, Scenario, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
@@ -253,8 +253,9 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
 
 
 def _overlap(one: str, other: str) -> bool:
-    """Whether two keys are the same, one contains the other, or both are the wind's direction."""
-    if {one, other} == WIND_DIRECTIONS.keys():
+    """Whether two keys are the same, one contains the other, or an override of one removes the other."""
+    section, _, last = other.rpartition(".")
+    if one.rpartition(".")[0] == section and last in REPLACED.get(".".join(one.split(".")[-2:]), ()):
         return True
     return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 

@@ -74,8 +74,18 @@ def vehicle_of(document: Document) -> VehicleFile:
         With every fault found.
     """
     value = without_nulls(document.value)
-    refuse(airframe_faults(document, value))
+    refuse(airframe_faults(document, value) + two_voltages(document, value))
     return validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery), RENAMED)
+
+
+def two_voltages(document: Document, value: Any, at: Path = ()) -> list[Fault]:
+    """A battery, below a path, whose voltage is given twice: by its cells, and as such."""
+    battery = value.get("battery") if isinstance(value, dict) else None
+    given = (
+        battery.keys() & {"voltage_v", "voltage_empty_v"} if isinstance(battery, dict) and "cells" in battery else ()
+    )
+    message = "battery.cells beside its voltage"
+    return [document.fault((*at, "battery", key), message, "one of the two") for key in sorted(given)]
 
 
 def battery_faults(document: Document, battery: Battery) -> list[Fault]:

@@ -74,6 +74,22 @@ def test_null_restores_a_default(scenario):
     assert found.keys.vehicle.airframe.mass_kg == FixedWing().mass_kg
 
 
+def test_cells_give_the_voltages(scenario):
+    cells = {"battery.cells": 4, "battery.chemistry": "li-ion"}
+    battery = scenario(**cells).keys.battery
+    assert (battery.voltage_v, battery.voltage_empty_v) == pytest.approx((16.8, 12.8))
+    assert battery.capacity_ah == 5.0
+    # of a layer above, a voltage replaces the cells, and cells the voltage
+    with_cells = scenario(**{"vehicle.battery.cells": 3})
+    assert with_cells.keys.battery.voltage_empty_v == pytest.approx(10.5)
+    own = scenario("battery: {voltage_v: 12}\n", **{"vehicle.battery.cells": 3}).keys.battery
+    assert (own.voltage_v, own.voltage_empty_v, own.cells) == (12, pytest.approx(10.5), None)
+    again = scenario("battery: {voltage_v: 12}\n", **{"battery.cells": 3}).keys.battery
+    assert (again.voltage_v, again.cells) == (pytest.approx(12.6), 3)
+    other = scenario("battery: {chemistry: lihv}\n", **{"vehicle.battery.cells": 3}).keys.battery
+    assert other.voltage_v == pytest.approx(13.05)
+
+
 def test_a_vehicle_may_be_set_and_stand_inline(scenario):
     assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing()
     inline = read_scenario(None, {"vehicle": {"airframe": {"model": "paper"}, "battery": {"capacity_ah": 1}}})
@@ -96,6 +112,10 @@ BAD = [
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
     ("battery: {cutoff_voltage_v: 15}", ":2:11: error: battery.cutoff_voltage_v: 15 V is not below voltage_v"),
     ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
+    ("battery: {cells: 0}", ":2:11: error: battery.cells cannot be 0"),
+    ("battery: {cells: 4, chemistry: nicd}", ":2:21: error: battery.chemistry cannot be 'nicd'"),
+    ("battery: {chemistry: lipo}", ":2:11: error: battery.chemistry without cells"),
+    ("battery: {cells: 4, voltage_v: 16}", ":2:21: error: battery.cells beside its voltage; expected one of the two"),
     ("wind: {}", ":2:1: error: unknown key wind"),
 ]
 

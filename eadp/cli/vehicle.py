@@ -1,0 +1,98 @@
+"""`eadp vehicle`."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from eadp.cli.options import Format, FormatOption
+from eadp.cli.output import aligned, emit, emit_json, usage_fault
+
+if TYPE_CHECKING:
+    from eadp.models.performance import Performance, SpeedRange
+
+
+def command(
+    file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")],
+    wind: Annotated[str, Option(metavar="MPS,…", help="Speeds of the wind, for endurance and range.")] = "0,5,8",
+    computing: Annotated[float, Option(metavar="W", help="Power of the computations, beside the motion's.")] = 0.0,
+    reserve: Annotated[float, Option(metavar="SHARE", help="Charge to keep, as a share of the full charge.")] = 0.05,
+    plot: Annotated[
+        str, Option("--plot", "-o", metavar="FILE", help="Draw the power curve: FILE.svg or FILE.png.")
+    ] = "",
+    format: FormatOption = Format.text,
+) -> int:
+    """Example: eadp vehicle vehicles/foam-wing.yaml
+
+    Print what an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
+
+    Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
+    input.
+    """
+    from eadp.io.text.streams import read_text
+    from eadp.io.vehicle.presets import read_vehicle
+    from eadp.io.vehicle.report import document
+    from eadp.models.performance import performance
+
+    if not 0 <= computing <= 1e6:
+        raise usage_fault("--computing", f"{computing:g}", "no power of computations", "from 0 to 1000000 W")
+    if not 0 <= reserve < 1:
+        raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
+    winds = _winds(wind)
+    vehicle = read_vehicle(read_text(file))
+    found = performance(vehicle.airframe, vehicle.battery, winds, computing_w=computing, reserve_soc=reserve)
+    if plot:
+        from eadp.io.figures.vehicle import write_vehicle_figure
+
+        write_vehicle_figure(plot, vehicle.name, vehicle.airframe, found, computing)
+    if format is Format.json:
+        emit_json(document(vehicle, found))
+    else:
+        emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found), "", *_table(found)]))
+    return 1 if found.faults else 0
+
+
+def _winds(raw: str) -> list[float]:
+    try:
+        winds = [float(part) for part in raw.split(",")]
+    except ValueError:
+        winds = [math.nan]
+    if not all(0 <= wind <= 100 for wind in winds) or len(winds) > 100:
+        raise usage_fault("--wind", raw, "no speeds of the wind", "numbers from 0 to 100 m/s, as in 0,5,8")
+    return winds
+
+
+def _lines(found: Performance) -> list[str]:
+    rows = [
+        f"flies          at {found.airspeed_mps:.4g} m/s: {found.level_power_w:.4g} W level, "
+        f"{found.bank_power_w:.4g} W at its greatest bank, turning radius {found.turn_radius_m:.3g} m"
+    ]
+    if found.stall_mps is not None and found.stall_in_turn_mps is not None:
+        rows.append(
+            f"stalls         at {found.stall_mps:.3g} m/s, {found.stall_in_turn_mps:.3g} m/s at its greatest bank"
+        )
+    rows.append(f"flies longest  at {found.endurance_mps:.3g} m/s: {found.endurance_w:.4g} W")
+    rows.append(f"flies farthest at {found.range_mps:.3g} m/s: {found.range_w:.4g} W")
+    if found.glide_ratio is not None:
+        rows.append(f"glides best    at {found.glide_mps:.3g} m/s: {found.glide_ratio:.3g} m for each metre of height")
+    if found.max_speed_mps is not None:
+        rows.append(
+            f"motor          level flight up to {found.max_speed_mps:.3g} m/s, climb up to {found.climb_mps:.3g} m/s"
+        )
+    return [*rows, *(f"cannot fly so: {fault}" for fault in found.faults)]
+
+
+def _table(found: Performance) -> list[str]:
+    head = ["wind [m/s]", "", "airspeed [m/s]", "power [W]", "time [min]", "against [km]", "with [km]", "and back [km]"]
+    rows = [head]
+    for each in found.winds:
+        flown = {"as it flies": each.held, "longest": each.endurance, "farthest": each.range}
+        rows += [_row(each.wind_mps, name, one) for name, one in flown.items() if one is not None]
+    return aligned(rows)
+
+
+def _row(wind_mps: float, name: str, one: SpeedRange) -> list[str]:
+    far = [f"{metres / 1000:.1f}" for metres in (one.against_m, one.with_m, one.out_and_back_m)]
+    return [f"{wind_mps:g}", name, f"{one.airspeed_mps:.1f}", f"{one.power_w:.1f}", f"{one.endurance_s / 60:.1f}", *far]

@@ -1,0 +1,200 @@
+"""What an aircraft can do: its best speeds, the power they take, turns, endurance and range in wind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.models.battery import Battery
+from eadp.models.vehicle import Airframe, FixedWing
+
+SPEEDS = 2001
+"""Airspeeds that a best one is searched among, before it is refined."""
+
+STALL_MARGIN = 1.2
+"""Least of the best airspeeds over the stall's: what is left for a gust and a turn."""
+
+
+@dataclass(frozen=True)
+class SpeedRange:
+    """Time and distance on a battery at an airspeed, in a wind.
+
+    Attributes
+    ----------
+    airspeed_mps, power_w : float
+        Airspeed [m/s] and power [W], computations among it.
+    endurance_s : float
+        Time until the reserve [s].
+    against_m, with_m : float
+        Distance against the wind and with it [m]; 0 against a wind that the aircraft cannot outfly.
+    out_and_back_m : float
+        Distance from which it can return, the wind along the way [m].
+    """
+
+    airspeed_mps: float
+    power_w: float
+    endurance_s: float
+    against_m: float
+    with_m: float
+    out_and_back_m: float
+
+
+@dataclass(frozen=True)
+class WindPerformance:
+    """An aircraft in a wind [m/s]: at the airspeed held, at that of longest time, at that of longest way against it.
+
+    `range` is None where the wind is at or above every airspeed.
+    """
+
+    wind_mps: float
+    held: SpeedRange
+    endurance: SpeedRange
+    range: SpeedRange | None
+
+
+@dataclass(frozen=True)
+class Performance:
+    """An aircraft's performance; None where its model has no such limit.
+
+    Attributes
+    ----------
+    airspeed_mps, level_power_w, bank_power_w : float
+        Airspeed held [m/s]; motion power in straight level flight and at the greatest bank [W].
+    turn_radius_m : float
+        Turning radius at the greatest bank, without wind [m].
+    stall_mps, stall_in_turn_mps : float or None
+        Airspeed at which the wing stalls, straight and at the greatest bank [m/s].
+    endurance_mps, endurance_w : float
+        Airspeed of least power [m/s], and the power [W].
+    range_mps, range_w : float
+        Airspeed of least energy for a distance in still air [m/s], and the power [W].
+    glide_ratio, glide_mps : float or None
+        Greatest lift over drag, and its airspeed [m/s].
+    max_speed_mps, climb_mps : float or None
+        Greatest airspeed in level flight, and rate of climb at the airspeed held [m/s], of the motor's greatest power.
+    winds : tuple of WindPerformance
+    faults : tuple of str
+        What the aircraft cannot do, and would have to.
+    """
+
+    airspeed_mps: float
+    level_power_w: float
+    bank_power_w: float
+    turn_radius_m: float
+    stall_mps: float | None
+    stall_in_turn_mps: float | None
+    endurance_mps: float
+    endurance_w: float
+    range_mps: float
+    range_w: float
+    glide_ratio: float | None
+    glide_mps: float | None
+    max_speed_mps: float | None
+    climb_mps: float | None
+    winds: tuple[WindPerformance, ...]
+    faults: tuple[str, ...]
+
+
+def performance(
+    airframe: Airframe,
+    battery: Battery,
+    winds_mps: Sequence[float] = (0.0,),
+    *,
+    computing_w: float = 0.0,
+    reserve_soc: float = 0.0,
+) -> Performance:
+    """What an aircraft can do on a full battery.
+
+    Parameters
+    ----------
+    airframe, battery
+    winds_mps : sequence of float
+        Speeds of the wind [m/s], 0 or more.
+    computing_w : float
+        Power of the computations, beside that of the motion [W].
+    reserve_soc : float
+        State of charge that is kept.
+
+    Returns
+    -------
+    Performance
+        Best speeds count the computations, and keep `STALL_MARGIN` to the stall.
+
+    Source: Anderson 1999, chapter 5: least power at C_L² = 3 C_D0/K, least drag at C_L² = C_D0/K; in wind and beside a
+    constant power the least energy for a distance is searched.
+    """
+    bank = math.radians(airframe.max_bank_deg) if isinstance(airframe, FixedWing) else math.pi / 4
+    low_mps, high_mps = airframe.level_speeds_mps()
+    margin = STALL_MARGIN if isinstance(airframe, FixedWing) else 1.0
+    speeds = min(margin * low_mps, max(high_mps, low_mps)), high_mps
+
+    def power_w(airspeed_mps: float) -> float:
+        return airframe.level_power_w(airspeed_mps) + computing_w
+
+    def flown(airspeed_mps: float, wind_mps: float) -> SpeedRange:
+        watts = power_w(airspeed_mps)
+        time_s = battery.endurance_s(watts, reserve_soc)
+        ahead, behind = max(airspeed_mps - wind_mps, 0.0), airspeed_mps + wind_mps
+        # R/(V − w) + R/(V + w) = t
+        back_m = time_s * ahead * behind / (2 * airspeed_mps)
+        return SpeedRange(airspeed_mps, watts, time_s, time_s * ahead, time_s * behind, back_m)
+
+    def ground_cost(wind_mps: float, airspeed_mps: float) -> float:
+        return power_w(airspeed_mps) / (airspeed_mps - wind_mps)
+
+    slow, far = _argmin(power_w, *speeds), _argmin(partial(ground_cost, 0.0), *speeds)
+    winds = []
+    for wind in winds_mps:
+        low = max(speeds[0], wind * (1 + 1e-9) + 1e-6)
+        best = flown(_argmin(partial(ground_cost, wind), low, speeds[1]), wind) if low <= speeds[1] else None
+        winds.append(WindPerformance(wind, flown(airframe.airspeed_mps, wind), flown(slow, wind), best))
+    wing = airframe if isinstance(airframe, FixedWing) else None
+    climb_mps = None
+    faults = [*airframe.faults(), *_battery_faults(airframe, battery, computing_w)]
+    if wing is not None:
+        # ḣ = (P_max − P) η / W
+        climb_mps = (wing.max_motion_w - wing.cruise_power_w) * wing.propulsive_efficiency / wing.weight_n
+        if 0 <= climb_mps < wing.max_climb_rate_mps:
+            faults.append(f"a climb of {wing.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.2g} m/s")
+    return Performance(
+        airspeed_mps=airframe.airspeed_mps,
+        level_power_w=airframe.cruise_power_w,
+        bank_power_w=airframe.level_power_w(airframe.airspeed_mps, bank),
+        turn_radius_m=airframe.turn_radius_m,
+        stall_mps=None if wing is None else wing.stall_mps,
+        stall_in_turn_mps=None if wing is None else wing.stall_mps / math.sqrt(math.cos(bank)),
+        endurance_mps=slow,
+        endurance_w=power_w(slow),
+        range_mps=far,
+        range_w=power_w(far),
+        glide_ratio=None if wing is None else wing.glide_ratio,
+        glide_mps=None if wing is None else wing.glide_mps,
+        max_speed_mps=None if wing is None else high_mps,
+        climb_mps=climb_mps,
+        winds=tuple(winds),
+        faults=tuple(faults),
+    )
+
+
+def _battery_faults(airframe: Airframe, battery: Battery, computing_w: float) -> list[str]:
+    watts = airframe.cruise_power_w + computing_w
+    able = watts <= float(battery.max_power_w(battery.voltage_v))
+    return [] if able else [f"level flight: {battery.undeliverable(watts, 1.0)}"]
+
+
+def _argmin(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function is least between two bounds: on a grid, then refined around the best of it."""
+    from scipy.optimize import minimize_scalar
+
+    if high <= low:
+        return low
+    grid: FloatArray = np.linspace(low, high, SPEEDS)
+    best = int(np.argmin([cost(float(v)) for v in grid]))
+    around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, SPEEDS - 1)])
+    refined = float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-9}).x)
+    return min((refined, *around), key=cost)

@@ -1,0 +1,62 @@
+"""`eadp vehicle`: its text, its document, its picture, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+WING = "vehicles/survey-wing.yaml"
+
+
+def test_text(eadp):
+    answer = eadp("vehicle", WING)
+    assert answer.code == 0
+    assert answer.out.startswith("1.2 kg survey wing\n")
+    assert "36.03 W level" in answer.out
+    assert answer.out.count("as it flies") == 3
+
+
+def test_json_and_picture(eadp, tmp_path):
+    picture = tmp_path / "power.png"
+    answer = eadp("vehicle", WING, "--wind", "4", "--computing", "10", "--format", "json", "-o", picture)
+    document = json.loads(answer.out)
+    assert document["schema"] == "eadp.performance/1"
+    assert document["winds"][0]["held"]["power_w"] == pytest.approx(46.03, abs=0.01)
+    assert document["faults"] == []
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_impossible_values_are_a_no(eadp, tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 6, max_power_w: 9}\n")
+    answer = eadp("vehicle", path)
+    assert answer.code == 1
+    assert "cannot fly so: an airspeed of 6 m/s is below the stall's" in answer.out
+    assert "cannot fly so: level flight takes" in answer.out
+
+
+def test_papers_aircraft(eadp, tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text("schema: eadp.vehicle/1\nairframe: {model: paper}\n")
+    answer = eadp("vehicle", path, "-o", tmp_path / "p.svg")
+    assert answer.code == 0
+    assert "stalls" not in answer.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (("nosuch.yaml",), "nosuch.yaml:1:1"),
+        (("scenarios/survey.yaml",), "scenarios/survey.yaml:4:1"),
+        ((WING, "--wind", "5,x"), "--wind:1:1"),
+        ((WING, "--wind", "-1"), "--wind:1:1"),
+        ((WING, "--computing", "nan"), "--computing:1:1"),
+        ((WING, "--reserve", "1"), "--reserve:1:1"),
+        ((WING, "-o", "power.pdf"), "power.pdf:1:1"),
+    ],
+)
+def test_bad_input(eadp, arguments, where):
+    answer = eadp("vehicle", *arguments)
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith(f"{where}: error: ")
