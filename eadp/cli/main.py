@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from eadp import __version__
-from eadp.cli import cover, export, fit, plan, profile, replan, schema, simulate, sweep
+from eadp.cli import cover, export, fit, plan, profile, replan, report, schema, simulate, sweep
 from eadp.errors import EadpError, InputError, printable
 
 # The matrices here are small: threads of the linear algebra cost more than they give, and on a busy machine twentyfold.
@@ -42,6 +42,7 @@ COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
     "export": (export.command, "Write a plan as an autopilot's mission, or as a map."),
     "sweep": (sweep.command, "Fly many times: a grid or a random sample, resumable."),
     "replan": (replan.command, "Re-plan a live or recorded flight: telemetry in, decisions out."),
+    "report": (report.command, "Write a flight or a sweep as one HTML page."),
     "schema": (schema.command, "Print the JSON Schema of a file format."),
 }
 
