@@ -30,14 +30,14 @@ POWER_SHARE = 1 / 400
 """Error of thinned powers, as a share of their range."""
 
 MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
-MAX_POINTS = 30_000
-"""Most points of the plan's lines."""
+MAX_POINTS, LEG_POINTS = 60_000, 4
+"""Most points of the plan's lines, and how many a leg should have at least."""
 
 FAINT = 5
 """Values across the sets of the path parameters at which the plan's lines are drawn."""
 
-CURVE_PARTS, CURVE_STEP_M = 24, 10.0
-"""A leg that is no line is drawn in as many parts at least, each at most so long."""
+CURVE_PARTS = 24
+"""Most parts in which a leg that is no line is drawn, of 1 m at least."""
 
 NO_HORIZONS: dict[str, Any] = {"t": [], "s": [], "w": []}
 Row = Mapping[str, Any]
@@ -161,6 +161,8 @@ def decisions_data(
     data: dict[str, Any] = {"count": len(rows), "changed": [changed[i] for i in kept]}
     for name in rows[0] if rows else ():
         values = [row[name] for row in chosen]
+        if all(value is None for value in values):
+            continue
         if name in ("time_s", "stage", "lap"):
             data[name] = values
         elif any(isinstance(value, str | dict | list | tuple | bool) for value in values):
@@ -263,11 +265,14 @@ def _plan_lines(plan: Plan, flown: _Replay, start: Point, home: Point | None) ->
     turns = [flown.turns[i] for i in evenly(len(flown.turns), MAX_ROUTES)]
     routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := _route(cursor, joined))]
     faint = list(_faint(plan, flown.turns[0][1].parameters, start))
-    count = sum(len(legs) for legs in faint) + sum(len(legs) for _, legs in routes)
-    while count * 2 > MAX_POINTS and len(faint) + len(routes) > 1:
-        faint, routes = faint[1::2], routes[::2]
-        count = sum(len(legs) for legs in faint) + sum(len(legs) for _, legs in routes)
-    parts = max(2, min(CURVE_PARTS, MAX_POINTS // max(count, 1)))
+    while (count := sum(map(len, [*faint, *(legs for _, legs in routes)]))) * LEG_POINTS > MAX_POINTS:
+        if faint:
+            faint = faint[: len(faint) // 2]
+        elif len(routes) > 1:
+            routes = [routes[i] for i in evenly(len(routes), len(routes) - 1)]
+        else:
+            break
+    parts = max(2, min(CURVE_PARTS, MAX_POINTS // max(count, 1) - 1))
     last = flown.turns[-1][1]
     return {
         "stages": [stage.kind for stage in plan.stages],
@@ -305,8 +310,7 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
     """Points along legs as x, y, x, y, …, rounded to 0.1 m."""
     points: list[Point] = []
     for leg in legs:
-        length_m = leg.distance_m
-        step_m = length_m if leg.stage.kind == LINE else min(length_m / parts, max(CURVE_STEP_M, length_m / 200))
-        points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 0.1))]
+        step_m = leg.distance_m / (1 if leg.stage.kind == LINE else parts)
+        points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
     rounded = [(round(x, 1), round(y, 1)) for x, y in points]
     return [value for point, _ in itertools.groupby(rounded) for value in point]

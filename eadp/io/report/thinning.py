@@ -6,16 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
-MAX_SAMPLES = 10_000
-"""Most samples of a series; the error is doubled until it has no more."""
+import numpy as np
 
-MAX_SCALE = 2.0**60
-"""Largest factor of the errors: beyond it nothing becomes simpler."""
+MAX_SAMPLES = 10_000
+"""Most samples of a series: one that needs more is reduced to the extremes of equal intervals."""
 
 Values = Sequence[float | None]
 
 
-def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int]:
+def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int] | None:
     """Indices of samples between which linear interpolation gives all others, each column within its error.
 
     Parameters
@@ -30,12 +29,12 @@ def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Se
     Returns
     -------
     list of int
-        In order; the first and the last sample are kept.
+        In order; the first and the last sample are kept. None if they are more than `MAX_SAMPLES`.
 
     Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
     """
     count, anchor, indices = len(times_s), 0, [0] if times_s else []
-    gap = [any(column[i] is None for column in columns) for i in range(count)]
+    gap = _gaps(columns)
     while anchor < count - 1:
         if gap[anchor]:
             after = next((i for i in range(anchor + 1, count) if not gap[i]), count)
@@ -43,8 +42,15 @@ def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Se
         else:
             end = _farthest(times_s, columns, errors, anchor, gap)
         indices.append(end)
+        if len(indices) > MAX_SAMPLES:
+            return None
         anchor = end
     return indices
+
+
+def _gaps(columns: Sequence[Values]) -> list[bool]:
+    """Where the value of a column is missing."""
+    return [None in values for values in zip(*columns, strict=True)]
 
 
 def _farthest(
@@ -67,22 +73,49 @@ def _farthest(
 
 
 def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Mapping[str, float]) -> dict[str, Any]:
-    """Columns on fewer common times: `t`, the columns by name, and `error`, the bound that holds for each.
+    """Columns on fewer common times.
 
-    The errors are doubled until at most `MAX_SAMPLES` are left. Values are rounded within their error.
+    Returns
+    -------
+    dict
+        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. Where
+        `MAX_SAMPLES` are too few for the given errors, there is `extremes_s`, too: the lowest and the highest values
+        of each interval of this length are kept, and `error` is what that amounts to.
     """
-    scale = 1.0
-    while True:
-        bounds = {name: scale * error for name, error in errors.items()}
-        indices = kept_samples(times_s, [*columns.values()], [0.9 * bounds[name] for name in columns])
-        if len(indices) <= MAX_SAMPLES or scale > MAX_SCALE:
-            break
-        scale *= 2
+    indices = kept_samples(times_s, [*columns.values()], [0.9 * errors[name] for name in columns])
+    extremes: dict[str, float] = {}
+    if indices is None:
+        indices, extremes["extremes_s"] = _extremes(times_s, columns)
     series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
     for name, values in columns.items():
-        digits = max(0, math.ceil(-math.log10(0.2 * bounds[name])))
+        digits = max(0, math.ceil(-math.log10(0.2 * errors[name])))
         series[name] = [None if (value := values[i]) is None else round(value, digits) for i in indices]
-    return {**series, "error": bounds}
+    if extremes:
+        errors = {name: _error(times_s, columns[name], series["t"], series[name]) for name in columns}
+    return {**series, **extremes, "error": dict(errors)}
+
+
+def _extremes(times_s: Sequence[float], columns: Mapping[str, Values]) -> tuple[list[int], float]:
+    """Samples with the lowest and the highest values of each column in equal intervals, and their length [s]."""
+    gap = np.array(_gaps([*columns.values()]))
+    times = np.array(times_s)
+    known = np.flatnonzero(~gap)
+    every_s = float(times[-1] - times[0]) / (MAX_SAMPLES // (2 * len(columns)))
+    interval = ((times[known] - times[0]) / every_s).astype(int)
+    starts = np.flatnonzero(np.diff(interval, prepend=-1))
+    kept = {0, len(times) - 1, *(np.flatnonzero(np.diff(gap)) + 1).tolist(), *np.flatnonzero(np.diff(gap)).tolist()}
+    for values in columns.values():
+        numbers = np.array(values, dtype=float)[known]
+        order = np.lexsort((numbers, interval))
+        kept |= {*known[order[starts]].tolist(), *known[order[np.append(starts[1:], len(known)) - 1]].tolist()}
+    return sorted(kept), every_s
+
+
+def _error(times_s: Sequence[float], values: Values, kept_s: Sequence[float], kept: Values) -> float:
+    """The largest difference of values from the lines between those that are kept, rounded up."""
+    given, shown = (np.array(each, dtype=float) for each in (values, kept))
+    error = float(np.nanmax(np.abs(np.interp(times_s, kept_s, shown) - given), initial=0.0))
+    return float(f"{1.001 * error:.4g}")
 
 
 def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
