@@ -204,15 +204,17 @@ def simulate(
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
 
-def report(result: File, out: File | None = None) -> str:
+def report(result: File, out: File | None = None, keep: File | None = None) -> str:
     """Write a result as one HTML page that needs no network.
 
     Parameters
     ----------
     result : path
-        A result folder, or a log of `eadp replan`.
+        A result folder, the results file of a sweep, or a log of `eadp replan`.
     out : path, optional
         By default `report.html` in the folder, or beside the file under its name; `-` is standard output.
+    keep : path, optional
+        Where the folders of a sweep's flights are, for links to them.
 
     Returns
     -------
@@ -226,7 +228,7 @@ def report(result: File, out: File | None = None) -> str:
     """
     from eadp.io.report.result import write_report
 
-    return write_report(str(result), None if out is None else str(out))
+    return write_report(str(result), *(None if each is None else str(each) for each in (out, keep)))
 
 
 def cover(

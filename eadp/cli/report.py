@@ -11,10 +11,15 @@ from eadp.errors import printable
 
 
 def command(
-    result: Annotated[str, Argument(metavar="RESULT", help="Folder of eadp simulate -o, or log of eadp replan --log.")],
+    result: Annotated[
+        str, Argument(metavar="RESULT", help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan.")
+    ],
     out: Annotated[
         str | None,
         Option("-o", "--out", metavar="FILE", help="The page; default: report.html in the folder, or beside the file."),
+    ] = None,
+    keep: Annotated[
+        str | None, Option(metavar="DIR", help="The folders of a sweep's flights, of eadp sweep --keep.")
     ] = None,
 ) -> int:
     """Example: eadp report runs/survey
@@ -25,7 +30,7 @@ def command(
     """
     from eadp import api
 
-    target = api.report(result, out)
+    target = api.report(result, out, keep)
     if target != "-":
         emit(f"written    {printable(target)}")
     return 0

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from eadp.errors import printable
 from eadp.models.battery import LIMITS, BatteryFault
 from eadp.planning.base import INFEASIBLE
+from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
 
 SHOWN = 3
 """Most changes that are named one by one."""
@@ -161,3 +163,42 @@ def log_words(
         if warned:
             words.append(f"Warnings: {', '.join(f'{code} {_times(count)}' for code, count in warned.items())}.")
     return words
+
+
+def sweep_words(
+    count: int,
+    completed: int,
+    reasons: Mapping[str, int],
+    errors: Mapping[str, int],
+    flights: Sequence[SweepFlight],
+    keys: Sequence[str],
+) -> list[str]:
+    """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
+    made, failed = count - sum(errors.values()), sum(errors.values())
+    words = [f"{count} runs."]
+    if made:
+        low, high = wilson_interval(completed, made)
+        words[0] = (
+            f"{completed} of {made} flights completed: {_percent(completed / made)} "
+            f"(95 % interval {_percent(low)} to {_percent(high)})."
+        )
+        words.append(f"They ended so: {_counts(reasons)}.")
+    if failed:
+        words.append(f"{failed} of {count} runs could not be made: {_counts(errors)}.")
+    for key in keys:
+        shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
+        if made and len(shares) > 1 and key != "seed":
+            least, best = min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)
+            if shares[least] != shares[best]:
+                ends = (f"{_percent(shares[end])} complete at {printable(end, 60)}" for end in (least, best))
+                words.append(f"By {key}: {', '.join(ends)}.")
+    if len(flights) < count:
+        words.append(f"The charts and the list show {len(flights)} of the {count} runs, a random sample.")
+    return words
+
+
+def _counts(found: Mapping[str, int]) -> str:
+    """The most frequent texts with their counts."""
+    first = sorted(found.items(), key=lambda item: -item[1])
+    more = [f"{len(first) - SHOWN} other texts"] if len(first) > SHOWN else []
+    return "; ".join([f"{printable(text)} ({number})" for text, number in first[:SHOWN]] + more)
