@@ -10,7 +10,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "eadp.api": ("cover", "fit_power", "read_mission", "read_plan", "read_profile", "simulate", "sweep"),
+    "eadp.api": ("cover", "fit_power", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep"),
     "eadp.errors": ("EadpError", "Infeasible", "InputError"),
     "eadp.io.field.coverage": ("CoverageOptions", "CoveragePlan"),
     "eadp.io.flight.folder": ("Flight",),

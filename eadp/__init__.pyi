@@ -1,4 +1,4 @@
-from eadp.api import cover, fit_power, read_mission, read_plan, read_profile, simulate, sweep
+from eadp.api import cover, fit_power, read_mission, read_plan, read_profile, report, simulate, sweep
 from eadp.errors import EadpError, Infeasible, InputError
 from eadp.io.field.coverage import CoverageOptions, CoveragePlan
 from eadp.io.flight.folder import Flight
@@ -28,6 +28,7 @@ __all__ = [
     "read_mission",
     "read_plan",
     "read_profile",
+    "report",
     "simulate",
     "sweep",
 ]

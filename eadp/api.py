@@ -204,6 +204,33 @@ def simulate(
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
 
+def report(result: File, out: File | None = None, keep: File | None = None) -> str:
+    """Write a result as one HTML page that needs no network.
+
+    Parameters
+    ----------
+    result : path
+        A result folder, the results file of a sweep, or a log of `eadp replan`.
+    out : path, optional
+        By default `report.html` in the folder, or beside the file under its name; `-` is standard output.
+    keep : path, optional
+        Where the folders of a sweep's flights are, for links to them.
+
+    Returns
+    -------
+    str
+        The page's path.
+
+    Raises
+    ------
+    InputError
+        If it is no result, is damaged, or the page cannot be written.
+    """
+    from eadp.io.report.result import write_report
+
+    return write_report(str(result), *(None if each is None else str(each) for each in (out, keep)))
+
+
 def cover(
     field: File,
     options: CoverageOptions,

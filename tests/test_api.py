@@ -17,7 +17,7 @@ import eadp as library
 PUBLIC = {
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "Flight", "Infeasible", "InputError",
     "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "fit_power", "read_mission", "read_plan", "read_profile",
-    "simulate", "sweep",
+    "report", "simulate", "sweep",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 SHORT = {"time_limit_s": 20, "step_s": 0.05}

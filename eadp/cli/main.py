@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from eadp import __version__
-from eadp.cli import cover, export, fit, init, plan, profile, replan, schema, simulate, sweep, vehicle
+from eadp.cli import cover, export, fit, init, plan, profile, replan, report, schema, simulate, sweep, vehicle
 from eadp.errors import EadpError, InputError, printable
 
 # The matrices here are small: threads of the linear algebra cost more than they give, and on a busy machine twentyfold.
@@ -44,6 +44,7 @@ COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
     "replan": (replan.command, "Re-plan a live or recorded flight: telemetry in, decisions out."),
     "init": (init.command, "Start a folder: an aircraft, a scenario, and a plan that flies."),
     "vehicle": (vehicle.command, "Print what an aircraft can do: speeds, power, endurance, range."),
+    "report": (report.command, "Write a flight or a sweep as one HTML page."),
     "schema": (schema.command, "Print the JSON Schema of a file format."),
 }
 

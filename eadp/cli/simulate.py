@@ -86,6 +86,8 @@ def command(
 
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
     """The summary for people."""
+    from eadp.io.flight.folder import REPORT
+
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
     reserve = "kept" if summary["reserve_kept"] else "not kept"
@@ -114,7 +116,7 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
     )
     if out is not None:
         decisions = "decisions.jsonl, " if decided else ""
-        names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")]
+        names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [REPORT]
         lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decisions}{', '.join(names)}")
     return "\n".join(lines)
 

@@ -62,6 +62,9 @@ def command(
     ] = None,
     value: Annotated[Figure, Option(help="The table's figure.")] = Figure.completed,
     plot: Annotated[str | None, Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
+    keep: Annotated[
+        str | None, Option(metavar="DIR", help="Keep each flight's result folder here, linked from the page.")
+    ] = None,
     dry_run: Annotated[bool, Option("--dry-run", help="Print the runs; make none.")] = False,
     format_: Annotated[SweepFormat, Option("--format", help="How to print.")] = SweepFormat.text,
 ) -> int:
@@ -70,10 +73,13 @@ def command(
     Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
     With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs.
+    Beside it is a page with heat map and curves, under its name with .html.
 
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
     """
     from eadp.cli import sweep_text
+    from eadp.io.report.page import check_page
+    from eadp.io.report.result import page_of, write_report
     from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import read_sweep
@@ -81,6 +87,8 @@ def command(
     from eadp.simulation.sweep.design import shard as part_of
 
     _check_options(out, jobs, scheduler, table, plot)
+    if out is not None and not dry_run:
+        check_page(page_of(out))
     part, parts = _shard(shard)
     sweep = read_sweep(read_text(file), read_overrides(set_ or ()))
     _check_table(table, sweep)
@@ -96,7 +104,9 @@ def command(
         results.expect(keys)
         if retry:
             results.forget_failures()
-        _make(sweep, indices, results, jobs, scheduler, resumable=out is not None)
+        _make(sweep, indices, results, jobs, scheduler, keep, resumable=out is not None)
+        if out is not None:
+            write_report(out, keep=keep)
         if format_ is SweepFormat.jsonl and table is None:
             return int(sweep_text.print_summaries(sweep, indices, results))
         flights = sweep.flights(indices, results.rows())
@@ -162,12 +172,19 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
 
 
 def _make(
-    sweep: Sweep, indices: Sequence[int], results: Results, jobs: int | None, scheduler: str | None, *, resumable: bool
+    sweep: Sweep,
+    indices: Sequence[int],
+    results: Results,
+    jobs: int | None,
+    scheduler: str | None,
+    keep: str | None,
+    *,
+    resumable: bool,
 ) -> None:
     """Make the runs that are missing, with the progress on stderr."""
     from eadp.io.sweep.run import missing_runs
 
-    with missing_runs(sweep, indices, results, jobs, scheduler) as (missing, workers, made):
+    with missing_runs(sweep, indices, results, jobs, scheduler, keep) as (missing, workers, made):
         progress = _SweepProgress(missing, workers)
         try:
             for _, result in made:

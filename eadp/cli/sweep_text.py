@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.cli.output import aligned, emit, json_text
 from eadp.errors import printable
+from eadp.io.report.result import page_of
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
 from eadp.simulation.sweep.statistics import Group, SweepFlight, Table, label_of, marginal, table, totals
@@ -110,7 +111,7 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
         share = _percent(whole.completed / whole.flights)
         lines.append(f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval {low} to {high} %)")
     if out is not None:
-        lines.append(f"results    {printable(out)}")
+        lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
     lines += _errors(all_flights)
     keys = list(dict.fromkeys((*sweep.design.names, *(["seed"] if sweep.design.seeds else []))))
     for key in keys if whole.flights else []:

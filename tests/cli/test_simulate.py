@@ -74,6 +74,7 @@ def test_the_result_folder(eadp, tmp_path):
         "flight.png",
         "flight.svg",
         "inputs",
+        "report.html",
         "summary.json",
     ]
     with (folder / "flight.csv").open(newline="") as stream:

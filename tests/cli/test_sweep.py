@@ -293,7 +293,7 @@ def test_killed_and_started_again_it_makes_what_is_missing(folder, eadp):
     assert answer.code == 0
     assert len(table_of(answer.out)) == QUICK_RUNS
     assert whole(results) == (QUICK_RUNS, 0)
-    assert sorted(item.name for item in folder.glob("results*")) == ["results.db"]
+    assert sorted(item.name for item in folder.glob("results*")) == ["results.db", "results.html"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

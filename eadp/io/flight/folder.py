@@ -30,6 +30,7 @@ from eadp.simulation.loop import Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"
 OVERRIDES = "overrides.txt"
+REPORT = "report.html"
 LONGEST_NAME = 200
 """Longest name of an input [bytes] before which its kind is written."""
 
@@ -215,19 +216,26 @@ class Flight:
         InputError
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
+        from eadp.io.report.flight import FlownFlight, flight_data
+        from eadp.io.report.page import page_html
+
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
             _write_csv(target / "flight.csv", [self._names, *map(self._row, self.steps)])
-            _write_csv(target / "estimate.csv", estimate_rows(self.steps, self.estimates, world.battery))
+            estimates = list(estimate_rows(self.steps, self.estimates, world.battery))
+            _write_csv(target / "estimate.csv", estimates)
             summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
             (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
-            if self.decisions:
-                rows = (record_row(record, world.plan.names) for record in self.decisions)
+            rows = [record_row(record, world.plan.names) for record in self.decisions]
+            if rows:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
             if paper_figure:
                 write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
+            columns = {name: column.tolist() for name, column in self.columns.items()}
+            flown = FlownFlight(self.inputs, self.summary, columns, estimates, rows)
+            (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
             _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
 

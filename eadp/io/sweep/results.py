@@ -185,6 +185,19 @@ class Results:
                     row |= {"completed": bool(row["completed"]), "summary": json.loads(row["summary"])}
                 yield {name: row[name] for name in names}
 
+    def everything(self) -> Iterator[dict[str, Any]]:
+        """Every run of the file: key, files, overrides, seed, figures and error. In the order of keys, which is random.
+
+        Raises
+        ------
+        InputError
+            At a row that is damaged.
+        """
+        with self._sqlite_errors():
+            for stored in self._whole_rows("SELECT * FROM runs ORDER BY key"):
+                row = dict(zip(_ROW, stored, strict=False))
+                yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
+
     def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
         """Rows of the results; raises InputError at one that is not as it was stored."""
         for row in self._connection.execute(query):

@@ -7,12 +7,14 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.flight.folder import fly_flight
 from eadp.io.flight.inputs import Files
+from eadp.io.scenario.scenario_file import override_texts
 from eadp.io.sweep.results import Results
 from eadp.io.sweep.sweep_file import Sweep
 from eadp.simulation.loop import Outcome, fly
@@ -28,11 +30,12 @@ CLOCKED = ("median_ms", "max_ms")
 class FlyRun:
     """A function that makes runs and can be sent to another process.
 
-    `fast` is whether flights are compiled if possible.
+    `fast` is whether flights are compiled if possible; `keep` is where their result folders go, by their keys.
     """
 
-    def __init__(self, files: Files, *, fast: bool = True) -> None:
+    def __init__(self, files: Files, *, fast: bool = True, keep: str | None = None) -> None:
         self._files = files
+        self._keep = keep
         self._fast = fast
         self._warm = False
 
@@ -56,8 +59,12 @@ class FlyRun:
 
     def _summary(self, run: Run) -> dict[str, Any]:
         inputs = self._files.load(run)
-        inputs = replace(inputs, world=replace(inputs.world, log_every_s=UNLOGGED_S))
-        summary = fly_flight(inputs).summary
+        if self._keep is None:
+            inputs = replace(inputs, world=replace(inputs.world, log_every_s=UNLOGGED_S))
+        flight = fly_flight(inputs, overrides=override_texts(run.overrides))
+        if self._keep is not None:
+            flight.write(Path(self._keep) / run.key, force=True)
+        summary = dict(flight.summary)
         summary["solver"] = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
         json.dumps(summary, allow_nan=False)  # a figure that cannot be stored is this run's error
         return summary
@@ -65,17 +72,22 @@ class FlyRun:
 
 @contextmanager
 def missing_runs(
-    sweep: Sweep, indices: Sequence[int], results: Results, jobs: int | None = None, scheduler: str | None = None
+    sweep: Sweep,
+    indices: Sequence[int],
+    results: Results,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    keep: str | None = None,
 ) -> Iterator[tuple[int, int, Iterator[tuple[Run, Result]]]]:
     """The number of the runs that are not made yet, that of workers, and an iterator that makes them as it goes.
 
-    The engine ends with the block.
+    The engine ends with the block. `keep` is where the flights' result folders go, if anywhere.
     """
     missing = [indices[i] for i in results.missing()]
     if not missing:
         yield 0, 1, iter(())
         return
-    engine = open_engine(FlyRun(sweep.kept), EngineOptions(len(missing), jobs, scheduler))
+    engine = open_engine(FlyRun(sweep.kept, keep=keep), EngineOptions(len(missing), jobs, scheduler))
     try:
         runs = (sweep.run(index) for index in interleaved(missing))
         yield len(missing), engine.workers, make_runs(runs, engine, results)

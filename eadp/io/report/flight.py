@@ -1,0 +1,316 @@
+"""The data of a flight's page: what was flown, forecast and decided, thinned, and the plan that it was flown on."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eadp.core.geometry.curves import LINE, Point
+from eadp.errors import EadpError
+from eadp.io.flight.inputs import FlightInputs
+from eadp.io.report.thinning import changes, evenly, significant, thinned
+from eadp.io.report.words import flight_facts, flight_words
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import point_at
+from eadp.models.plan.trace import nominal_legs
+from eadp.planning.base import FALLBACK, INFEASIBLE, TIME
+
+POSITION_M, HEADING_RAD, SOC, ALTITUDE_M = 0.3, 0.05, 5e-4, 0.5
+"""Errors of thinned positions [m], headings [rad], charges and altitudes [m]."""
+
+POWER_SHARE = 1 / 400
+"""Error of thinned powers, as a share of their range."""
+
+MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
+MAX_POINTS, LEG_POINTS = 60_000, 4
+"""Most points of the plan's lines, and how many a leg should have at least."""
+
+FAINT = 5
+"""Values across the sets of the path parameters at which the plan's lines are drawn."""
+
+CURVE_PARTS = 24
+"""Most parts in which a leg that is no line is drawn, of 1 m at least."""
+
+NO_HORIZONS: dict[str, Any] = {"t": [], "s": [], "w": []}
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FlownFlight:
+    """A flight as its result folder keeps it.
+
+    Attributes
+    ----------
+    inputs : FlightInputs
+    summary : mapping
+        As `summary.json`.
+    columns : mapping of str to sequence of float
+        The columns of `flight.csv`.
+    estimates : sequence of sequences
+        The rows of `estimate.csv`, its header first.
+    decisions : sequence of mappings
+        The lines of `decisions.jsonl`.
+    """
+
+    inputs: FlightInputs
+    summary: Mapping[str, Any]
+    columns: Mapping[str, Sequence[float]]
+    estimates: Sequence[Sequence[Any]]
+    decisions: Sequence[Row]
+
+
+def flight_data(flight: FlownFlight) -> dict[str, Any]:
+    """The data of a flight's page."""
+    world, summary = flight.inputs.world, flight.summary
+    plan, columns = world.plan, flight.columns
+    times = columns["time_s"]
+    parameters = [
+        {
+            "name": parameter.name,
+            "title": parameter.title or parameter.kind,
+            "unit": parameter.unit,
+            "low": plan.hull(i).lo,
+            "high": plan.hull(i).hi,
+            **changes(times, columns[parameter.name]),
+        }
+        for i, parameter in enumerate(plan.parameters)
+    ]
+    flown = _Replay(flight.inputs, columns)
+    return {
+        "title": plan.name.rpartition("/")[2],
+        "words": flight_words(summary, flight.decisions, world.faults),
+        "completed": summary["completed"],
+        "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
+        "reserve": None if world.battery.prescribed else summary["soc_reserve"],
+        "parameters": parameters,
+        "stage": changes(times, [*map(int, columns["stage"])]),
+        "lap": changes(times, flown.laps),
+        **_series(columns),
+        "horizons": _horizons(flight.estimates),
+        "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
+        "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
+        "plan": _plan_lines(plan, flown, world.start_m, flight.inputs.mission.home_m),
+        "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
+        "facts": flight_facts(summary),
+    }
+
+
+# --- series
+
+
+def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Position, power, charge and altitude, thinned."""
+    times = columns["time_s"]
+    path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
+    errors = {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD}
+    if "lat_deg" in columns:  # a millionth of a degree is 0.1 m
+        path |= {"lat": columns["lat_deg"], "lon": columns["lon_deg"]}
+        errors |= {"lat": 1e-5, "lon": 1e-5}
+    power = {"w": columns["power_w"], "forecast_w": columns["power_forecast_w"]}
+    known = [*power["w"], *power["forecast_w"]]
+    error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01)
+    data = {
+        "path": thinned(times, path, errors),
+        "power": thinned(times, power, dict.fromkeys(power, error_w)),
+        "charge": thinned(times, {"soc": columns["soc"]}, {"soc": SOC}),
+    }
+    altitude = columns.get("altitude_m", [0.0])
+    if max(altitude) - min(altitude) > 2 * ALTITUDE_M:
+        data["altitude"] = thinned(times, {"m": altitude}, {"m": ALTITUDE_M})
+    return data
+
+
+def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
+    """Forecasts of the power over the planner's horizon, some of them: times, horizons [s] and values [W]."""
+    head, *body = rows or [[]]
+    if not body:
+        return NO_HORIZONS
+    first, horizon = head.index("forecast_0_w"), head.index("horizon_s")
+    chosen = [body[i] for i in evenly(len(body), MAX_HORIZONS)]
+    return {
+        "t": [float(row[0]) for row in chosen],
+        "s": [round(float(row[horizon]), 3) for row in chosen],
+        "w": [[round(float(value), 2) for value in row[first:]] for row in chosen],
+    }
+
+
+# --- decisions
+
+
+def decisions_data(
+    rows: Sequence[Row], columns: Mapping[str, Sequence[Any]], parameters: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Re-plannings by column, texts by their number in a list, with the energy that was used after each.
+
+    `parameters` are those before the first, if they are known.
+    """
+    changed = [
+        before is not None and row["parameters"] != before
+        for row, before in zip(rows, [parameters, *(row["parameters"] for row in rows)], strict=False)
+    ]
+    kept = _kept_decisions(rows, changed)
+    chosen = [rows[i] for i in kept]
+    data: dict[str, Any] = {"count": len(rows), "changed": [changed[i] for i in kept]}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in chosen]
+        if all(value is None for value in values):
+            continue
+        if name in ("time_s", "stage", "lap"):
+            data[name] = values
+        elif any(isinstance(value, str | dict | list | tuple | bool) for value in values):
+            data[name] = _coded([_short(value) for value in values])
+        else:
+            data[name] = [significant(value) for value in values]
+    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in chosen])
+    return data
+
+
+def _short(value: Any) -> Any:
+    """A value with numbers of six significant digits."""
+    if isinstance(value, dict):
+        return {key: significant(number) for key, number in value.items()}
+    if isinstance(value, list | tuple):
+        return [significant(item) if isinstance(item, float) else item for item in value]
+    return value
+
+
+def _coded(values: Sequence[Any]) -> dict[str, Any]:
+    """Values by their number in a list of those that differ."""
+    known: dict[str, int] = {}
+    places = [known.setdefault(repr(value), len(known)) for value in values]
+    firsts = dict(zip(reversed(places), reversed(values), strict=True))
+    return {"of": [firsts[place] for place in range(len(known))], "at": places}
+
+
+def _kept_decisions(rows: Sequence[Row], changed: Sequence[bool]) -> list[int]:
+    """All re-plannings, or where they are many those with something to see, and others evenly among them."""
+    if len(rows) <= MAX_DECISIONS:
+        return [*range(len(rows))]
+    telling = [
+        i
+        for i, row in enumerate(rows)
+        if changed[i] or row.get("cause", TIME) != TIME or row.get("status") in (FALLBACK, INFEASIBLE)
+    ]
+    telling = [telling[i] for i in evenly(len(telling), MAX_DECISIONS * 2 // 3)] if telling else []
+    return sorted({*telling, *evenly(len(rows), MAX_DECISIONS - len(telling))})
+
+
+def _energy_after_wh(columns: Mapping[str, Sequence[Any]], times_s: Sequence[float]) -> list[float | None]:
+    """Energy used from some times to the end [Wh], of the logged power."""
+    logged_s = np.array(columns["time_s"])
+    power_w = np.array([math.nan if value is None else value for value in columns["power_w"]])
+    if len(logged_s) < 2 or np.isnan(power_w).any():
+        return [None] * len(times_s)
+    used_wh = np.concatenate([[0.0], np.cumsum(np.diff(logged_s) * (power_w[1:] + power_w[:-1]) / 7200)])
+    return [significant(value) for value in (used_wh[-1] - np.interp(times_s, logged_s, used_wh)).tolist()]
+
+
+# --- the plan's lines
+
+
+class _Replay:
+    """The positions in the plan along a flight, of the stages and parameters in its log.
+
+    Attributes
+    ----------
+    laps : list of int
+        The lap at each row.
+    turns : list of (float, PlanCursor, (float, float))
+        When the path parameters in force change: the time, the position in the plan, and where its stage was joined.
+    """
+
+    def __init__(self, inputs: FlightInputs, columns: Mapping[str, Sequence[float]]) -> None:
+        world = inputs.world
+        rho, plan = world.plan.path_count, world.plan
+        cursor = PlanCursor.start(plan, world.parameters, world.rules)
+        joined = world.start_m
+        self.laps: list[int] = []
+        self.turns = [(0.0, cursor, joined)]
+        values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
+        rows = zip(columns["time_s"], columns["stage"], columns["x_m"], columns["y_m"], values, strict=False)
+        for time_s, stage, x, y, parameters in rows:
+            if stage != cursor.stage.index:
+                cursor, joined = _next(cursor, int(stage)), (x, y)
+            if parameters != cursor.parameters:
+                turned = parameters[:rho] != cursor.parameters[:rho]
+                cursor = cursor.decide(parameters).in_force(parameters)
+                if turned:
+                    self.turns.append((time_s, cursor, joined))
+            self.laps.append(cursor.lap)
+
+
+def _next(cursor: PlanCursor, stage: int) -> PlanCursor:
+    """The next position at a stage; the same position where the plan has none."""
+    found: PlanCursor | None = cursor
+    for _ in cursor.table.plan.stages:
+        try:
+            found = found and found.next()
+        except EadpError:
+            break
+        if found is not None and found.stage.index == stage:
+            return found
+    return cursor
+
+
+def _plan_lines(plan: Plan, flown: _Replay, start: Point, home: Point | None) -> dict[str, Any]:
+    """The plan's lines at all parameters and at those in force, start, final point and home."""
+    turns = [flown.turns[i] for i in evenly(len(flown.turns), MAX_ROUTES)]
+    routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := _route(cursor, joined))]
+    faint = list(_faint(plan, flown.turns[0][1].parameters, start))
+    while (count := sum(map(len, [*faint, *(legs for _, legs in routes)]))) * LEG_POINTS > MAX_POINTS:
+        if faint:
+            faint = faint[: len(faint) // 2]
+        elif len(routes) > 1:
+            routes = [routes[i] for i in evenly(len(routes), len(routes) - 1)]
+        else:
+            break
+    parts = max(2, min(CURVE_PARTS, MAX_POINTS // max(count, 1) - 1))
+    last = flown.turns[-1][1]
+    return {
+        "stages": [stage.kind for stage in plan.stages],
+        "shown": len(routes),
+        "turns": len(flown.turns),
+        "faint": [_polyline(legs, parts) for legs in faint],
+        "routes": [[time_s, _polyline(legs, parts)] for time_s, legs in routes],
+        "start": start,
+        "final": point_at(plan.final_point, last.parameters, "the final point"),
+        "home": home,
+    }
+
+
+def _route(cursor: PlanCursor, joined: Point) -> Sequence[Leg]:
+    try:
+        return RoutePredictor().route(cursor, joined).legs
+    except EadpError:
+        return ()
+
+
+def _faint(plan: Plan, parameters: Sequence[float], start: Point) -> Iterator[Sequence[Leg]]:
+    """The nominal flight at values across the sets of the path parameters."""
+    boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+    if all(box.fixed for box in boxes):
+        return
+    for share in np.linspace(0.0, 1.0, FAINT).tolist():
+        values = [*(box.lo + share * (box.hi - box.lo) for box in boxes), *parameters[plan.path_count :]]
+        try:
+            yield nominal_legs(plan, values, start)
+        except EadpError:
+            continue
+
+
+def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
+    """Points along legs as x, y, x, y, …, rounded to 0.1 m."""
+    points: list[Point] = []
+    for leg in legs:
+        step_m = leg.distance_m / (1 if leg.stage.kind == LINE else parts)
+        points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
+    rounded = [(round(x, 1), round(y, 1)) for x, y in points]
+    return [value for point, _ in itertools.groupby(rounded) for value in point]

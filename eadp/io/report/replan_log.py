@@ -1,0 +1,159 @@
+"""The data of the page of a flight on telemetry, of the log that `eadp replan --log` keeps."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from eadp.core.geometry.bearings import heading_rad
+from eadp.errors import InputError
+from eadp.io.report.flight import (
+    HEADING_RAD,
+    NO_HORIZONS,
+    POSITION_M,
+    POWER_SHARE,
+    SOC,
+    decisions_data,
+)
+from eadp.io.report.result_folder import json_lines
+from eadp.io.report.thinning import changes, thinned
+from eadp.io.report.words import log_words
+from eadp.io.telemetry.log import SCHEMA, START, TELEMETRY
+from eadp.io.text.streams import Text
+
+GAP_S, GAP_INTERVALS = 10.0, 10.0
+"""A line breaks where samples are farther apart than this time [s], and than so many of the usual intervals."""
+
+Row = Mapping[str, Any]
+
+
+def log_data(text: Text) -> dict[str, Any]:
+    """The data of a log's page; times are from its first line.
+
+    Raises
+    ------
+    InputError
+        If the text is no such log, or has no telemetry.
+    """
+    head, *lines = json_lines(text)
+    if head.get("kind") != START or head.get("schema") != SCHEMA:
+        raise InputError.at(text.name, 1, 1, "is no log of eadp replan", f"a log of {SCHEMA}")
+    first_s, telemetry, decisions = _split(lines)
+    if not telemetry:
+        raise InputError.at(text.name, 1, 1, "has no telemetry", "a log with lines of telemetry")
+    times = [row["time_s"] for row in decisions]
+    charges, end_s = _known(telemetry, "soc"), telemetry[-1]["time_s"]
+    position = _series(telemetry, ("x_m", "y_m"))
+    power = _series(telemetry, ("power_w",))
+    known = [value for value in power[1] if value is not None]
+    error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01) if known else 0.01
+    charge = _series(telemetry, ("soc",))
+    return {
+        "title": text.name.rpartition("/")[2],
+        "words": log_words(first_s, telemetry, decisions),
+        "completed": None,
+        "end": {
+            "reason": "the log ends",
+            "duration_s": end_s,
+            "energy_wh": None,
+            "soc_final": charges[-1] if charges else None,
+            "quality": None,
+        },
+        "reserve": None,
+        "parameters": _parameters(decisions),
+        "stage": changes(times, [row["stage"] for row in decisions]),
+        "lap": changes(times, [row["lap"] for row in decisions]),
+        "path": thinned(
+            position[0],
+            {"x": position[1], "y": position[2], "heading": _headings(telemetry, position)},
+            {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD},
+        ),
+        "power": thinned(power[0], {"w": power[1]}, {"w": error_w}),
+        "charge": thinned(charge[0], {"soc": charge[1]}, {"soc": SOC}),
+        "horizons": NO_HORIZONS,
+        "wind": None,
+        "faults": [],
+        "plan": {
+            "stages": [],
+            "shown": 0,
+            "turns": 0,
+            "faint": [],
+            "routes": [],
+            "start": None,
+            "final": None,
+            "home": None,
+        },
+        "decisions": decisions_data(decisions, {"time_s": [], "power_w": []}),
+        "facts": [["lines of telemetry", str(len(telemetry))], ["decisions", str(len(decisions))]],
+    }
+
+
+def _split(lines: Sequence[Row]) -> tuple[float, list[Row], list[Row]]:
+    """The time of the first line, telemetry in the order of time, and decisions with the names of `decisions.jsonl`."""
+    telemetry: list[Row] = []
+    decisions: list[Row] = []
+    first_s: float | None = None
+    for line in lines:
+        time_s = float(line["time_s"])
+        first_s = time_s if first_s is None else first_s
+        moved = {**line, "time_s": round(time_s - first_s, 6)}
+        kept = telemetry if moved.pop("kind") == TELEMETRY else decisions
+        if kept and kept[-1]["time_s"] >= moved["time_s"]:
+            continue  # a clock that went back
+        if kept is decisions:
+            moved["soc_end"] = moved.pop("soc_end_forecast")
+        kept.append(moved)
+    return first_s or 0.0, telemetry, decisions
+
+
+def _known(telemetry: Sequence[Row], name: str) -> list[float]:
+    return [row[name] for row in telemetry if row.get(name) is not None]
+
+
+def _series(telemetry: Sequence[Row], names: Sequence[str]) -> tuple[list[float], ...]:
+    """Times and values of the lines that have all of some names, with None where there is a gap."""
+    rows = [row for row in telemetry if all(row.get(name) is not None for name in names)]
+    times = [row["time_s"] for row in rows]
+    usual_s = statistics.median(b - a for a, b in itertools.pairwise(times)) if len(times) > 1 else 0.0
+    columns: list[list[Any]] = [[] for _ in range(len(names) + 1)]
+    for row in rows:
+        if columns[0] and row["time_s"] - columns[0][-1] > max(GAP_S, GAP_INTERVALS * usual_s):
+            for column, value in zip(columns, (columns[0][-1] + 1e-3, *[None] * len(names)), strict=True):
+                column.append(value)
+        for column, value in zip(columns, (row["time_s"], *(row[name] for name in names)), strict=True):
+            column.append(value)
+    return tuple(columns)
+
+
+def _headings(telemetry: Sequence[Row], position: Sequence[Sequence[Any]]) -> list[float | None]:
+    """Headings as measured, else the directions of travel [rad], without jumps of a whole turn."""
+    known = {row["time_s"]: heading_rad(row["heading_deg"]) for row in telemetry if row.get("heading_deg") is not None}
+    times, x, y = position
+    headings: list[float | None] = []
+    before = 0.0
+    for i, time_s in enumerate(times):
+        j = min(i + 1, len(times) - 1)
+        heading = known.get(time_s)
+        if x[i] is None:
+            headings.append(None)
+            continue
+        if heading is None and x[j] is not None and (x[j], y[j]) != (x[i], y[i]):
+            heading = math.atan2(y[j] - y[i], x[j] - x[i])
+        before += 0.0 if heading is None else math.remainder(heading - before, math.tau)
+        headings.append(before)
+    return headings
+
+
+def _parameters(decisions: Sequence[Row]) -> list[dict[str, Any]]:
+    """Parameters in force, with the range that was decided in place of their sets."""
+    names = dict.fromkeys(name for row in decisions for name in row["parameters"])
+    times, parameters = [row["time_s"] for row in decisions], []
+    for name in names:
+        values = [row["in_force"].get(name) for row in decisions]
+        seen = [*filter(lambda value: value is not None, values), *(row["parameters"][name] for row in decisions)]
+        range_ = {"low": min(seen), "high": max(seen)}
+        parameters.append({"name": name, "title": "range decided", "unit": "", **range_, **changes(times, values)})
+    return parameters

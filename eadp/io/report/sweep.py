@@ -1,0 +1,121 @@
+"""The data of a sweep's page: counts over all runs, and the runs themselves, or a random sample of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from eadp.io.report.thinning import significant
+from eadp.io.report.words import sweep_words
+from eadp.io.sweep.results import COLUMNS, Results
+from eadp.simulation.sweep.statistics import SweepFlight, label_of
+
+MAX_RUNS = 20_000
+MAX_BYTES = 2_500_000
+"""Most bytes of the runs in a page: of more, a random sample is kept."""
+
+LABEL = 100
+"""Most characters of a value that is text, and of an error."""
+
+FIGURES = ("duration_s", "soc_final", "quality")
+
+
+class _Census:
+    """Counts over all runs, the values of each key, and the first runs; their order is random."""
+
+    def __init__(self) -> None:
+        self.count = self.failed = self.completed = 0
+        self.reasons: Counter[str] = Counter()
+        self.errors: Counter[str] = Counter()
+        self.first: dict[str, Any] = {}
+        self.varied: dict[str, None] = {}
+        self.kept: list[tuple[str, dict[str, Any], Mapping[str, Any]]] = []
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        values = {**row["files"], **row["overrides"], "seed": row["seed"]}
+        self.count += 1
+        if row["error"] is None:
+            self.completed += bool(row["completed"])
+            self.reasons[row["reason"][:LABEL]] += 1
+        else:
+            self.failed += 1
+            self.errors[row["error"][:LABEL]] += 1
+        if self.count == 1:
+            self.first = values
+        for name in self.first.keys() | values.keys():
+            if self.first.get(name) != values.get(name):
+                self.varied[name] = None
+        if len(self.kept) < MAX_RUNS:
+            self.kept.append((row["key"], values, row))
+
+
+def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]:
+    """The data of the page of a results file.
+
+    Parameters
+    ----------
+    path : str
+        The results file.
+    page : Path
+        Where the page goes: its links are relative to it.
+    keep : str, optional
+        Where the runs' folders are.
+
+    Raises
+    ------
+    InputError
+        If it is no results file, or is damaged.
+    """
+    census = _Census()
+    with closing(Results(path, read_only=True)) as results:
+        for row in results.everything():
+            census.add(row)
+    names = sorted(census.varied, key=lambda name: (name == "seed", name))
+    count = len(census.kept)
+    while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
+        count //= 2
+    flights = [
+        SweepFlight(i, {name: values.get(name) for name in names}, values["seed"], **_figures(row))
+        for i, (_, values, row) in enumerate(census.kept[:count])
+    ]
+    return {
+        "title": Path(path).name,
+        "words": sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names),
+        "completed": None,
+        "count": census.count,
+        "failed": census.failed,
+        "keys": names,
+        "folder": None if keep is None else Path(os.path.relpath(keep, page.parent)).as_posix(),
+        "runs": runs,
+    }
+
+
+def _figures(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: row[name] for name in (*COLUMNS, "error")}
+
+
+def _runs(
+    kept: Sequence[tuple[str, Mapping[str, Any], Mapping[str, Any]]], names: Sequence[str], keep: str | None
+) -> dict[str, Any]:
+    """Runs by column; values that are not all numbers by their number in a list."""
+    rows = [row for *_, row in kept]
+    columns: dict[str, Any] = {name: _column([values.get(name) for _, values, _ in kept]) for name in names}
+    texts = {name: _column([row[name] for row in rows]) for name in ("reason", "error")}
+    figures = {name: [significant(row[name]) for row in rows] for name in FIGURES}
+    flown: dict[str, Any] = {"completed": [None if row["completed"] is None else int(row["completed"]) for row in rows]}
+    if keep is not None:
+        flown["folder"] = [key if os.path.isfile(os.path.join(keep, key, "report.html")) else None for key, *_ in kept]
+    return {"values": columns, **texts, **figures, **flown}
+
+
+def _column(values: Sequence[Any]) -> Any:
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return [value if isinstance(value, int) else significant(value) for value in values]
+    known: dict[str, int] = {}
+    places = [None if value is None else known.setdefault(label_of(value)[:LABEL], len(known)) for value in values]
+    return {"of": [*known], "at": places}

@@ -1,0 +1,204 @@
+"""What happened in a flight or in a sweep, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from eadp.errors import printable
+from eadp.models.battery import LIMITS, BatteryFault
+from eadp.planning.base import INFEASIBLE
+from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
+
+SHOWN = 3
+"""Most changes that are named one by one."""
+
+
+def flight_words(
+    summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]], faults: Sequence[BatteryFault]
+) -> list[str]:
+    """Sentences on a flight: how it ended, its charge, what was forecast, what decided, what it cost."""
+    return [
+        _end(summary),
+        *_charge(summary, faults),
+        *_forecast(summary),
+        *_changes(summary, decisions),
+        *_quality(summary),
+    ]
+
+
+def time_text(time_s: float) -> str:
+    """A time in minutes and seconds."""
+    minutes, seconds = divmod(round(time_s), 60)
+    return f"{minutes} min {seconds} s" if minutes else f"{time_s:.1f} s"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _end(summary: Mapping[str, Any]) -> str:
+    verb = "completed" if summary["completed"] else "did not complete"
+    after = f"after {time_text(summary['duration_s'])} and {summary['distance_m'] / 1000:.2f} km"
+    return f"The flight {verb}: {summary['reason']} {after}."
+
+
+def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
+    soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
+    kept = "above" if soc >= reserve else "below"
+    mean = f", {power:.1f} W on average" if power is not None else ""
+    words = [
+        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}, "
+        f"{kept} the reserve of {_percent(reserve)}."
+    ]
+    for fault in faults:
+        if fault.at_s <= summary["duration_s"]:
+            words.append(f"At {fault.at_s:g} s the battery lost {_percent(fault.soc_drop)} of its charge at once.")
+    if summary["battery_limit"]:
+        words.append(f"Of the battery's limits, {LIMITS[summary['battery_limit']]} bound.")
+    return words
+
+
+def _forecast(summary: Mapping[str, Any]) -> list[str]:
+    expected = summary["energy_forecast"]
+    if expected is None:
+        return []
+    came = ""
+    if summary["completed"]:
+        took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
+        came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
+    return [
+        f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
+        f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
+        f"{_percent(expected['completes_probability'])}{came}."
+    ]
+
+
+def _difference(value: float, digits: int) -> str:
+    """A difference with its sign."""
+    return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the planner decided: how often, what changed and when, and what was never feasible."""
+    planner, parameters = summary["planner"], summary["parameters"]
+    changed = {name: values for name, values in parameters.items() if values["changes"]}
+    if not parameters:
+        return ["The plan has no parameters to choose."]
+    if not changed:
+        return [f"Planner {planner} kept all parameters{_often(decisions)}."]
+    parts = [
+        f"{name} {_times(values['changes'])}, from {values['first']:.6g} to {values['last']:.6g}"
+        for name, values in changed.items()
+    ]
+    words = [f"Planner {planner} changed {', and '.join(parts)}{_often(decisions)}."]
+    named = [row for row in decisions if row["reason"] not in ("", "kept") and "→" in row["reason"]]
+    for row in named[:SHOWN]:
+        words.append(f"At {row['time_s']:g} s it decided: {row['reason']}.")
+    if len(named) > SHOWN:
+        words.append(f"{len(named) - SHOWN} more decisions changed parameters.")
+    infeasible = sum(row["status"] == INFEASIBLE for row in decisions)
+    if infeasible:
+        words.append(f"Nothing was feasible in {infeasible} of {len(decisions)} re-plannings.")
+    return words
+
+
+def _often(decisions: Sequence[Mapping[str, Any]]) -> str:
+    return f" in {len(decisions)} re-plannings" if decisions else ""
+
+
+def _times(count: int) -> str:
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def _quality(summary: Mapping[str, Any]) -> list[str]:
+    if summary["quality"] is None:
+        return []
+    means = ", ".join(f"{name} {values['mean']:.4g}" for name, values in summary["parameters"].items())
+    return [f"The quality U was {summary['quality']:.3f} of 1, at mean parameters {means}."]
+
+
+def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Figures of a flight, each with its name."""
+    power, solver, laps = summary["power_w"], summary["solver"], summary["lap_times_s"]
+    facts = [
+        ("planner", summary["planner"]),
+        ("duration", f"{summary['duration_s']:.2f} s"),
+        ("distance", f"{summary['distance_m']:.0f} m"),
+        ("energy", f"{summary['energy_wh']:.3f} Wh"),
+        ("power", f"{power['min']:.2f} to {power['max']:.2f} W"),
+        ("charge at the end", f"{_percent(summary['soc_final'])}, reserve {_percent(summary['soc_reserve'])}"),
+    ]
+    for name, values in summary["parameters"].items():
+        text = f"mean {values['mean']:.6g}, from {values['first']:g} to {values['last']:g}, {values['changes']} changes"
+        facts.append((name, text))
+    if laps:
+        facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
+    if summary["period_s"] is not None:
+        facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
+    runs = f"{solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
+    runs += f"{solver['infeasible']} infeasible"
+    facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
+    return [list(fact) for fact in facts]
+
+
+def log_words(
+    first_s: float, telemetry: Sequence[Mapping[str, Any]], decisions: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Sentences on a flight on telemetry, as far as its log goes."""
+    took_s = telemetry[-1]["time_s"]
+    words = [f"A flight on telemetry: {len(telemetry)} lines over {time_text(took_s)}, {len(decisions)} decisions."]
+    words.append(f"Times on this page are from the first line, at {first_s:.15g} s.")
+    if decisions:
+        last = decisions[-1]
+        parameters = ", ".join(f"{name} {value:.6g}" for name, value in last["parameters"].items())
+        words.append(
+            f"The last decision, at {last['time_s']:g} s in stage {last['stage']}: {last['reason']} ({parameters})."
+        )
+        if last["completes_probability"] is not None:
+            words.append(f"It forecast to complete with a probability of {_percent(last['completes_probability'])}.")
+        warned = {
+            code: sum(code in row["warnings"] for row in decisions) for row in decisions for code in row["warnings"]
+        }
+        if warned:
+            words.append(f"Warnings: {', '.join(f'{code} {_times(count)}' for code, count in warned.items())}.")
+    return words
+
+
+def sweep_words(
+    count: int,
+    completed: int,
+    reasons: Mapping[str, int],
+    errors: Mapping[str, int],
+    flights: Sequence[SweepFlight],
+    keys: Sequence[str],
+) -> list[str]:
+    """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
+    made, failed = count - sum(errors.values()), sum(errors.values())
+    words = [f"{count} runs."]
+    if made:
+        low, high = wilson_interval(completed, made)
+        words[0] = (
+            f"{completed} of {made} flights completed: {_percent(completed / made)} "
+            f"(95 % interval {_percent(low)} to {_percent(high)})."
+        )
+        words.append(f"They ended so: {_counts(reasons)}.")
+    if failed:
+        words.append(f"{failed} of {count} runs could not be made: {_counts(errors)}.")
+    for key in keys:
+        shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
+        if made and len(shares) > 1 and key != "seed":
+            least, best = min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)
+            if shares[least] != shares[best]:
+                ends = (f"{_percent(shares[end])} complete at {printable(end, 60)}" for end in (least, best))
+                words.append(f"By {key}: {', '.join(ends)}.")
+    if len(flights) < count:
+        words.append(f"The charts and the list show {len(flights)} of the {count} runs, a random sample.")
+    return words
+
+
+def _counts(found: Mapping[str, int]) -> str:
+    """The most frequent texts with their counts."""
+    first = sorted(found.items(), key=lambda item: -item[1])
+    more = [f"{len(first) - SHOWN} other texts"] if len(first) > SHOWN else []
+    return "; ".join([f"{printable(text)} ({number})" for text, number in first[:SHOWN]] + more)

@@ -1,0 +1,189 @@
+"""The page of a flight: its data are the folder's, and the command makes it again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from common.answers import refused
+from common.pages import Page
+
+import eadp as library
+
+MAX_BYTES = 3_000_000
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def log(folder):
+    """The columns of `flight.csv`."""
+    with (folder / "flight.csv").open(newline="") as stream:
+        head, *rows = csv.reader(stream)
+    return dict(zip(head, np.array(rows, dtype=float).T, strict=True))
+
+
+@pytest.fixture(scope="module")
+def decisions(folder):
+    return [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+
+
+def test_the_page_is_whole_and_small(folder, page):
+    page.check()
+    duration_s = page.data["end"]["duration_s"]
+    size = (folder / "report.html").stat().st_size
+    assert size < MAX_BYTES
+    assert (size - 150_000) * 3600 / duration_s < MAX_BYTES  # an hour of this flight
+
+
+def test_the_series_are_those_of_the_log_within_the_stated_errors(page, log):
+    data = page.data
+    for series, name, column in (
+        ("path", "x", "x_m"),
+        ("path", "y", "y_m"),
+        ("power", "w", "power_w"),
+        ("power", "forecast_w", "power_forecast_w"),
+        ("charge", "soc", "soc"),
+    ):
+        shown = np.interp(log["time_s"], data[series]["t"], data[series][name])
+        assert np.abs(shown - log[column]).max() <= data[series]["error"][name] + 1e-9, column
+    assert data["path"]["error"]["x"] <= 0.3
+    heading = np.interp(log["time_s"], data["path"]["t"], data["path"]["heading"])
+    assert np.abs(np.angle(np.exp(1j * (heading - log["heading_rad"])))).max() <= 0.05 + 1e-9
+
+
+def test_parameters_and_stages_are_exact(page, log):
+    for series, column in [(one, one["name"]) for one in page.data["parameters"]] + [(page.data["stage"], "stage")]:
+        at = np.searchsorted(series["t"], log["time_s"] + 1e-9, side="right") - 1
+        assert (np.array(series["v"])[at] == log[column]).all(), column
+    assert [(one["low"], one["high"]) for one in page.data["parameters"]] == [(-1000, 0), (2, 10)]
+
+
+def test_decisions_keep_what_was_forecast_beside_what_came(page, decisions, log):
+    shown = page.data["decisions"]
+    assert shown["count"] == len(decisions) == len(shown["time_s"])
+    for i in (0, 7, len(decisions) - 1):
+        row = decisions[i]
+        assert shown["time_s"][i] == row["time_s"]
+        assert shown["reason"]["of"][shown["reason"]["at"][i]] == row["reason"]
+        assert shown["soc_end"][i] == pytest.approx(row["soc_end"], rel=1e-5)
+        assert shown["wind_mps"]["of"][shown["wind_mps"]["at"][i]] == pytest.approx(row["wind_mps"], rel=1e-5)
+        after = log["time_s"] >= row["time_s"]
+        assert shown["used_after_wh"][i] == pytest.approx(
+            np.trapezoid(log["power_w"][after], log["time_s"][after]) / 3600, abs=2e-3
+        )
+    changed = [row["parameters"] for row, new in zip(decisions, shown["changed"], strict=True) if new]
+    assert len(changed) >= 1
+    assert changed[0]["c1"] < 0
+
+
+def test_the_plan_in_force_is_flown(page, log):
+    """The aircraft is near the lines of the plan in force, wherever it is."""
+    routes = page.data["plan"]["routes"]
+    assert routes[0][0] == 0
+    assert len(routes) == page.data["plan"]["shown"] == 1 + page.data["parameters"][0]["v"].__len__() - 1
+    rows = range(200, len(log["time_s"]), 97)
+    for i in rows:
+        line = np.reshape(next(line for time_s, line in reversed(routes) if time_s <= log["time_s"][i]), (-1, 2))
+        start, along = line[:-1], np.diff(line, axis=0)
+        point = np.array([log["x_m"][i], log["y_m"][i]])
+        share = np.clip(((point - start) * along).sum(1) / np.maximum((along**2).sum(1), 1e-9), 0, 1)
+        assert np.hypot(*(start + share[:, None] * along - point).T).min() < 25
+
+
+def test_laps_are_counted(page, decisions):
+    laps = page.data["lap"]
+    for row in decisions[::50]:
+        at = np.searchsorted(laps["t"], row["time_s"], side="right") - 1
+        assert abs(laps["v"][at] - row["lap"]) <= (row["cause"] == "new stage")
+
+
+def test_the_words_are_the_summarys(folder, page):
+    summary = json.loads((folder / "summary.json").read_text())
+    words = " ".join(page.data["words"])
+    assert words.startswith("The flight completed: final point reached after ")
+    assert f"It used {summary['energy_wh']:.2f} Wh" in words
+    assert "At 93 s the battery lost 6 % of its charge at once." in words
+    assert f"The quality U was {summary['quality']:.3f} of 1" in words
+    assert "Planner joint changed c1 " in words
+
+
+def test_the_command_makes_the_same_page(eadp, folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / "report.html").unlink()
+    answer = eadp("report", copy)
+    assert (answer.code, answer.err) == (0, "")
+    assert (copy / "report.html").read_bytes() == (folder / "report.html").read_bytes()
+    assert eadp("report", copy, "-o", tmp_path / "other.html").code == 0
+    assert (tmp_path / "other.html").read_bytes() == (folder / "report.html").read_bytes()
+    assert eadp("report", copy, "-o", "-").out == (folder / "report.html").read_text(encoding="utf-8")
+    assert library.report(copy) == str(copy / "report.html")
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "words"),
+    [
+        ("summary.json", "{", ("summary.json:1:2: error: is not JSON",)),
+        ("summary.json", "[]", ("summary.json:1:1: error: is no JSON object",)),
+        ("summary.json", "{}", ("summary.json:1:1: error: is damaged",)),
+        ("flight.csv", "", ("flight.csv:1:1: error: is empty",)),
+        ("flight.csv", "time_s,stage\n", ("flight.csv:2:1: error: no rows",)),
+        ("flight.csv", "time_s,stage\n1,x\n", ("flight.csv:2:3: error: x is not a number",)),
+        ("flight.csv", "time_s,stage\n1\n", ("flight.csv:2:1: error: 1 fields; expected 2",)),
+        ("flight.csv", "time_s,stage\n1,nan\n", ("flight.csv:2:3: error: nan is not finite",)),
+        ("flight.csv", "time_s,stage\n1,1\n", ("is damaged",)),
+        ("decisions.jsonl", "{}\n", ("is damaged",)),
+        ("decisions.jsonl", '{"time_s": 1}\nx\n', ("decisions.jsonl:2:1: error: is not JSON",)),
+        ("inputs/survey.plan", "0.1; 90; x +\n1, 2\n", ("inputs:1:1: error: has no plan",)),
+    ],
+)
+def test_a_damaged_folder_is_refused_and_nothing_written(eadp, folder, tmp_path, name, body, words):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    before = (copy / "report.html").read_bytes()
+    (copy / name).write_text(body)
+    refused(eadp("report", copy), *words)
+    assert (copy / "report.html").read_bytes() == before
+
+
+def test_what_is_no_result_is_refused(eadp, tmp_path):
+    (tmp_path / "empty").mkdir()
+    refused(eadp("report", tmp_path / "empty"), "summary.json:1:1: error: cannot be read")
+    refused(eadp("report", tmp_path / "nothing"), "nothing:1:1: error: cannot be read")
+    (tmp_path / "text.txt").write_text("hello\n")
+    refused(eadp("report", tmp_path / "text.txt"), "text.txt:1:1: error: ")
+
+
+def test_a_flight_that_does_not_complete(tmp_path, root):
+    """The plan is a mission of 30 laps, and the battery is empty before its end; a planner without records."""
+    flight = library.simulate(
+        str(root / "plans/survey.plan"),
+        str(root / "scenarios/survey.yaml"),
+        overrides={"step_s": 0.05, "battery.capacity_ah": 0.1, "planner.name": "static"},
+    )
+    flight.write(tmp_path / "short")
+    page = Page((tmp_path / "short/report.html").read_text(encoding="utf-8"))
+    page.check()
+    assert page.data["completed"] is False
+    assert page.data["words"][0].startswith("The flight did not complete: battery empty")
+    assert page.data["decisions"]["count"] == 0
+    assert math.isclose(page.data["end"]["soc_final"], flight.summary["soc_final"])
+
+
+def test_names_with_script_in_them_are_text(tmp_path, root):
+    name = "<script>alert(1)</script>"
+    text = (root / "plans/survey.plan").read_text()
+    (tmp_path / "</script><script>alert(1)<script>.plan".replace("/", "∕")).write_text(text)
+    plan = next(tmp_path.glob("*.plan"))
+    target = tmp_path / "out"
+    overrides = {"time_limit_s": 5, "step_s": 0.05}
+    library.simulate(plan, str(root / "scenarios/survey.yaml"), overrides=overrides).write(target)
+    body = (target / "report.html").read_text(encoding="utf-8")
+    assert name not in body
+    assert Page(body).data["title"] == plan.name
