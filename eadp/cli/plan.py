@@ -246,7 +246,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "repeats": plan.whole_laps or any(segment.repeats for segment in plan.segments),
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
-        "final": _point(plan.final_point),
+        "final": _point(plan, plan.final_point),
         "parameters": [asdict(item) for item in plan.parameters],
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
@@ -293,7 +293,7 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "rotation_deg": stage.rotation_deg,
         "path": path.text,
         "kind": stage.kind,
-        "trigger": _point(trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
+        "trigger": _point(plan, trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
         **{key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())},
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
@@ -329,8 +329,15 @@ def _structure(plan: Plan) -> str:
     return f": laps of {plan.primitive_stages}" + ("" if plan.whole_laps else ", not all whole or alike")
 
 
-def _point(point: PointExpression) -> dict[str, Any]:
-    return {"x": _number_or_text(point[0]), "y": _number_or_text(point[1])}
+def _point(plan: Plan, point: PointExpression) -> dict[str, Any]:
+    """A point; where it does not depend on parameters and the plan has an origin, its latitude and longitude, too."""
+    from eadp.core.geometry.geodesy import to_geodetic_deg
+
+    x, y = (_number_or_text(part) for part in point)
+    result: dict[str, Any] = {"x": x, "y": y}
+    if plan.origin_deg is not None and not isinstance(x, str) and not isinstance(y, str):
+        result |= zip(("lat_deg", "lon_deg"), to_geodetic_deg(x, y, plan.origin_deg), strict=True)
+    return result
 
 
 def _number_or_text(part: Any) -> float | str:

@@ -49,6 +49,10 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     assert check["repeats"] is (pattern == "zamboni")
     assert check["primitive_stages"] == (4 if pattern == "zamboni" else None)
     assert check["origin_deg"] is not None
+    points = [check["final"], *(stage["trigger"] for stage in check["stages"])]
+    for point in (each for each in points if not isinstance(each["x"], str) and not isinstance(each["y"], str)):
+        place = to_local_m(point["lat_deg"], point["lon_deg"], check["origin_deg"])
+        assert place == pytest.approx((point["x"], point["y"]), abs=1e-3)
     trace = eadp("plan", plan, "--trace", "5").out.splitlines()
     assert trace[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
     assert eadp("simulate", plan, "--planner", "static").code == 0

@@ -327,3 +327,14 @@ def test_a_step_of_the_trace_that_is_none(eadp, step):
     answer = eadp("plan", "plans/survey.plan", "--trace", step)
     assert (answer.code, answer.out) == (2, "")
     assert "--trace:1:1: error" in answer.err
+
+
+def test_triggers_have_latitudes_where_they_are_numbers(eadp, tmp_path):
+    path = tmp_path / "a.plan"
+    path.write_text("%: origin 55 10\n0.1; 90; x\n0, 300\n0.1; 270; y - 300 - c1\n500, 300 + c1\n")
+    document = json.loads(eadp("plan", path, "--format", "json").out)
+    first, second = (stage["trigger"] for stage in document["stages"])
+    # a degree of the meridian at 55° north is 111,324 m, by pyproj
+    assert first["lat_deg"] == pytest.approx(55 + 300 / 111_324, abs=1e-6)
+    assert first["lon_deg"] == pytest.approx(10)
+    assert set(second) == {"x", "y"}

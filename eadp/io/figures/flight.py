@@ -33,23 +33,30 @@ def write_flight_figure(
 ) -> None:
     """Draw a flight: path by stage, power and its forecast, state of charge and reserve, parameters, decisions.
 
+    Where stages command altitudes, the altitude, too.
+
     Written to `path` with the endings .svg and .png.
     """
-    with figure_pair(path, 11.5, 7.0) as figure:
-        grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1))
+    climbs = any(stage.altitude_m is not None for stage in world.plan.stages)
+    varies = bool(world.plan.parameters) or not climbs
+    rows = 2 + climbs + varies
+    with figure_pair(path, 11.5, 4.0 + rows) as figure:
+        grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1))
         map_axes = figure.add_subplot(grid[:, 0])
         power = figure.add_subplot(grid[0, 1])
-        charge = figure.add_subplot(grid[1, 1], sharex=power)
-        parameters = figure.add_subplot(grid[2, 1], sharex=power)
+        charge, *others = (figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))
         time = np.array([step.time_s for step in steps])
         _draw_path(map_axes, world, steps)
         _draw_power(power, time, steps)
         _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
-        _draw_parameters(parameters, time, steps, world)
-        _draw_decisions(map_axes, parameters, steps, records)
+        if climbs:
+            _draw_altitude(others[0], time, steps)
+        if varies:
+            _draw_parameters(others[-1], time, steps, world)
+        _draw_decisions(map_axes, others[-1], steps, records)
         legend_below(map_axes)
-        parameters.set_xlabel("time [s]")
-        for axes in (power, charge):
+        others[-1].set_xlabel("time [s]")
+        for axes in (power, charge, *others[:-1]):
             axes.tick_params(labelbottom=False)
         write_headline(figure, _headline(summary))
 
@@ -116,6 +123,12 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
     axes.set_ylabel("state of charge [%]")
     axes.set_title("Battery")
     legend_above(axes)
+
+
+def _draw_altitude(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
+    axes.plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
+    axes.set_ylabel("altitude [m]")
+    axes.set_title("Altitude")
 
 
 def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:

@@ -11,6 +11,7 @@ from common import ROOT
 from matplotlib.figure import Figure
 
 import eadp
+from eadp.io.figures import flight as flight_figure
 from eadp.io.figures import paper
 from eadp.io.figures.flight import _draw_parameters
 from eadp.io.figures.paper import write_paper_figure
@@ -115,3 +116,30 @@ def test_same_flight_same_figure(tmp_path, flight):
         write_paper_figure(tmp_path / name, flight.inputs.world, flight.steps[:900], flight.estimates[:900])
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("headers", "sets", "panels"),
+    [
+        ("", "", ["Parameters"]),
+        ("%: altitude 60\n", "", ["Altitude"]),
+        ("%: altitude 60\n", "[0, 1]\n", ["Altitude", "Parameters"]),
+    ],
+)
+def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers, sets, panels):
+    figure, plan = Figure(), tmp_path / "a.plan"
+
+    @contextmanager
+    def canvas(*_):
+        yield figure
+
+    name = "+c1" if sets else ""
+    plan.write_text(f"{headers}0.1; 270; y{name}\n300, 0{name.replace('+', '-')}\n{sets}")
+    keys = {"time_limit_s": 5, "start.altitude_m": 50, "parameters": {"c1": 0} if sets else {}}
+    flight = eadp.simulate(plan, overrides={**keys, "planner.name": "static"})
+    monkeypatch.setattr(flight_figure, "figure_pair", canvas)
+    flight_figure.write_flight_figure(tmp_path, flight.inputs.world, flight.steps, flight.summary)
+    axes = {each.get_title(loc="left") or each.get_title(): each for each in figure.axes}
+    assert list(axes)[3:] == panels
+    if "Altitude" in axes:
+        assert np.array_equal(axes["Altitude"].lines[0].get_ydata(), flight.columns["altitude_m"])
