@@ -142,7 +142,11 @@ def command(
     if wanted is CoverFormat.json:
         emit_json(found.document)
         return 0
-    warn([Fault(name, 1, 1, repair, severity="note") for repair in found.repairs])
+    notes = [
+        *found.repairs,
+        *([f"line spacing {fixed}"] if wanted is CoverFormat.plan and (fixed := found.report.fixed_spacing()) else []),
+    ]
+    warn([Fault(name, 1, 1, note, severity="note") for note in notes])
     written = [f"written    {out}"] if out else []
     emit(found.text if wanted is CoverFormat.plan else "\n".join([*found.report.text(), *written]))
     return 0

@@ -70,10 +70,21 @@ def command(
     plot: Annotated[
         str, Option(metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png).")
     ] = "",
-    battery: Annotated[
-        bool, Option("--battery", help="Fit the battery instead, from voltage and current; needs --capacity.")
+    vehicle: Annotated[
+        bool,
+        Option("--vehicle", help="Fit the aircraft's power instead, from a log with airspeed; -o is a vehicle file."),
     ] = False,
-    capacity: Annotated[float | None, Option(metavar="AH", help="The battery's capacity [Ah].")] = None,
+    base: Annotated[
+        str, Option(metavar="FILE", help="Vehicle file of what is known: mass, wing, avionics, for a drag polar.")
+    ] = "",
+    battery: Annotated[
+        bool, Option("--battery", help="Fit the battery, instead or beside, from voltage and current.")
+    ] = False,
+    capacity: Annotated[float | None, Option(metavar="AH", help="The battery's capacity [Ah]; or --cells.")] = None,
+    cells: Annotated[
+        int | None, Option(metavar="N", help="Cells in series: the capacity is estimated by their voltage.")
+    ] = None,
+    chemistry: Annotated[str, Option(metavar="NAME", help="Chemistry of the cells: lipo or li-ion.")] = "lipo",
     k_b: Annotated[float, Option(metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")] = 1 / 3600,
     soc: Annotated[float, Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
     format: FormatOption = Format.text,
@@ -86,6 +97,8 @@ def command(
     power_w or voltage_v and current_a; or a PX4 ULog, or an ArduPilot DataFlash log. Where a log has positions (x_m and
     y_m, or lat and lon), and no other prior is given, the period is searched near the time of their laps.
 
+    With --vehicle the power of an aircraft is fitted: in level flight, its rise with bank, climb and airspeed.
+
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
     # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
@@ -97,8 +110,16 @@ def command(
     if output == "-" and format is Format.json:
         raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
     chosen = Columns(time, power, voltage, current, names_in(columns), time_unit or "", instance=instance)
-    if battery:
-        found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc))
+    found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc, cells, chemistry)) if battery else None
+    if vehicle:
+        from dataclasses import replace
+
+        from eadp.io.log.vehicle_fit import read_vehicle_fit
+
+        flown = replace(read_vehicle_fit(log, chosen, base), battery=found)
+        _print(flown.document, flown.text, flown.yaml, flown.warnings, output, format)
+        return 0 if flown.sure else 1
+    if found is not None:
         _print(found.document, found.text, found.block, found.warnings, output, format)
         return 0 if found.fit.resistance_ohm is not None else 1
     options = FitOptions(order, period_prior, plan, airspeed, start, end, keep_spikes, profile)

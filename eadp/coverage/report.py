@@ -146,6 +146,7 @@ class CoverageReport:
             "c1_steps": self._steps,
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
+            "zamboni_time_s": self.laps_s() or None,
             "origin_deg": self.field.origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "normalised": list(normalised),
@@ -156,12 +157,28 @@ class CoverageReport:
             document["at_lowest_c1"]["energy_wh"] = least.energy_wh
         return document
 
+    def laps_s(self) -> list[float]:
+        """Times of the Zamboni-like motion that was not chosen, at its lowest c1 and at c1 = 0 [s]; [] without one."""
+        laps = self.solution.laps
+        return [] if laps is None else [self.motion.time_s(laps.path(c1).pieces) for c1 in (laps.min_c1, 0.0)]
+
+    def fixed_spacing(self) -> str:
+        """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
+        if not (times_s := self.laps_s()):
+            return ""
+        least_s, full_s = times_s
+        more = 100 * (least_s / self.full.time_s - 1)
+        return (
+            f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
+            f"lines and can save {full_s - least_s:.0f} s of them, down to {least_s:.0f} s ({more:+.0f} %)"
+        )
+
     def text(self) -> list[str]:
         """A summary for people, line by line."""
         solution, holes, blocks = self.solution, len(self.field.holes), len(self.solution.blocks)
-        pattern, other = "lines in an order, Dubins turns", "the Zamboni-like motion, whose c1 varies it,"
+        pattern = "lines in an order, Dubins turns"
         if solution.pattern == ZAMBONI:
-            pattern, other = f"Zamboni-like, {_counted(blocks, 'block')}", "lines in an order"
+            pattern = f"Zamboni-like, {_counted(blocks, 'block')}"
         lines = [
             f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
             + (f", {_counted(holes, 'hole')}" if holes else ""),
@@ -178,8 +195,10 @@ class CoverageReport:
             lines.append(f"laps       one less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
         tightest = min(end.min_radius_m for end in self.ends)
         lines.append(f"turns      {f'{tightest:.2f} m or wider' if math.isfinite(tightest) else 'none'}")
-        if solution.other_share is not None:
-            lines.append(f"instead    {other} would take {solution.other_share:.2f} times as long")
+        if solution.laps is not None:
+            lines.append(f"spacing    {self.fixed_spacing()}")
+        elif solution.other_share is not None:
+            lines.append(f"instead    lines in an order would take {solution.other_share:.2f} times as long")
         if not self.motion.windless:
             lines.append(f"wind       {math.hypot(*self.motion.wind_mps):g} m/s; times are in it")
         return lines

@@ -11,7 +11,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.models.battery import Battery
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 
 SPEEDS = 2001
 """Airspeeds that a best one is searched among, before it is refined."""
@@ -128,7 +128,7 @@ def performance(
     Source: Anderson 1999, chapter 5: least power at C_L² = 3 C_D0/K, least drag at C_L² = C_D0/K; in wind and beside a
     constant power the least energy for a distance is searched.
     """
-    bank = math.radians(airframe.max_bank_deg) if isinstance(airframe, FixedWing) else math.pi / 4
+    bank = math.pi / 4 if isinstance(airframe, PaperVehicle) else math.radians(airframe.max_bank_deg)
     low_mps, high_mps = airframe.level_speeds_mps()
     margin = STALL_MARGIN if isinstance(airframe, FixedWing) else 1.0
     speeds = min(margin * low_mps, max(high_mps, low_mps)), high_mps

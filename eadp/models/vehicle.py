@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from eadp.core.bounds import Coordinate, Duration, Efficiency, NotNegative, Watts
 from eadp.core.flight.aerodynamics import (
@@ -275,8 +276,114 @@ class FixedWing:
         return found
 
 
-Airframe = PaperVehicle | FixedWing
-AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in (FixedWing, PaperVehicle)}
+@dataclass(frozen=True)
+class PowerCurve:
+    """An aeroplane by the power that it draws, as measured or as fitted to a log; it flies as `FixedWing` does.
+
+    Drag, (P − P_avionics) η/V, is linear between the points, and constant below and above them.
+    """
+
+    model: Literal["power-curve"] = "power-curve"
+    """Name of this airframe model."""
+
+    points: Annotated[tuple[tuple[Airspeed, Watts], ...], MinLen(1), MaxLen(100)] = ((15.0, 36.0),)
+    """Airspeeds, rising, and power of straight level flight, avionics among it [[m/s, W], …]."""
+
+    bank_w: Watts = 0.0
+    """Power that a bank of 45° adds at `airspeed_mps` [W]: proportional to tan² of the bank, over the airspeed."""
+
+    mass_kg: Mass = 1.2
+    """Mass [kg]."""
+
+    propulsive_efficiency: Efficiency = 0.55
+    """Efficiency of the propulsion in a climb: energy of the height over the electrical energy that it takes."""
+
+    avionics_w: Watts = 2.0
+    """Power of the avionics at any throttle [W]."""
+
+    max_power_w: Annotated[float, Gt(0), Le(1e6)] = 200.0
+    """The motor's greatest electrical power [W]."""
+
+    airspeed_mps: Airspeed = 15.0
+    """Airspeed that the throttle holds [m/s]."""
+
+    cruise_altitude_m: Coordinate = 25.0
+    """Altitude held [m]."""
+
+    max_bank_deg: Annotated[float, Gt(0), Le(80)] = 45.0
+    """Greatest bank [°]."""
+
+    roll_time_constant_s: Duration = 0.3
+    """Time constant of the roll to a bank [s]."""
+
+    max_climb_rate_mps: Annotated[float, Gt(0), Le(1e3)] = 3.0
+    """Greatest rate of climb and descent [m/s]."""
+
+    speed_gain_per_s: Rate = 1.0
+    """Rate at which the throttle corrects an error of airspeed [1/s]."""
+
+    altitude_gain_per_s: Rate = 0.5
+    """Rate at which climbing corrects an error of altitude [1/s]."""
+
+    published_triggers: ClassVar[bool] = False
+
+    @cached_property
+    def weight_n(self) -> float:
+        """Weight [N]."""
+        return self.mass_kg * GRAVITY_MPS2
+
+    @cached_property
+    def drags_n(self) -> tuple[float, ...]:
+        """Drag at the points in straight level flight [N]."""
+        return tuple((watts - self.avionics_w) * self.propulsive_efficiency / speed for speed, watts in self.points)
+
+    @cached_property
+    def turn_drag_n(self) -> float:
+        """Drag that a bank of 45° adds, times the square of the airspeed [N m²/s²]."""
+        return self.bank_w * self.propulsive_efficiency * self.airspeed_mps
+
+    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Electrical power in level flight [W]."""
+        straight = float(np.interp(airspeed_mps, [speed for speed, _ in self.points], self.drags_n))
+        drag = straight + self.turn_drag_n * math.tan(bank_rad) ** 2 / airspeed_mps**2
+        # P = D V / η
+        return drag * airspeed_mps / self.propulsive_efficiency + self.avionics_w
+
+    def level_speeds_mps(self) -> tuple[float, float]:
+        """Least and greatest airspeed of the points [m/s]."""
+        return self.points[0][0], self.points[-1][0]
+
+    @property
+    def cruise_power_w(self) -> float:
+        """Motion power in straight level flight at the airspeed held [W]."""
+        return self.level_power_w(self.airspeed_mps)
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.max_power_w + self.avionics_w
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of a turn at its greatest bank, without wind [m]."""
+        return turn_radius_m(self.airspeed_mps, math.radians(self.max_bank_deg))
+
+    def faults(self) -> list[str]:
+        """Why the aeroplane cannot fly so: its points, or its motor."""
+        found = []
+        speeds = [speed for speed, _ in self.points]
+        if any(later <= earlier for earlier, later in itertools.pairwise(speeds)):
+            found.append("airspeeds of the points do not rise")
+        if min(self.drags_n) <= 0:
+            found.append(f"a point draws no more than the avionics' {self.avionics_w:g} W")
+        elif self.cruise_power_w > self.max_motion_w:
+            motor_w = self.cruise_power_w - self.avionics_w
+            found.append(f"level flight takes {motor_w:.0f} W of a motor of {self.max_power_w:g} W")
+        return found
+
+
+Airframe = PaperVehicle | FixedWing | PowerCurve
+AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in (FixedWing, PaperVehicle, PowerCurve)}
 """Every airframe model by its name: the first is the default."""
 
 

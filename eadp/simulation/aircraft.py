@@ -14,7 +14,7 @@ from eadp.core.expressions.derivatives import Jet
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.guidance import heading_rate_radps, normalised_jet, wind_factor
 from eadp.core.geometry.curves import Point
-from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle
+from eadp.models.vehicle import Airframe, FixedWing, Guidance, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
 State = MutableSequence[float]
@@ -33,8 +33,9 @@ MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS
 MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
 LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(16, 23)
 PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
-AIRCRAFT_CONSTANTS = 26
-"""Of every vehicle, then of the papers' or of a fixed wing."""
+POINTS = 26
+AIRCRAFT_CONSTANTS = 27
+"""Of every vehicle, then of the papers' or of a fixed wing. Airspeeds and drags of a power curve are the last ones."""
 
 PAPER_MODEL, FIXED_WING_MODEL = 0.0, 1.0
 
@@ -79,13 +80,28 @@ def _paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
 
 
 def _fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
-    c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, airframe.altitude_gain_per_s
     density_area = 0.5 * airframe.air_density_kgpm3 * airframe.wing_area_m2
+    # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
+    parasitic = density_area * airframe.zero_lift_drag_coefficient
+    induced = airframe.induced_drag * airframe.weight_n**2 / density_area
+    _aeroplane_constants(c, airframe, step_s, parasitic, induced, 0.5 * airframe.stall_mps)
+
+
+def _power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) -> None:
+    _aeroplane_constants(c, airframe, step_s, 0.0, airframe.turn_drag_n, 0.5 * airframe.points[0][0])
+    c[POINTS] = len(airframe.points)
+    c += [speed for speed, _ in airframe.points]
+    c += airframe.drags_n
+
+
+def _aeroplane_constants(
+    c: State, airframe: FixedWing | PowerCurve, step_s: float, parasitic: float, induced: float, min_mps: float
+) -> None:
+    c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, airframe.altitude_gain_per_s
     c[PARASITIC : MAX_W + 1] = [
-        # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
-        density_area * airframe.zero_lift_drag_coefficient,
-        airframe.induced_drag * airframe.weight_n**2 / density_area,
-        0.5 * airframe.stall_mps,
+        parasitic,
+        induced,
+        min_mps,
         math.radians(airframe.max_bank_deg),
         1 - math.exp(-step_s / airframe.roll_time_constant_s),
         airframe.max_climb_rate_mps,
@@ -96,9 +112,10 @@ def _fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
     ]
 
 
-_OWN_CONSTANTS: dict[str, Callable[[State, Any, float], None]] = {
+_OWN_CONSTANTS: dict[str, Callable[[Any, Any, float], None]] = {
     "paper": _paper_constants,
     "fixed-wing": _fixed_wing_constants,
+    "power-curve": _power_curve_constants,
 }
 """Constants by the airframe's model."""
 
@@ -192,7 +209,11 @@ def _fixed_wing_step(
     # climb fed forward
     climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MAX_CLIMB])
     square = speed * speed
-    drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
+    if c[POINTS] == 0.0:
+        drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
+    else:
+        # of a power curve, turns alone: tan² φ = 1/cos² φ − 1
+        drag = _curve_drag_n(c, speed) + c[INDUCED] * (1 / (level * level) - 1) / square
     sink = drag * speed / weight  # without thrust
     if climb < -sink:
         climb = -sink
@@ -221,6 +242,19 @@ def _fixed_wing_step(
     s[Y] += s[VY] * step_s
     s[HEADING] = _wrapped(heading + turn * step_s)
     return motor_w + c[AVIONICS_W]
+
+
+def _curve_drag_n(c: Constants, speed: float) -> float:
+    """Drag of a power curve in straight level flight [N]: linear between its points, constant beyond."""
+    count = int(c[POINTS])
+    first, drags = len(c) - 2 * count, len(c) - count
+    if speed <= c[first]:
+        return c[drags]
+    for i in range(count - 1):
+        low, high = c[first + i], c[first + i + 1]
+        if speed < high:
+            return c[drags + i] + (c[drags + i + 1] - c[drags + i]) * (speed - low) / (high - low)
+    return c[drags + count - 1]
 
 
 def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, air_x: float, air_y: float) -> float:
@@ -260,6 +294,7 @@ FLYING = (
     fly_step,
     _paper_step,
     _fixed_wing_step,
+    _curve_drag_n,
     _guided_radps,
     _within,
     _wrapped,

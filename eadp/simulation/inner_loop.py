@@ -198,7 +198,8 @@ class InnerLoop:
         self._replay = battery.prescribed_soc if battery.prescribed else None
         self._rng = rng
         first = rng.standard_normal(2)
-        c: Any = [*constants, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS)]
+        own, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
+        c: Any = [*own, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS), *points]
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
         s[GUST_X], s[GUST_Y] = wind.gust_std_mps * float(first[0]), wind.gust_std_mps * float(first[1])
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from eadp.models.vehicle import AIRFRAMES, FixedWing, PaperVehicle
+from eadp.models.vehicle import AIRFRAMES, FixedWing, PaperVehicle, PowerCurve
 
 # 1 N of weight, ½ ρ S = 0.5: q S = 0.5 V²
 WING = FixedWing(
@@ -64,6 +64,38 @@ def test_the_papers_vehicle():
     assert vehicle.faults() == []
 
 
+CURVE = PowerCurve(
+    points=((10.0, 22.0), (20.0, 82.0)), bank_w=9.0, avionics_w=2.0, propulsive_efficiency=0.5, airspeed_mps=15.0
+)
+
+
+def test_a_power_curve():
+    # drag η (P − 2)/V: 1 N at 10 m/s, 2 N at 20 m/s
+    assert CURVE.drags_n == pytest.approx((1.0, 2.0))
+    assert [CURVE.level_power_w(v) for v in (10.0, 20.0)] == pytest.approx([22.0, 82.0])
+    assert CURVE.cruise_power_w == pytest.approx(1.5 * 15 / 0.5 + 2)
+    assert CURVE.level_power_w(15.0, math.radians(45)) - CURVE.cruise_power_w == pytest.approx(9.0)
+    assert CURVE.level_power_w(10.0, math.radians(45)) - 22.0 == pytest.approx(9.0 * 15 / 10)
+    # beyond the points, of constant drag
+    assert CURVE.level_power_w(30.0) == pytest.approx(2 * 30 / 0.5 + 2)
+    assert CURVE.level_speeds_mps() == (10.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, []),
+        ({"points": ((10.0, 22.0), (10.0, 30.0))}, ["do not rise"]),
+        ({"points": ((10.0, 2.0),)}, ["no more than the avionics' 2 W"]),
+        ({"max_power_w": 44.0}, ["level flight takes 45 W of a motor of 44 W"]),
+    ],
+)
+def test_faults_of_a_power_curve(changes, words):
+    faults = replace(CURVE, **changes).faults()
+    assert len(faults) == len(words)
+    assert all(word in fault for word, fault in zip(words, faults, strict=True))
+
+
 def test_models_by_name():
-    assert list(AIRFRAMES.values()) == [FixedWing, PaperVehicle]
+    assert list(AIRFRAMES.values()) == [FixedWing, PaperVehicle, PowerCurve]
     assert all(airframe().model == name for name, airframe in AIRFRAMES.items())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from common import ROOT
@@ -11,7 +12,7 @@ from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.io.flight.inputs import load_flight
-from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance
+from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.simulation import loop
 from eadp.simulation.aircraft import (
@@ -74,6 +75,24 @@ def test_a_circle_takes_the_bank_and_the_power_of_a_level_turn(radius):
     assert plane.s[BANK] == pytest.approx(bank, rel=1e-2)
     assert power == pytest.approx(FixedWing().level_power_w(15, bank), rel=2e-3)
     assert math.hypot(plane.s[X], plane.s[Y]) == pytest.approx(radius, abs=0.5)
+
+
+CURVE = PowerCurve(points=((12.0, 30.0), (15.0, 40.0), (20.0, 90.0)), bank_w=8.0)
+
+
+@pytest.mark.parametrize("speed", [10.0, 12.0, 14.0, 15.0, 17.0, 20.0, 24.0])
+def test_a_power_curve_takes_its_power(speed):
+    vehicle = replace(CURVE, airspeed_mps=speed)
+    assert fly(Plane(vehicle=vehicle), path("-y"), 20)[-1] == pytest.approx(vehicle.cruise_power_w, rel=1e-6)
+
+
+def test_a_power_curve_turns_and_climbs():
+    plane = Plane((70.0, 0.0), math.pi / 2, vehicle=CURVE)
+    power = fly(plane, path("x^2 + y^2 - 70^2"), 60, gain=0.1 / 140)[-1]
+    # tan φ = V²/(g r)
+    assert power == pytest.approx(40 + 8 * (15**2 / (GRAVITY_MPS2 * 70)) ** 2, rel=5e-3)
+    plane = Plane(vehicle=replace(CURVE, cruise_altitude_m=60.0))
+    assert fly(plane, path("-y"), 5)[-1] == pytest.approx(40 + 1.2 * GRAVITY_MPS2 * 3 / 0.55, rel=1e-3)
 
 
 def test_the_published_survey_speed_takes_what_was_published():

@@ -139,7 +139,7 @@ def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_c
 
 @fast
 @pytest.mark.parametrize("text", [PARTS, CURVED])
-@pytest.mark.parametrize("vehicle", ["paper", "fixed-wing"])
+@pytest.mark.parametrize("vehicle", ["paper", "fixed-wing", "power-curve"])
 def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compiled):
     path = tmp_path / "a.plan"
     path.write_text(text)

@@ -2,7 +2,7 @@
 
 The terminal voltage of the model is linear in what is sought, V = V₀ + (V₁ − V₀) b − R I, with the state of charge b
 counted from the current. Capacity and k_b stand in b as one factor, and V₁ − V₀ takes up whatever they are wrong by:
-they cannot be estimated from voltage and current, and are given.
+they are given, or the capacity is that with which the voltage falls as a table of the cells' chemistry does.
 
 Source: letter, Sec. III-C and Eq. 22 for the model; Huber 1964 for the weights; Newey and West 1987 for the covariance.
 """
@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
+from eadp.core.signals.robust import regressed
 from eadp.errors import Infeasible
 
-HUBER = 1.345
-"""Residuals beyond this many standard deviations count less: 95 % efficient where the noise is normal."""
-
-PASSES = 50
 MIN_SAMPLES = 20
 
 MIN_CHARGE_USED = 0.05
@@ -67,6 +65,95 @@ class BatteryFit:
     notes: tuple[str, ...]
 
 
+CELL_SOC = np.linspace(0.0, 1.0, 21)
+# fmt: off
+CURVES_V = {
+    "lipo": (3.27, 3.61, 3.69, 3.71, 3.73, 3.75, 3.77, 3.79, 3.80, 3.82, 3.84,
+             3.85, 3.87, 3.91, 3.95, 3.98, 4.02, 4.08, 4.11, 4.15, 4.20),
+    "li-ion": (2.90, 3.22, 3.37, 3.43, 3.47, 3.51, 3.54, 3.57, 3.60, 3.63, 3.67,
+               3.72, 3.78, 3.83, 3.88, 3.92, 3.97, 4.01, 4.06, 4.11, 4.18),
+}
+# fmt: on
+"""Open-circuit voltage of a cell at each twentieth of the charge [V], as tables of chargers (lipo) and data sheets of
+18650 cells (li-ion) have it."""
+
+CURVE_STD_V = 0.01
+"""Standard deviation of a cell's curve about the table [V], as far as it acts like a change of the capacity."""
+
+MIN_DISCHARGE = 0.3
+"""Smallest share of the capacity that must be used for it to be estimated."""
+
+
+@dataclass(frozen=True)
+class CapacityFit:
+    """Capacity and its standard error, and the charge used in the log [Ah]."""
+
+    capacity_ah: float
+    std_ah: float
+    used_ah: float
+
+
+def fit_capacity(
+    times_s: ArrayLike,
+    voltage_v: ArrayLike,
+    current_a: ArrayLike,
+    cells: int,
+    chemistry: str = "lipo",
+    soc: float = 1.0,
+) -> CapacityFit:
+    """Capacity of a pack whose cells' open-circuit voltage is known, by how far the voltage falls with the charge used.
+
+    Parameters
+    ----------
+    times_s, voltage_v, current_a : array, shape (n,)
+        Times [s], increasing; voltage at the terminals [V]; current drawn [A].
+    cells : int
+        Cells in series.
+    chemistry : str
+        One of `CURVES_V`.
+    soc : float
+        State of charge at the start.
+
+    Raises
+    ------
+    Infeasible
+        If there are too few readings, or too little of the charge is used.
+
+    Source: letter, Sec. III-C, with an open-circuit voltage V(b) of tables.
+    """
+    t, volts, amps = (np.asarray(values, dtype=float) for values in (times_s, voltage_v, current_a))
+    if len(t) < MIN_SAMPLES:
+        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
+    used_ah = np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2))) / 3600
+    total = float(used_ah[-1])
+    if total <= 0:
+        raise Infeasible("the log uses no charge")
+
+    def open_v(log_capacity: float) -> FloatArray:
+        table: FloatArray = cells * np.interp(soc - used_ah / math.exp(log_capacity), CELL_SOC, CURVES_V[chemistry])
+        return table
+
+    def cost(log_capacity: float) -> float:
+        rest = volts - open_v(log_capacity)
+        # V = V(b) − R I
+        left = rest + amps * max(0.0, -float(amps @ rest) / float(amps @ amps))
+        return float(left @ left)
+
+    grid = math.log(total / soc) + np.linspace(0.0, math.log(1.2 / MIN_DISCHARGE), 200)
+    best = int(np.argmin([cost(float(x)) for x in grid]))
+    around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
+    found = float(minimize_scalar(cost, bounds=around, method="bounded").x)
+    share = total / math.exp(found)
+    if share < MIN_DISCHARGE:
+        raise Infeasible(f"{100 * share:.0f} % of the charge is used; {100 * MIN_DISCHARGE:.0f} % are needed")
+    step = 1e-3
+    slope = (open_v(found + step) - open_v(found - step)) / (2 * step)
+    noise = regressed(np.stack([slope, -amps], axis=1), volts - open_v(found), t).std(0)
+    curve = cells * CURVE_STD_V / max(float(np.sqrt(np.mean(slope**2))), 1e-9)
+    capacity = math.exp(found)
+    return CapacityFit(capacity, capacity * math.hypot(noise, curve), total)
+
+
 def fit_battery(
     times_s: ArrayLike,
     voltage_v: ArrayLike,
@@ -109,8 +196,8 @@ def fit_battery(
         notes.append(
             f"only {100 * np.ptp(charge):.1f} % of the charge is used: the voltage is taken as the same at any charge"
         )
-    constant = _regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
-    linear = _regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
+    constant = regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
+    linear = regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
     if linear is not None and not linear.values[2] > SIGNIFICANCE * linear.std(2):
         notes.append("the voltage does not fall with the charge beyond doubt: it is taken as the same at any charge")
         linear = None
@@ -125,7 +212,7 @@ def fit_battery(
         )
         # without a resistance, fit the terminal voltage
         columns = [np.ones_like(amps), charge] if linear else [np.ones_like(amps)]
-        fit = _regressed(np.stack(columns, axis=1), volts, t)
+        fit = regressed(np.stack(columns, axis=1), volts, t)
     ends = np.zeros((2, len(fit.values)))  # without charge, and full
     ends[:, 0] = 1.0
     if linear:
@@ -146,58 +233,3 @@ def fit_battery(
         fit.correlation_s,
         tuple(notes),
     )
-
-
-@dataclass(frozen=True)
-class _Regression:
-    values: FloatArray
-    covariance: FloatArray
-    rms: float
-    correlation_s: float
-
-    def std(self, index: int) -> float:
-        return math.sqrt(max(0.0, float(self.covariance[index, index])))
-
-
-def _regressed(columns: FloatArray, target: FloatArray, times_s: FloatArray) -> _Regression:
-    """Least squares with Huber's weights and an autocorrelation-consistent covariance."""
-    weights: FloatArray = np.ones(len(target))
-    values: FloatArray = np.zeros(columns.shape[1])
-    residual: FloatArray = target
-    for _ in range(PASSES):
-        root = np.sqrt(weights)
-        new: FloatArray = np.asarray(
-            np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0], dtype=np.float64
-        )
-        residual = target - columns @ new
-        scale = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-        done = bool(np.allclose(new, values, rtol=1e-10, atol=1e-12))
-        values = new
-        if done or scale == 0:
-            break
-        weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
-    lags = _correlation_lags(residual)
-    inner = columns.T @ (columns * weights[:, None])
-    scores = columns * (weights * residual)[:, None]
-    middle = scores.T @ scores
-    for lag in range(1, lags + 1):
-        # Bartlett's weights keep the sum of autocovariances positive
-        cross = scores[lag:].T @ scores[:-lag]
-        middle += (1 - lag / (lags + 1)) * (cross + cross.T)
-    inverse: FloatArray = np.asarray(np.linalg.pinv(inner), dtype=np.float64)
-    covariance = inverse @ middle @ inverse * len(target) / max(1, len(target) - len(values))
-    rms = math.sqrt(float(np.mean(residual**2)))
-    return _Regression(values, covariance, rms, lags / 2 * float(np.median(np.diff(times_s))))
-
-
-def _correlation_lags(residual: FloatArray) -> int:
-    """Lags over which residuals correlate: twice those until their autocorrelation falls below a twentieth."""
-    n = len(residual)
-    centred = residual - residual.mean()
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    correlation = np.fft.irfft(spectrum, size)[: n // 4 + 1]
-    if correlation[0] <= 0:
-        return 0
-    below = np.flatnonzero(correlation < 0.05 * correlation[0])
-    return int(min(n // 4, 2 * (below[0] if len(below) else n // 4)))

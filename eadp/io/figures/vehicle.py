@@ -8,7 +8,7 @@ import numpy as np
 
 from eadp.io.figures.canvas import COLOURS, GREY, figure_file, write_headline
 from eadp.models.performance import Performance
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 
 ABOVE = 1.6
 """Right end of the axis, over the airspeed held."""
@@ -24,7 +24,7 @@ def write_vehicle_figure(path: str, name: str, airframe: Airframe, found: Perfor
     """
     low, high = airframe.level_speeds_mps()
     speeds = np.linspace(low, max(min(high, ABOVE * max(found.airspeed_mps, found.range_mps)), low), 300)
-    banks = [0.0, 30.0, airframe.max_bank_deg] if isinstance(airframe, FixedWing) else [0.0]
+    banks = [0.0] if isinstance(airframe, PaperVehicle) else [0.0, 30.0, airframe.max_bank_deg]
     with figure_file(path, 7.0, 4.4) as figure:
         axes = figure.subplots()
         for bank, colour in zip(banks, COLOURS, strict=False):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
+from eadp.io.log.autopilot_motion import autopilot_motion
 from eadp.io.log.messages import Tables
 from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_text
 
@@ -39,9 +40,10 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
         counts["unknown"] = unknown
         message = f"{rows_text(unknown)} with an unknown voltage or current (0 or -1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
-    others = np.empty((len(time_us), 0)) if position_m is None else position_m
+    motion = autopilot_motion(tables, time_us) if columns.motion else {}
+    others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
     readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None)
+    return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
 
 
 def battery_table(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from eadp.core.flight.battery_fit import BatteryFit, fit_battery
+from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_battery, fit_capacity
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns
@@ -14,23 +14,33 @@ from eadp.io.log.power_log import Columns
 
 @dataclass(frozen=True)
 class BatteryOptions:
-    """Capacity [Ah], k_b [1/s], and state of charge at the start of the log; None is a capacity that is missing."""
+    """Capacity [Ah], k_b [1/s], state of charge at the start of the log; cells and chemistry to estimate a capacity by.
+
+    None is what is missing.
+    """
 
     capacity_ah: float | None
     k_b_per_s: float
     soc: float
+    cells: int | None = None
+    chemistry: str = "lipo"
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
-        if self.capacity_ah is None:
-            message = "no capacity, which cannot be estimated from a log"
-            raise InputError.at("--capacity", 1, 1, message, "--capacity AH beside --battery")
+        if self.capacity_ah is None and self.cells is None:
+            message = "no capacity, nor what it is estimated by"
+            raise InputError.at("--capacity", 1, 1, message, "--capacity AH or --cells N beside --battery")
+        if self.cells is not None and not 1 <= self.cells <= 1000:
+            raise InputError.at("--cells", 1, 1, f"{self.cells} cells", "from 1 to 1000", str(self.cells))
+        if self.capacity_ah is None and self.chemistry not in CURVES_V:
+            expected = f"one of {', '.join(CURVES_V)}, or --capacity AH"
+            raise InputError.at("--chemistry", 1, 1, "no curve of its voltage is known", expected, self.chemistry)
         for option, value, largest in (
             ("--capacity", self.capacity_ah, math.inf),
             ("--k-b", self.k_b_per_s, math.inf),
             ("--soc", self.soc, 1),
         ):
-            if not 0 < value <= largest or math.isinf(value):
+            if value is not None and (not 0 < value <= largest or math.isinf(value)):
                 expected = "above 0" + (f", at most {largest:g}" if math.isfinite(largest) else "")
                 raise InputError.at(option, 1, 1, f"{value:g} is out of range", expected, f"{value:g}")
 
@@ -42,6 +52,7 @@ class BatteryLogFit:
     fit: BatteryFit
     options: BatteryOptions
     warnings: list[Fault]
+    capacity: CapacityFit | None = None
 
     @property
     def keys(self) -> dict[str, float]:
@@ -76,6 +87,11 @@ class BatteryLogFit:
             f"# RMS error of the voltage {1000 * fit.rms_v:.0f} mV, {1000 * fit.constant_rms_v:.0f} mV if it did not "
             f"depend on charge; correlation time of the residuals {fit.correlation_s:.1f} s"
         )
+        if self.capacity is not None:
+            found, share = self.capacity, self.capacity.used_ah / self.capacity.capacity_ah
+            lines.append(
+                f"# capacity {found.capacity_ah:.3f} ± {found.std_ah:.2g} Ah, of which {100 * share:.0f} % is used"
+            )
         lines.append(f"# state of charge from {fit.charge_from:.3f} to {fit.charge_to:.3f}")
         return "\n".join([*lines, self.block])
 
@@ -90,6 +106,7 @@ class BatteryLogFit:
                 "voltage_v": fit.voltage_full_std_v,
                 "voltage_empty_v": fit.voltage_empty_std_v if fit.voltage_empty_v is not None else None,
                 "resistance_ohm": fit.resistance_std_ohm if fit.resistance_ohm is not None else None,
+                "capacity_ah": None if self.capacity is None else self.capacity.std_ah,
             },
             "rms_v": fit.rms_v,
             "constant_rms_v": fit.constant_rms_v,
@@ -114,11 +131,17 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     log = read_power_log(path, replace(columns, factors=True))
     assert log.voltage_v is not None
     assert log.current_a is not None
-    assert options.capacity_ah is not None
+    found, readings = None, (log.times_s, log.voltage_v, log.current_a)
     try:
-        fit = fit_battery(
-            log.times_s, log.voltage_v, log.current_a, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=options.soc
-        )
+        if options.capacity_ah is None:
+            assert options.cells is not None
+            found = fit_capacity(*readings, options.cells, options.chemistry, options.soc)
+            options = replace(options, capacity_ah=found.capacity_ah)
+        assert options.capacity_ah is not None
+        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=options.soc)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of the battery that is given") from None
-    return BatteryLogFit(fit, options, log.warnings)
+    if found is not None:
+        note = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
+        fit = replace(fit, notes=(note, *fit.notes[1:]))
+    return BatteryLogFit(fit, options, log.warnings, found)

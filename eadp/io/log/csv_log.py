@@ -18,7 +18,18 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
-from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_warning
+from eadp.io.log.power_log import (
+    AIRSPEED,
+    ALTITUDE,
+    BANK,
+    CLIMB,
+    LARGEST_W,
+    Columns,
+    LogReadings,
+    PowerLog,
+    in_order,
+    rows_warning,
+)
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
 from eadp.io.text.streams import Text
 
@@ -44,6 +55,19 @@ _STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-]([^\W_]+))?\
 NAME_LIMIT = 200
 """Longest name of a column in which a unit is searched: the search takes the square of its length."""
 _POSITIONS = (("x_m", "y_m"), ("lat", "lon"), ("latitude", "longitude"), ("latitude_deg", "longitude_deg"))
+_MOTION = {
+    AIRSPEED: {
+        "airspeed_mps": 1.0,
+        "true_airspeed_mps": 1.0,
+        "tas_mps": 1.0,
+        "true_airspeed_m_s": 1.0,
+        "airspeed": 1.0,
+    },
+    BANK: {"bank_rad": 1.0, "roll_rad": 1.0, "bank_deg": math.pi / 180, "roll_deg": math.pi / 180},
+    CLIMB: {"climb_mps": 1.0, "climb_rate_mps": 1.0, "vertical_speed_mps": 1.0, "climb": 1.0, "vz_down_mps": -1.0},
+    ALTITUDE: {"altitude_m": 1.0, "alt_m": 1.0, "height_m": 1.0, "altitude": 1.0},
+}
+"""Columns of the motion: the names known, and their unit in SI."""
 _EXAMPLE = "time_s,power_w"
 
 
@@ -81,6 +105,7 @@ class _Layout:
     others: list[int] = field(
         default_factory=list
     )  # columns that may be empty: two of a position, then those asked for
+    scales: list[float] = field(default_factory=list)  # SI units in a unit of those columns
     position: bool = False
     degrees: bool = False
     also: tuple[str, ...] = ()
@@ -126,7 +151,13 @@ def _with_others(layout: _Layout, header: Row, columns: Columns) -> _Layout:
             raise InputError(header.fault(0, f"no column {printable(name, 80)}", f"one beside {known}"))
         others.append(header.fields.index(name))
     degrees = pair is not None and pair[0] != "x_m"
-    return replace(layout, others=others, position=pair is not None, degrees=degrees, also=tuple(columns.also))
+    also, scales = [*columns.also], [1.0] * len(others)
+    for role, names in _MOTION.items() if columns.motion else ():
+        if found := next((name for name in names if name in lower), None):
+            others.append(lower.index(found))
+            also.append(role)
+            scales.append(names[found])
+    return replace(layout, others=others, scales=scales, position=pair is not None, degrees=degrees, also=tuple(also))
 
 
 def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
@@ -240,7 +271,7 @@ def _readings(
     warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
     counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
     table = np.array(values).reshape(len(lines), len(columns))
-    rest = np.array(others).reshape(len(lines), len(layout.others))
+    rest = np.array(others).reshape(len(lines), len(layout.others)) * layout.scales
     if layout.degrees and len(rest):
         rest[:, :2] = _metres(name, rest[:, :2], lines)
     readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))

@@ -11,6 +11,7 @@ from functools import cached_property, partial
 
 from eadp.errors import InputError
 from eadp.io.log.autopilot_battery import DATAFLASH_TOPICS, ULOG_TOPICS, battery_log
+from eadp.io.log.autopilot_motion import MOTION_TOPICS
 from eadp.io.log.csv_log import read_csv_log
 from eadp.io.log.messages import read_tables
 from eadp.io.log.power_log import Columns, PowerLog
@@ -67,7 +68,8 @@ def is_dataflash_text(head: bytes) -> bool:
 def _autopilot(form: str, topics: Sequence[str], source: LogSource, columns: Columns) -> PowerLog:
     if not os.path.isfile(source.name):
         raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
-    return battery_log(source.name, read_tables(source.name, source.name, form, topics), columns)
+    wanted = (*topics, *(MOTION_TOPICS if columns.motion else ()))
+    return battery_log(source.name, read_tables(source.name, source.name, form, wanted), columns)
 
 
 def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
@@ -75,8 +77,9 @@ def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".log") as copy:
         copy.write(source.text.body)
         copy.flush()
+        wanted = (*DATAFLASH_TOPICS, *(MOTION_TOPICS if columns.motion else ()))
         return battery_log(
-            source.text.name, read_tables(source.text.name, copy.name, "dataflash-text", DATAFLASH_TOPICS), columns
+            source.text.name, read_tables(source.text.name, copy.name, "dataflash-text", wanted), columns
         )
 
 

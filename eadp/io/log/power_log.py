@@ -31,8 +31,8 @@ class Columns:
     """The columns to read; '' chooses one by its name.
 
     `names` are those of the first columns of a file without a header, '' for a column to skip. `factors` asks for
-    voltage and current even if there is a power; `also` for other columns, by name; `instance` is the battery of an
-    autopilot's log.
+    voltage and current even if there is a power; `also` for other columns, by name; `motion` for the motion that the
+    log has, in the columns `MOTION` of `also`; `instance` is the battery of an autopilot's log.
     """
 
     time: str = ""
@@ -44,6 +44,11 @@ class Columns:
     factors: bool = False
     also: Sequence[str] = ()
     instance: int | None = None
+    motion: bool = False
+
+
+AIRSPEED, BANK, CLIMB, ALTITUDE = MOTION = ("airspeed_mps", "bank_rad", "climb_mps", "altitude_m")
+"""Columns of the motion: true airspeed [m/s], bank [rad], rate of climb [m/s], altitude [m]."""
 
 
 @dataclass(frozen=True, eq=False)
