@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, Axes, draw_area, draw_arrow, figure_file, label_map
+from eadp.io.figures.canvas import COLOURS, START, Axes, draw_area, draw_arrow, figure_file, label_map
 from eadp.models.field import Field
 
 
@@ -63,5 +63,5 @@ def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
         middle_x, middle_y, _ = piece.pose_at(piece.length_m / 2)
         tip = (middle_x + arrow * math.cos(heading), middle_y + arrow * math.sin(heading))
         draw_arrow(axes, (middle_x, middle_y), tip, COLOURS[0])
-    axes.plot(*pieces[0].start[:2], "o", color="black", markersize=5, zorder=4, label="start")
+    axes.plot(*pieces[0].start[:2], **START)
     axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
