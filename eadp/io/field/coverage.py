@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eadp.core.geometry.bearings import blowing_to_rad, heading_rad
@@ -165,6 +165,8 @@ def plan_coverage(
         min_radius_m=motion.min_radius_m,
         origin_deg=field.origin_deg,
     )
+    rings = [tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in (field.outline, *field.holes)]
+    plan = replace(plan, field=Field(rings[0], tuple(rings[1:])), swath_m=motion.swath_m)
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))

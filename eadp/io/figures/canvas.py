@@ -33,6 +33,13 @@ START: dict[str, Any] = {
 }
 """The marker of a start: a ring, in which the marker of an end at the same point shows."""
 
+FIELD: dict[str, Any] = {
+    "facecolor": "#eef3e6",
+    "edgecolor": "#6f8f4f",
+    "linewidth": 1.4,
+    "zorder": 0.5,
+    "label": "field",
+}
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,

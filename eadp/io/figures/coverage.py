@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, START, Axes, draw_area, draw_arrow, figure_file, label_map
+from eadp.io.figures.canvas import COLOURS, FIELD, START, Axes, draw_area, draw_arrow, figure_file, label_map
 from eadp.models.field import Field
 
 
@@ -25,8 +25,7 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
-            style = {"facecolor": "#eef3e6", "edgecolor": "#6f8f4f", "linewidth": 1.4, "zorder": 1, "label": "field"}
-            draw_area(axes, (field.outline, *field.holes), **style)
+            draw_area(axes, (field.outline, *field.holes), **FIELD)
             _draw_way(axes, way, swath_m)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")

@@ -14,9 +14,11 @@ import numpy as np
 from eadp.core.expressions.tree import number_text
 from eadp.io.figures.canvas import (
     COLOURS,
+    FIELD,
     GREY,
     START,
     Axes,
+    draw_area,
     figure_pair,
     label_map,
     legend_above,
@@ -24,6 +26,8 @@ from eadp.io.figures.canvas import (
     stage_style,
     write_headline,
 )
+from eadp.io.flight.coverage import flown_lines
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, point_at
 from eadp.planning.base import INFEASIBLE, DecisionRecord
 from eadp.simulation.loop import Step, World
@@ -73,6 +77,7 @@ def _headline(summary: Mapping[str, Any]) -> list[str]:
 def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
+    _draw_field(axes, world.plan, steps)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
     named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
@@ -96,6 +101,23 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
             arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
         )
         axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+
+
+def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
+    """The field, and the ground within half a swath of the lines flown."""
+    if plan.field is None:
+        return
+    rings = (plan.field.outline, *plan.field.holes)
+    draw_area(axes, rings, **FIELD)
+    if plan.swath_m is None:
+        return
+    from eadp.core.geometry.polygons import strips
+
+    columns = {name: [getattr(step, name) for step in steps] for name in ("stage", "x_m", "y_m")}
+    label: str | None = f"ground covered, {plan.swath_m:g} m wide"
+    for outline, *holes in strips(rings, flown_lines(plan, columns), plan.swath_m):
+        draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
+        label = None
 
 
 def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:

@@ -25,6 +25,13 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
     if plan.start_m is not None:
         lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
+    if plan.field is not None:
+        rings = {"field": [plan.field.outline], "hole": plan.field.holes}
+        for key, ring in ((key, ring) for key, rings_of in rings.items() for ring in rings_of):
+            corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
+            lines.append(f"%: {key} {', '.join(corners)}")
+    if plan.swath_m is not None:
+        lines.append(f"%: swath {number_text(plan.swath_m)}")
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:
