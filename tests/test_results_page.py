@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     target = tmp_path_factory.mktemp("results") / "flight"
     plan = target.parent / "survey.plan"
     plan.write_text(
-        "%: origin 55.37 10.43\n%: field 120000 Meadow\n" + PLAN.read_text(encoding="utf-8"), encoding="utf-8"
+        "%: origin 55.37 10.43\n%: field -200 -200, 200 -200, 200 100, -200 100\n%: field-name Meadow\n" + PLAN.read_text(encoding="utf-8"), encoding="utf-8"
     )
     overrides = {"time_limit_s": 60, "computations.c2.max_rate": 8}
     eadp.simulate(plan, scenario=SCENARIO, overrides=overrides).write(target, paper_figure=True)

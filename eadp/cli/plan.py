@@ -252,7 +252,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "min_radius_m": plan.min_radius_m,
         "origin_deg": plan.origin_deg,
         **({} if plan.start_m is None else {"start_m": plan.start_m}),
-        **({} if plan.field is None else {"field": plan.field._asdict()}),
+        **({} if plan.field is None else {"field": plan.field.summary}),
         "findings": [_finding(item) for item in findings],
     }
     if plan.segments:

@@ -14,7 +14,8 @@ from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.models.plan.plan import FieldNote, Plan
+from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import Box, Stage
 
@@ -55,7 +56,7 @@ def build_plan(
     computations: FieldComputations | None = None,
     min_radius_m: float | None = None,
     origin_deg: Point | None = None,
-    field: FieldNote | None = None,
+    field: Field | None = None,
     altitude_m: float | None = None,
     commands: tuple[Command, Command] | None = None,
 ) -> Plan:
@@ -72,8 +73,8 @@ def build_plan(
         The aircraft's smallest turning radius [m], for the plan's header.
     origin_deg : (float, float), optional
         Latitude and longitude of the local frame's origin [°].
-    field : FieldNote, optional
-        Name and area of the field.
+    field : Field, optional
+        The field.
     altitude_m : float, optional
         Altitude of all stages [m].
     commands : (tuple, tuple), optional

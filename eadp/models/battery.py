@@ -45,12 +45,6 @@ class Battery:
     With `cells`, the open-circuit voltages are those of so many cells of the chemistry.
     """
 
-    chemistry: Chemistry | None = None
-    """Chemistry of the cells, beside `cells`; lipo if it is not given."""
-
-    cells: Annotated[int, Ge(1), Le(1000)] | None = None
-    """Number of cells in series: it gives `voltage_v` and `voltage_empty_v`, instead of them."""
-
     voltage_v: Annotated[float, Gt(0), Le(1e4)] = 14.8
     """Open-circuit voltage at full charge; at every charge if `voltage_empty_v` is not given [V]."""
 
@@ -81,6 +75,12 @@ class Battery:
 
     cutoff_voltage_v: Annotated[float, Gt(0), Le(1e4)] | None = None
     """Voltage under load below which the battery counts as empty; none by default [V]."""
+
+    chemistry: Chemistry | None = None
+    """Chemistry of the cells, beside `cells`; lipo if it is not given."""
+
+    cells: Annotated[int, Ge(1), Le(1000)] | None = None
+    """Number of cells in series: it gives `voltage_v` and `voltage_empty_v`, instead of them."""
 
     def __post_init__(self) -> None:
         if self.cells is not None:

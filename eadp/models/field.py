@@ -38,3 +38,8 @@ class Field:
         from eadp.core.geometry.polygons import signed_area_m2
 
         return abs(signed_area_m2(self.outline)) - sum(abs(signed_area_m2(hole)) for hole in self.holes)
+
+    @property
+    def summary(self) -> dict[str, float | str]:
+        """Its area [m²] and its name, for documents."""
+        return {"area_m2": round(self.area_m2, 1), "name": self.name}

@@ -67,7 +67,7 @@ def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
         "name": "meadow",
         "area_m2": pytest.approx(field["area_m2"], abs=0.1),
     }
-    assert eadp("plan", plan, "--format", "plan").out.count("%: field 143564.7 meadow\n") == 1
+    assert eadp("plan", plan, "--format", "plan").out.count("%: field-name meadow\n") == 1
     assert eadp("simulate", plan, "--planner", "static", "--set", "time_limit_s=1", "-o", folder).code == 1
     assert json.loads((folder / "summary.json").read_text())["field"]["name"] == "meadow"
     assert "<name>meadow</name>" in eadp("export", plan, "--to", "kml").out

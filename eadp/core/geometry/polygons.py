@@ -276,25 +276,62 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
 def covered_share(
     outline: Sequence[Point], holes: Sequence[Sequence[Point]], lines: Sequence[tuple[Point, Point]], swath_m: float
 ) -> float:
-    """Share of a field within half a swath of straight lines, square to them.
+    """Share of a field within half a swath of straight lines, square to them; arguments as of `covered_shares`."""
+    return covered_shares(outline, holes, [[line] for line in lines], swath_m)[-1]
+
+
+def covered_shares(
+    outline: Sequence[Point],
+    holes: Sequence[Sequence[Point]],
+    tracks: Sequence[Sequence[Sequence[Point]]],
+    swath_m: float,
+) -> list[float]:
+    """Shares of a field within half a swath of lines flown one after the other, square to their ends.
 
     Parameters
     ----------
     outline, holes : sequence of (float, float), sequences of such
         The field [m].
-    lines : sequence of ((float, float), (float, float))
-        Start and end of each line [m].
+    tracks : sequence of sequences of sequences of (float, float)
+        The lines of each track, each of its points [m]; of fewer than two different points covers nothing.
     swath_m : float
         Width of the strip that each covers [m].
 
     Returns
     -------
-    float
-        From 0 to 1.
+    list of float
+        From 0 to 1: before the first track, and after each.
     """
-    field = shapely.Polygon(outline, holes)
-    strips = [shapely.LineString(line).buffer(swath_m / 2, cap_style="flat") for line in lines if line[0] != line[1]]
-    rest = field
-    for strip in strips:  # one by one: a union of strips that only touch may lose area
-        rest = shapely.difference(rest, strip)
-    return 1 - min(1.0, float(rest.area / field.area))
+    field = rest = shapely.Polygon(outline, holes)
+    shares = [0.0]
+    for track in tracks:
+        for line in track:
+            if len(set(line)) > 1:  # one by one: a union of strips that only touch may lose area
+                strip = shapely.LineString(line).simplify(1e-3).buffer(swath_m / 2, cap_style="flat")
+                rest = shapely.difference(rest, strip)
+        shares.append(1 - min(1.0, float(rest.area / field.area)))
+    return shares
+
+
+def strips(rings: Sequence[Sequence[Point]], lines: Sequence[Sequence[Point]], swath_m: float) -> list[list[Ring]]:
+    """The ground within half a swath of lines, square to their ends, and within a field.
+
+    Parameters
+    ----------
+    rings : sequence of sequences of (float, float)
+        Outline and holes of the field [m].
+    lines : sequence of sequences of (float, float)
+        Points of each line [m].
+    swath_m : float
+        Width of the strips [m].
+
+    Returns
+    -------
+    list of lists of rings
+        For each part its outline and its holes [m], of opposite windings.
+    """
+    drawn = [shapely.LineString(line).simplify(0.01) for line in lines if len(set(line)) > 1]
+    ground = shapely.union_all([line.buffer(swath_m / 2, cap_style="flat") for line in drawn])
+    parts = shapely.get_parts(shapely.intersection(ground, shapely.Polygon(rings[0], rings[1:])))
+    areas = [shapely.geometry.polygon.orient(part) for part in parts if part.geom_type == "Polygon" and part.area > 0]
+    return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in areas]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,7 @@ from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import FieldNote, Plan
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -228,16 +228,18 @@ def plan_coverage(
     )
     computations = _computations(profile, options.turns_off)
     solution = cover(request)
+    rings = [tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in (field.outline, *field.holes)]
     plan = build_plan(
         solution,
         name=text.name,
         computations=computations,
         min_radius_m=motion.min_radius_m,
         origin_deg=field.origin_deg,
-        field=FieldNote(round(field.area_m2, 1), printable(" ".join(field.name.split()), NAME_LIMIT)),
+        field=Field(rings[0], tuple(rings[1:]), printable(" ".join(field.name.split()), NAME_LIMIT)),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
+    plan = replace(plan, swath_m=motion.swath_m)
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))

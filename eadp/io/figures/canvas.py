@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import CIRCLE, CURVE, LINE
 from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
+from eadp.models.plan.stage import Stage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
@@ -20,6 +22,24 @@ else:  # matplotlib is imported when a figure is drawn
 
 COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
 GREY = "#8a8f98"
+START: dict[str, Any] = {
+    "marker": "o",
+    "color": "black",
+    "markersize": 9,
+    "markerfacecolor": "none",
+    "linewidth": 0,
+    "label": "start",
+    "zorder": 6,
+}
+"""The marker of a start: a ring, in which the marker of an end at the same point shows."""
+
+FIELD: dict[str, Any] = {
+    "facecolor": "#eef3e6",
+    "edgecolor": "#6f8f4f",
+    "linewidth": 1.4,
+    "zorder": 0.5,
+    "label": "field",
+}
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -38,6 +58,15 @@ STYLE: dict[Any, Any] = {
 }
 
 Point = tuple[float, float]
+_KINDS = (LINE, CIRCLE, CURVE)
+
+
+def stage_style(stages: Sequence[Stage], index: int) -> tuple[str, str]:
+    """Colour and name of a stage, by its index from 1, in a legend: its own where they are few, else its kind's."""
+    kind = stages[index - 1].kind
+    if len(stages) <= len(COLOURS):
+        return COLOURS[index - 1], f"stage {index} ({kind})"
+    return COLOURS[_KINDS.index(kind)], f"{kind}s"
 
 
 @contextmanager

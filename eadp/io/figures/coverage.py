@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, Axes, draw_area, draw_arrow, figure_file, label_map
+from eadp.io.figures.canvas import COLOURS, FIELD, START, Axes, draw_area, draw_arrow, figure_file, label_map
 from eadp.models.field import Field
 
 
@@ -25,8 +25,7 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
-            style = {"facecolor": "#eef3e6", "edgecolor": "#6f8f4f", "linewidth": 1.4, "zorder": 1, "label": "field"}
-            draw_area(axes, (field.outline, *field.holes), **style)
+            draw_area(axes, (field.outline, *field.holes), **FIELD)
             _draw_way(axes, way, swath_m)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
@@ -63,5 +62,5 @@ def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
         middle_x, middle_y, _ = piece.pose_at(piece.length_m / 2)
         tip = (middle_x + arrow * math.cos(heading), middle_y + arrow * math.sin(heading))
         draw_arrow(axes, (middle_x, middle_y), tip, COLOURS[0])
-    axes.plot(*pieces[0].start[:2], "o", color="black", markersize=5, zorder=4, label="start")
+    axes.plot(*pieces[0].start[:2], **START)
     axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from eadp.models.energy_fit import EnergyFit
 
 POINTS = 4000
 """Most samples drawn: a longer log is thinned evenly."""
+
+GAP_INTERVALS = 10.0
+"""A line breaks where samples are farther apart than so many of their usual intervals."""
 
 
 def write_fit_figure(path: str, fitted: EnergyFit) -> None:
@@ -49,18 +53,29 @@ def _headline(fitted: EnergyFit) -> list[str]:
 
 
 def _draw_log(axes: Axes, fitted: EnergyFit, every: int) -> None:
-    axes.plot(fitted.times_s[::every], fitted.power_w[::every], color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
-    times = np.linspace(0, fitted.times_s[-1], POINTS)
-    axes.plot(times, fitted.model.power_w(times), color=COLOURS[1], linewidth=1.3, label="fit")
+    times, power = _broken(fitted.times_s[::every], fitted.power_w[::every])
+    axes.plot(times, power, color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
+    even = np.linspace(0, fitted.times_s[-1], POINTS)
+    known = np.interp(even, times, np.isnan(power)) == 0
+    axes.plot(even, np.where(known, fitted.model.power_w(even), np.nan), color=COLOURS[1], linewidth=1.3, label="fit")
     axes.set_ylabel("power [W]")
     axes.set_title("Log and fit")
     axes.tick_params(labelbottom=False)
     legend_above(axes)
 
 
+def _broken(times_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line that breaks at gaps: a NaN within each interval that is much longer than usual."""
+    apart_s = np.diff(times_s)
+    gaps: Any = np.flatnonzero(apart_s > GAP_INTERVALS * np.median(apart_s)) + 1 if len(apart_s) else []
+    return np.insert(times_s, gaps, (times_s[gaps] + times_s[np.subtract(gaps, 1)]) / 2), np.insert(
+        values, gaps, np.nan
+    )
+
+
 def _draw_residuals(axes: Axes, fitted: EnergyFit, every: int) -> None:
     residuals = fitted.power_w - fitted.model.power_w(fitted.times_s)
-    axes.plot(fitted.times_s[::every], residuals[::every], color=GREY, linewidth=0.7)
+    axes.plot(*_broken(fitted.times_s[::every], residuals[::every]), color=GREY, linewidth=0.7)
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set_ylabel("residual [W]")
     axes.set_xlabel("time [s]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,26 @@ import numpy as np
 from eadp.core.expressions.tree import number_text
 from eadp.io.figures.canvas import (
     COLOURS,
+    FIELD,
     GREY,
+    START,
     Axes,
+    draw_area,
     figure_pair,
     label_map,
     legend_above,
     legend_below,
+    stage_style,
     write_headline,
 )
+from eadp.io.flight.coverage import flown_lines
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, point_at
 from eadp.planning.base import INFEASIBLE, DecisionRecord
 from eadp.simulation.loop import Step, World
+
+APART = 0.015
+"""Least distance of the marks of decisions, as a share of the path's extent or of the time."""
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
 
@@ -55,6 +65,8 @@ def write_flight_figure(
             _draw_parameters(others[-1], time, steps, world)
         _draw_decisions(map_axes, others[-1], steps, records)
         legend_below(map_axes)
+        if world.plan.parameters:
+            legend_above(others[-1])
         others[-1].set_xlabel("time [s]")
         for axes in (power, charge, *others[:-1]):
             axes.tick_params(labelbottom=False)
@@ -72,16 +84,15 @@ def _headline(summary: Mapping[str, Any]) -> list[str]:
 def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
-    few = len(world.plan.stages) <= len(COLOURS)
+    _draw_field(axes, world.plan, steps)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
-    named = set()
+    named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
-        index = int(stages[start])
-        colour = COLOURS[(index - 1) % len(COLOURS)]
-        label = f"stage {index} ({world.plan.stages[index - 1].kind})" if few and index not in named else None
-        named.add(index)
-        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
-    axes.plot(x[0], y[0], "o", color="black", markersize=5, label="start")
+        colour, label = stage_style(world.plan.stages, int(stages[start]))
+        own = None if label in named else label
+        named.add(label)
+        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=own)
+    axes.plot(x[0], y[0], **START)
     final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
     axes.plot(*final, "*", color="black", markersize=11, label="final point")
     axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
@@ -97,6 +108,23 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
             arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
         )
         axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+
+
+def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
+    """The field, and the ground within half a swath of the lines flown."""
+    if plan.field is None:
+        return
+    rings = (plan.field.outline, *plan.field.holes)
+    draw_area(axes, rings, **FIELD)
+    if plan.swath_m is None:
+        return
+    from eadp.core.geometry.polygons import strips
+
+    columns = {name: [getattr(step, name) for step in steps] for name in ("stage", "x_m", "y_m")}
+    label: str | None = f"ground covered, {plan.swath_m:g} m wide"
+    for outline, *holes in strips(rings, flown_lines(plan, columns), plan.swath_m):
+        draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
+        label = None
 
 
 def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
@@ -150,8 +178,6 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
     axes.set_ylim(-0.06, 1.06)
     axes.set_ylabel("normalised value")
     axes.set_title("Parameters")
-    if plan.parameters:
-        legend_above(axes)
 
 
 def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
@@ -161,8 +187,25 @@ def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Seq
     changed_s = [record.time_s for old, record in zip(before, records, strict=False) if record.parameters != old]
     if changed_s:
         at = [steps[min(bisect.bisect_left(times, time_s), len(steps) - 1)] for time_s in changed_s]
-        path.plot([s.x_m for s in at], [s.y_m for s in at], "D", **_DECISION, label="decision", zorder=5)
-        lower.plot(changed_s, [1.06] * len(changed_s), "D", **_DECISION, clip_on=False)
+        size_m = max(np.ptp([(step.x_m, step.y_m) for step in steps], axis=0).max(), 1e-9)
+        places = _apart([((s.x_m / size_m, s.y_m / size_m), s) for s in at])
+        moments = _apart([((time_s / max(times[-1], 1e-9), 0.0), time_s) for time_s in changed_s])
+        count = f" ({len(at)}, some beside others left out)" if len(places) < len(at) else ""
+        path.plot(
+            [s.x_m for s in places], [s.y_m for s in places], "D", **_DECISION, label=f"decision{count}", zorder=5
+        )
+        lower.plot(moments, [1.06] * len(moments), "D", **_DECISION, clip_on=False)
+    label: str | None = "nothing was feasible"
     for record, after in itertools.pairwise(records):
         if record.status == INFEASIBLE:
-            lower.axvspan(record.time_s, after.time_s, color=GREY, alpha=0.2, linewidth=0)
+            lower.axvspan(record.time_s, after.time_s, color=GREY, alpha=0.2, linewidth=0, label=label)
+            label = None
+
+
+def _apart(places: Sequence[tuple[tuple[float, float], Any]]) -> list[Any]:
+    """Those of places, in shares of the picture, whose marks do not fall together with one kept before."""
+    kept: list[tuple[tuple[float, float], Any]] = []
+    for place, item in places:
+        if all(math.dist(place, other) >= APART for other, _ in kept):
+            kept.append((place, item))
+    return [item for _, item in kept]

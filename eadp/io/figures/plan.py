@@ -13,6 +13,7 @@ from eadp.core.geometry.curves import LINE
 from eadp.errors import PathUndefined
 from eadp.io.figures.canvas import (
     COLOURS,
+    START,
     Axes,
     draw_areas,
     draw_arrow,
@@ -21,6 +22,7 @@ from eadp.io.figures.canvas import (
     label_map,
     legend_below,
     span_text,
+    stage_style,
 )
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
@@ -56,16 +58,16 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     with figure_file(path, 8.5, 7.5) as figure:
         axes = figure.add_subplot()
         _draw_range(axes, plan, parameters)
-        _draw_legs(axes, legs, step, scale / 50, named=len(plan.stages) <= len(COLOURS))
+        _draw_legs(axes, plan, legs, step, scale / 50)
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]
         draw_circles(axes, ends, radii)
         label = f"trigger, radius {span_text(radii)} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
-        axes.plot(*legs[0].start_m, "o", color="black", markersize=5, label="start")
+        axes.plot(*legs[0].start_m, **START)
         final = point_at(plan.final_point, parameters, "the final point")
         axes.plot(*final, "*", color="black", markersize=11, label="final point")
-        _name_stages(axes, legs)
+        _name_stages(axes, plan, legs)
         label_map(axes, _title(plan, parameters, sum(leg.distance_m for leg in legs)))
         legend_below(axes)
 
@@ -76,18 +78,18 @@ def _title(plan: Plan, parameters: Sequence[float], length_m: float) -> str:
     return f"Nominal path, {length_m / 1000:.2f} km" + (f", at {at}" if at else "")
 
 
-def _draw_legs(axes: Axes, legs: Sequence[Leg], step: float, arrow: float, *, named: bool) -> None:
+def _draw_legs(axes: Axes, plan: Plan, legs: Sequence[Leg], step: float, arrow: float) -> None:
     """Each leg in the colour of its stage, with an arrow of that length at its middle."""
-    seen = set()
+    seen: set[str] = set()
     for leg in legs:
         points = list(leg_points(leg, step))
         index = leg.stage.index
-        colour = COLOURS[(index - 1) % len(COLOURS)]
-        label = (
-            f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}" if named and index not in seen else None
-        )
-        seen.add(index)
-        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=label)
+        colour, label = stage_style(plan.stages, index)
+        if len(plan.stages) <= len(COLOURS):
+            label = f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}"
+        own = None if label in seen else label
+        seen.add(label)
+        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=own)
         middle = points[len(points) // 2]
         dx, dy = arrow * math.cos(middle.heading_rad), arrow * math.sin(middle.heading_rad)
         draw_arrow(axes, (middle.x_m, middle.y_m), (middle.x_m + dx, middle.y_m + dy), colour)
@@ -121,14 +123,14 @@ def _points(leg: Leg, step_m: float) -> FloatArray:
     return np.array([(point.x_m, point.y_m) for point in leg_points(leg, max(step_m, MIN_STEP_M))])
 
 
-def _name_stages(axes: Axes, legs: Sequence[Leg]) -> None:
+def _name_stages(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
     """φ_i on the paths, and p_Γi at the triggers, of the first lap, but for short stages."""
     style: dict[str, Any] = {"fontsize": 9, "textcoords": "offset points", "zorder": 6}
     back = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
     named_m = max(leg.distance_m for leg in legs) / 10
     for leg in [leg for leg in legs if leg.lap == 0 and leg.distance_m > named_m][:NAMED]:
         middle = _points(leg, leg.distance_m / 2)[1]
-        colour = COLOURS[(leg.stage.index - 1) % len(COLOURS)]
+        colour, _ = stage_style(plan.stages, leg.stage.index)
         name = f"$\\varphi_{{{leg.stage.index}}}$"
         axes.annotate(name, middle, xytext=(7, 7), color=colour, bbox=back, **style)
         axes.annotate(f"$p_{{\\Gamma_{{{leg.stage.index}}}}}$", leg.end_m, xytext=(-20, 3), color="#444", **style)

@@ -19,6 +19,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.figures.paper import write_paper_figure
+from eadp.io.flight.coverage import flown_coverage
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
@@ -69,7 +70,7 @@ def summarise(
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
-        "field": None if world.plan.field is None else world.plan.field._asdict(),
+        "field": None if world.plan.field is None else world.plan.field.summary,
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,
         "energy_wh": totals.energy_j / 3600,
@@ -84,6 +85,7 @@ def summarise(
         "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
         "quality": log.quality(settings.weights),
+        "coverage": None,
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "replans": report.replans,
@@ -186,6 +188,11 @@ class Flight:
         """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
         return dict(zip(self._names, np.array([*map(self._row, self.steps)], dtype=float).T, strict=True))
 
+    @cached_property
+    def lists(self) -> dict[str, list[float]]:
+        """`columns` as lists."""
+        return {name: column.tolist() for name, column in self.columns.items()}
+
     @property
     def _names(self) -> list[str]:
         world = self.inputs.world
@@ -233,8 +240,7 @@ class Flight:
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
             if paper_figure:
                 write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
-            columns = {name: column.tolist() for name, column in self.columns.items()}
-            flown = FlownFlight(self.inputs, self.summary, columns, estimates, rows)
+            flown = FlownFlight(self.inputs, self.summary, self.lists, estimates, rows)
             (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
             _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
 
@@ -252,7 +258,10 @@ def fly_flight(
         estimates.append(planner.estimate())
         on_step(step)
     summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
-    return Flight(inputs, summary, steps, outcome.records, overrides, estimates)
+    flight = Flight(inputs, summary, steps, outcome.records, overrides, estimates)
+    if inputs.world.plan.field is not None and (covered := flown_coverage(inputs.world.plan, flight.lists, 1)):
+        summary["coverage"] = covered[1][-1]
+    return flight
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:

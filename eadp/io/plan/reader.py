@@ -27,7 +27,8 @@ from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, print
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, FieldNote, Finding, Plan, ShortForm
+from eadp.models.field import Field
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
@@ -40,6 +41,18 @@ _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
+_HEADERS = (
+    "computations",
+    "sets",
+    "trigger-radius",
+    "min-radius",
+    "origin",
+    "start",
+    "field",
+    "field-name",
+    "hole",
+    "swath",
+)
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
@@ -124,6 +137,7 @@ class _Reader:
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
         self._headers: dict[str, _Line] = {}
+        self._holes: list[_Line] = []
         self._header_shift: PointExpression | None = None
         self._header_shift_line = _START
         self._section = ""
@@ -414,7 +428,10 @@ class _Reader:
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
-        known = ("computations", "sets", "trigger-radius", "min-radius", "origin", "start", "field", *_STAGE_HEADERS)
+        known = (*_HEADERS, *_STAGE_HEADERS)
+        if key == "hole":
+            self._holes.append(line.after(start))
+            return
         if key in _STAGE_HEADERS:
             self._read_stage_header(key, line.after(start))
             return
@@ -454,19 +471,40 @@ class _Reader:
         values = self._header_numbers(line, (2,), "x and y in metres, like -100 220") if line else None
         return (values[0], values[1]) if values else None
 
-    def _header_field(self) -> FieldNote | None:
-        line = self._headers.get("field")
-        if line is None:
+    def _header_field(self) -> Field | None:
+        """The field: its outline counter-clockwise, and holes clockwise."""
+        outline = self._headers.get("field")
+        if outline is None:
+            if self._holes:
+                self._fault(self._holes[0], 0, "a hole of no field", "a header field before it")
             return None
-        area, _, name = line.text.strip().partition(" ")
+        rings = [self._ring(line) for line in (outline, *self._holes)]
+        if not all(rings):
+            return None
+        from eadp.core.geometry.polygons import flaws, signed_area_m2
+
+        turned = [ring if (signed_area_m2(ring) > 0) == (i == 0) else ring[::-1] for i, ring in enumerate(rings)]
+        for flaw in flaws(turned[0], turned[1:]):  # flown as well without
+            (x, y), line = flaw.point_m, (outline, *self._holes)[flaw.ring]
+            message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
+            self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
+            return None
+        name = self._headers.get("field-name")
+        return Field(turned[0], tuple(turned[1:]), " ".join(name.text.split()) if name else "")
+
+    def _ring(self, line: _Line) -> tuple[Point, ...]:
+        """The corners of a ring; none if there is a fault."""
+        corners: list[Point] = []
         try:
-            area_m2 = float(area)
+            for part in line.text.split(","):
+                x, y = map(float, part.split())
+                corners.append((x, y))
         except ValueError:
-            area_m2 = math.nan
-        if not 0 < area_m2 <= 1e12:
-            self._fault(line, 0, "no area of a field", "its area [m²] and its name, like 143600 North meadow")
-            return None
-        return FieldNote(area_m2, " ".join(name.split()))
+            corners.clear()
+        if len(corners) < 3 or not all(abs(value) <= 1e9 for corner in corners for value in corner):
+            self._fault(line, 0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
+            return ()
+        return tuple(corners)
 
     def _header_radius(self, key: str) -> float | None:
         line = self._headers.get(key)
@@ -624,6 +662,7 @@ class _Reader:
             segments=parts,
             start_m=self._header_start(),
             field=self._header_field(),
+            swath_m=self._header_radius("swath"),
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured

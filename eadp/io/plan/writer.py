@@ -26,7 +26,14 @@ def plan_text(plan: Plan) -> str:
     if plan.start_m is not None:
         lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
     if plan.field is not None:
-        lines.append(f"%: field {number_text(plan.field.area_m2)} {plan.field.name}".rstrip())
+        rings = {"field": [plan.field.outline], "hole": plan.field.holes}
+        for key, ring in ((key, ring) for key, rings_of in rings.items() for ring in rings_of):
+            corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
+            lines.append(f"%: {key} {', '.join(corners)}")
+        if plan.field.name:
+            lines.append(f"%: field-name {plan.field.name}")
+    if plan.swath_m is not None:
+        lines.append(f"%: swath {number_text(plan.swath_m)}")
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:

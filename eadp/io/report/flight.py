@@ -12,6 +12,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
+from eadp.io.flight.coverage import flown_coverage
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.report.thinning import changes, evenly, significant, thinned
 from eadp.io.report.words import flight_facts, flight_words
@@ -97,6 +98,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "horizons": _horizons(flight.estimates),
         "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
+        "field": _field(plan, columns),
         "plan": _plan_lines(plan, flown, world.start_m, flight.inputs.mission.home_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),
@@ -139,6 +141,19 @@ def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
         "t": [float(row[0]) for row in chosen],
         "s": [round(float(row[horizon]), 3) for row in chosen],
         "w": [[round(float(value), 2) for value in row[first:]] for row in chosen],
+    }
+
+
+def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any] | None:
+    """The field, its swath, and the share covered over time."""
+    if plan.field is None:
+        return None
+    covered = flown_coverage(plan, columns)
+    return {
+        "outline": plan.field.outline,
+        "holes": plan.field.holes,
+        "swath_m": plan.swath_m,
+        "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }
 
 

@@ -76,6 +76,7 @@ def log_data(text: Text) -> dict[str, Any]:
         "horizons": NO_HORIZONS,
         "wind": None,
         "faults": [],
+        "field": None,
         "plan": {
             "stages": [],
             "shown": 0,

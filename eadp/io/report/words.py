@@ -24,6 +24,7 @@ def flight_words(
         *_forecast(summary),
         *_changes(summary, decisions),
         *_quality(summary),
+        *_coverage(summary),
     ]
 
 
@@ -116,6 +117,11 @@ def _quality(summary: Mapping[str, Any]) -> list[str]:
         return []
     means = ", ".join(f"{name} {values['mean']:.4g}" for name, values in summary["parameters"].items())
     return [f"The quality U was {summary['quality']:.3f} of 1, at mean parameters {means}."]
+
+
+def _coverage(summary: Mapping[str, Any]) -> list[str]:
+    share = summary.get("coverage")  # of a folder from before there was one
+    return [] if share is None else [f"Its lines covered {_percent(share)} of the field."]
 
 
 def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:

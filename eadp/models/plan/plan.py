@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault
+from eadp.models.field import Field
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
 
@@ -38,13 +38,6 @@ class Finding:
         return Fault(file, self.line, self.column, self.message, severity=self.severity)
 
 
-class FieldNote(NamedTuple):
-    """What a plan knows of its field: its area [m²], and its name, '' for none."""
-
-    area_m2: float
-    name: str = ""
-
-
 @dataclass(frozen=True)
 class ShortForm:
     """How a sectioned file writes its primitive stages: named coordinates, and paths and triggers in those names.
@@ -64,7 +57,8 @@ class Plan:
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
     file's first line says, with its own sign. `start_m` is where a flight starts by default. A plan of `segments` flies
-    them one after the other; the last once, so that its last trigger is the final point.
+    them one after the other; the last once, so that its last trigger is the final point. `field` is the area to cover,
+    and `swath_m` the width of ground that a line covers, where they are known.
     """
 
     name: str
@@ -83,7 +77,8 @@ class Plan:
     ends_at_trigger: bool = False
     segments: tuple[Segment, ...] = ()
     start_m: Point | None = None
-    field: FieldNote | None = None
+    field: Field | None = None
+    swath_m: float | None = None
 
     @property
     def has_sets(self) -> bool:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from eadp.core.signals.spectrum import analyse, periodogram
 from eadp.errors import InputError
-from eadp.io.figures.fit import write_fit_figure
+from eadp.io.figures.fit import _broken, _draw_log, write_fit_figure
 from eadp.models.energy_fit import fit_energy
 
 TIMES = np.arange(0, 200, 0.5)
@@ -47,3 +48,23 @@ def test_scores_are_highest_at_the_period_and_agree_with_the_analysis() -> None:
     power = 36 + 2 * np.cos(2 * np.pi * fine / 46)
     period_s, r2 = periodogram(fine, power, 1)
     assert period_s[np.argmax(r2)] == pytest.approx(46, rel=0.01), "of many samples averages are taken"
+
+
+def test_lines_break_at_gaps():
+    times = np.array([0.0, 1, 2, 3, 50, 51, 52])
+    broken_s, values = _broken(times, np.arange(7.0))
+    assert broken_s.tolist() == [0, 1, 2, 3, 26.5, 50, 51, 52]
+    assert np.isnan(values).tolist() == [False] * 4 + [True] + [False] * 3
+    assert _broken(times[:4], np.arange(4.0))[0].tolist() == [0, 1, 2, 3]
+
+
+def test_neither_log_nor_fit_is_drawn_in_a_gap():
+    kept = (TIMES[-1] * 0.4 > TIMES) | (TIMES[-1] * 0.6 < TIMES)
+    axes = Figure().add_subplot()
+    _draw_log(axes, fit_energy(TIMES[kept], POWER[kept]), 1)
+    for line in axes.lines:
+        x, y = line.get_data()
+        inside = (x > TIMES[-1] * 0.41) & (x < TIMES[-1] * 0.59)
+        assert inside.any()
+        assert np.isnan(y[inside]).all()
+        assert np.isfinite(y[x < TIMES[-1] * 0.39]).all()

@@ -13,8 +13,10 @@ from matplotlib.figure import Figure
 import eadp
 from eadp.io.figures import flight as flight_figure
 from eadp.io.figures import paper
-from eadp.io.figures.flight import _draw_parameters
+from eadp.io.figures.canvas import COLOURS, stage_style
+from eadp.io.figures.flight import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
 from eadp.io.figures.paper import write_paper_figure
+from eadp.planning.base import DecisionRecord
 
 PLAN = ROOT / "plans/survey.plan"
 
@@ -143,3 +145,48 @@ def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers,
     assert list(axes)[3:] == panels
     if "Altitude" in axes:
         assert np.array_equal(axes["Altitude"].lines[0].get_ydata(), flight.columns["altitude_m"])
+
+
+def legend(axes):
+    return [text.get_text() for text in axes.legend().get_texts()]
+
+
+def test_many_stages_are_named_by_their_kind(tmp_path):
+    stages = "".join(f"0.1; 90; y - {40 * i + i**3}\n{100 * i}, {40 * i + i**3}\n" for i in range(12))
+    plan = tmp_path / "lines.plan"
+    plan.write_text(stages)
+    flown = eadp.simulate(plan, overrides={"time_limit_s": 60, "step_s": 0.05})
+    axes = Figure().add_subplot()
+    _draw_path(axes, flown.inputs.world, flown.steps)
+    assert legend(axes) == ["lines", "start", "final point", "end of the flight"]
+    assert len({line.get_color() for line in axes.lines if line.get_linewidth() == 1.2}) == 1
+    few = eadp.read_plan(PLAN).stages
+    assert stage_style(few, 1) == (COLOURS[0], "stage 1 (circle)")
+
+
+def test_the_start_shows_where_the_flight_ends_there(flight):
+    axes = Figure().add_subplot()
+    _draw_path(axes, flight.inputs.world, [*flight.steps[:5], flight.steps[0]])
+    marks = {line.get_label(): line for line in axes.lines}
+    assert marks["start"].get_markerfacecolor() == "none"
+    assert marks["start"].get_markersize() > 2 * marks["end of the flight"].get_markersize()
+
+
+def test_decisions_that_fall_together_are_one_mark(flight):
+    assert _apart([((0, 0), "a"), ((APART / 2, 0), "b"), ((2 * APART, 0), "c"), ((0, 2 * APART), "d")]) == [*"acd"]
+
+
+def test_a_time_without_a_feasible_solution_is_in_the_legend(flight):
+    times = [1 + t / 10 for t in range(39)]
+    parameters = [(-float(i), 2.0) for i in range(39)]
+    status = ["infeasible" if 10 <= i < 14 else "solved" for i in range(39)]
+    records = [
+        DecisionRecord(t, "time", 1, 0, values, state, 0, 0, None, "")
+        for t, values, state in zip(times, parameters, status, strict=True)
+    ]
+    path, lower = Figure().subplots(1, 2)
+    _draw_decisions(path, lower, flight.steps, records)
+    assert legend(lower) == ["nothing was feasible"]
+    (marks,) = path.lines
+    assert len(marks.get_xdata()) < 39
+    assert marks.get_label() == "decision (39, some beside others left out)"

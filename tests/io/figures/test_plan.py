@@ -53,7 +53,7 @@ def test_a_plan_without_a_free_path_parameter_has_no_range():
 
 def test_stages_and_points_of_the_first_lap_are_named():
     axes = Figure().add_subplot()
-    _name_stages(axes, nominal_legs(plan(SURVEY), (0.0, 10.0)))
+    _name_stages(axes, plan(SURVEY), nominal_legs(plan(SURVEY), (0.0, 10.0)))
     names = [text.get_text() for text in axes.texts]
     assert names == [name for i in range(1, 5) for name in (f"$\\varphi_{{{i}}}$", f"$p_{{\\Gamma_{{{i}}}}}$")]
     assert axes.texts[1].xy == pytest.approx((-115, 146))

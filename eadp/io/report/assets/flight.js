@@ -265,22 +265,30 @@ function drawBase() {
   context.stroke();
 }
 
-function strokeFlown(context) {
-  const last = lastIndex(path.t, state.t);
-  let open = false;
+/** The path so far; with `lines`, that on the stages that are lines. */
+function strokeFlown(context, lines = false) {
+  const last = lastIndex(path.t, state.t), { t, v } = data.stage;
+  let open = false, k = 0;
+  const drawn = () => !lines || plan.stages[v[k] - 1] === "line";
+  const to = (x, y) => { context[open ? "lineTo" : "moveTo"](px(x), py(y)); open = true; };
   context.beginPath();
-  for (let i = 0; i <= last; i++) {
-    if (path.x[i] === null || path.y[i] === null) { open = false; continue; }
-    context[open ? "lineTo" : "moveTo"](px(path.x[i]), py(path.y[i]));
-    open = true;
-  }
-  const [x, y] = [at(path, "x", state.t), at(path, "y", state.t)];
-  if (open && x !== null) context.lineTo(px(x), py(y));
+  const add = (time, x, y) => {
+    for (; k + 1 < t.length && t[k + 1] <= time; k++) { // a stage starts between two samples
+      const [x0, y0] = [at(path, "x", t[k + 1]), at(path, "y", t[k + 1])];
+      if (open && drawn() && x0 !== null) to(x0, y0);
+      open = false;
+      if (x0 !== null && (!lines || plan.stages[v[k + 1] - 1] === "line")) to(x0, y0);
+    }
+    if (x === null || y === null || !drawn()) open = false;
+    else to(x, y);
+  };
+  for (let i = 0; i <= last; i++) add(path.t[i], path.x[i], path.y[i]);
+  add(state.t, at(path, "x", state.t), at(path, "y", state.t));
   context.stroke();
 }
 
 const cover = document.createElement("canvas");
-/** The ground within half a swath of the path so far, in the field. */
+/** The ground within half a swath of the lines flown so far, in the field. */
 function drawCovered(context) {
   if (!data.field || !data.field.swath_m) return;
   const layer = fitted(cover, map.clientWidth, map.clientHeight);
@@ -292,7 +300,7 @@ function drawCovered(context) {
   layer.strokeStyle = palette.blue;
   layer.lineWidth = data.field.swath_m * view.scale;
   layer.lineJoin = "round";
-  strokeFlown(layer);
+  strokeFlown(layer, true);
   layer.restore();
   context.globalAlpha = 0.25;
   context.drawImage(cover, 0, 0, map.clientWidth, map.clientHeight);
@@ -464,7 +472,7 @@ function showDecision() {
   if (decided("warnings", i) && decided("warnings", i).length) details.push(`warnings: ${decided("warnings", i).join(", ")}`);
   box.replaceChildren(
     el("strong", {}, `At ${clockText(t)}, stage ${decided("stage", i)}, lap ${decided("lap", i)}: ${decided("reason", i) || "no reason given"}`),
-    el("span", {}, `Decided: ${parametersText(decided("parameters", i))}. ${details.join("; ")}${details.length ? "." : ""}`),
+    el("span", {}, `${data.parameters.length ? `Decided: ${parametersText(decided("parameters", i))}. ` : ""}${details.join("; ")}${details.length ? "." : ""}`),
     el("div", { class: "scroll" }, tableOf(["", "forecast then", "what came"], lines.map((line) => row(...line)))),
   );
   markRow();
@@ -483,7 +491,7 @@ function listDecisions() {
     rows.set(i, line);
   });
   $("decision-list").replaceChildren(tableOf(["time", "stage / lap", "cause", "reason", "decided", "completes"], [...rows.values()]));
-  $("decision-list").hidden = !decisionTimes.length;
+  $("decision-list").hidden = !rows.size;
   $("all").parentElement.hidden = rows.size === decisionTimes.length && !all;
   markRow();
 }
