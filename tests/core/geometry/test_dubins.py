@@ -124,7 +124,7 @@ def test_pieces_follow_one_another(start, end, radius):
             distance, turned = apart(before.end, after.start)
             assert max(distance, turned) < CLOSE
         if pieces:
-                assert pieces[-1].end == end
+            assert pieces[-1].end == end
         else:
             assert apart(start, end) == pytest.approx((0, 0), abs=1e-8)
 
