@@ -13,6 +13,11 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
 
     python benchmarks/quality.py --missions 200 --jobs 2
     python benchmarks/quality.py --reserve 2000
+    python benchmarks/quality.py --schedules 40
+    python benchmarks/quality.py --batteries 20
+
+`--schedules` compares `joint` with the best schedule of c1 by laps that a search finds, with wind and losses known
+beforehand; `--batteries` flies missions without losses with batteries of 0.5 to 1.3 in steps of 0.05.
 """
 
 from __future__ import annotations
@@ -209,6 +214,120 @@ def _charged(battery: Any, power: Any, faults: Any) -> tuple[float, float]:
     for fault in faults:
         soc = soc - fault["soc_drop"] * (times >= fault["at_s"] - 1e-9)
     return float(soc[-1]), float(soc.min())
+
+
+# --- schedules by laps ------------------------------------------------------------------------------------------------
+
+SCHEDULE_VALUES, SCHEDULE_ROUNDS = 7, 2
+
+
+class Scheduled(TrackingPlanner):
+    """A value of c1 for each lap, decided as the lap before starts, so that it takes effect as soon as it can."""
+
+    def __init__(self, inputs: FlightInputs, schedule: list[float]) -> None:
+        super().__init__(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
+        self._schedule, self._place, self._lap = schedule, (0, 0), 0
+
+    @property
+    def next_update_s(self) -> float:
+        """At new stages alone."""
+        return math.inf
+
+    def update(self, observation: Observation) -> Decision:
+        """At a new lap the value of the next one."""
+        place = observation.cursor.segment, observation.cursor.lap
+        self._lap += place != self._place
+        self._place = place
+        c1 = self._schedule[min(self._lap, len(self._schedule) - 1)]
+        self._decision = self._decision._replace(parameters=(c1, self._decision.parameters[1]))
+        return self._decision
+
+
+def schedule(plan: str, case: Case, start: float, laps: int) -> dict[str, Any]:
+    """The best schedule of c1 by laps that a search of one lap after the other finds, from a constant value."""
+    base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
+    probe = load(plan, base)
+    box, levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
+    levels = probe.mission.computing.levels(0, levels_box)
+    battery = load(plan, case.keys).world.battery
+
+    def score(values: list[float]) -> tuple[bool, bool, float]:
+        first = {"c1": values[0], "c2": float(levels[0])}
+        inputs, outcome = load(plan, {**base, "parameters": first}), Outcome()
+        power, stages = [], []
+        for step in fly(inputs.world, Scheduled(inputs, values), outcome):
+            power.append(step.power_w)
+            stages.append(step.stage)
+        if not outcome.completed:
+            return False, False, 0.0
+        runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
+        assert outcome.parameters is not None
+        shares = outcome.parameters.mean_share(0) or 0.0
+        watts = np.array(
+            [inputs.mission.computing.power_w((0.0, level), _free(probe.mission.plan.stages)) for level in levels]
+        )
+        best = (False, False, 0.0)
+        # a mean level of the computations: mixtures of the levels around it
+        for level in np.linspace(levels[0], levels[-1], 41):
+            more = float(np.interp(level, levels, watts)) - watts[0]
+            end, lowest = _charged(battery, np.array(power) + more * runs, case.keys["faults"])
+            u = shares / 2 + (levels_box.share(float(level)) or 0.0) / 2
+            best = max(best, (lowest > 0 and end >= RESERVE, lowest > 0, u))
+        return best
+
+    values = [start] * laps
+    best = score(values)
+    places = np.linspace(box.lo, box.hi, SCHEDULE_VALUES).tolist()
+    for _ in range(SCHEDULE_ROUNDS):
+        before = best
+        for lap in range(laps):
+            for value in places:
+                tried = [*values[:lap], value, *values[lap + 1 :]]
+                found = score(tried)
+                if found > best:
+                    best, values = found, tried
+        if best == before:
+            break
+    return {"kept": best[0], "completed": best[1], "u": best[2], "c1": values}
+
+
+def scheduled(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
+    """One mission by `joint`, and by the best schedule."""
+    found, case = task
+    plan = found[case.place]
+    best = hindsight(plan, case)
+    start = best["c"][0] if best["c"] else load(plan, case.keys).mission.plan.hull(0).lo
+    joint, laps = flown(load(plan, case.keys, **{"planner.name": "joint"})), LAPS[case.place]
+    return {"index": case.index, "place": case.place, "joint": joint, "schedule": schedule(plan, case, start, laps)}
+
+
+LAPS = {"survey": 8, "oblong": 10, "slanted": 10, "corner": 14}
+"""Laps that schedules tell apart; the last value holds for those after them."""
+
+
+def schedules(results: list[dict[str, Any]]) -> Iterator[str]:
+    """`joint` beside the best schedules, of missions in which both complete."""
+    both = [r for r in results if r["joint"]["completed"] and r["schedule"]["completed"] and r["schedule"]["u"] > 0]
+    ratios = [r["joint"]["u"] / r["schedule"]["u"] for r in both]
+    joint, best = (statistics.mean(r[name]["u"] for r in both) for name in ("joint", "schedule"))
+    yield f"U of joint over the best schedule of c1 by laps, {len(both)} missions:"
+    yield f"mean of ratios {statistics.mean(ratios):.3f}, of means {joint / best:.3f}, least {min(ratios):.3f}"
+    for place in LAPS:
+        own = [ratio for ratio, r in zip(ratios, both, strict=True) if r["place"] == place]
+        if own:
+            yield f"  {place}: {statistics.mean(own):.3f} ({len(own)})"
+
+
+def batteries(task: tuple[dict[str, str], Case]) -> list[tuple[float, float, bool]]:
+    """Capacity, U and whether it is complete, of one mission without losses with ever larger batteries."""
+    found, case = task
+    rows = []
+    whole_ah = case.keys["battery.capacity_ah"]
+    for share in np.arange(0.5, 1.31, 0.05):
+        keys = {**case.keys, "faults": [], "battery.capacity_ah": whole_ah * share}
+        done = flown(load(found[case.place], keys, **{"planner.name": "joint"}))
+        rows.append((float(whole_ah * share), float(done["u"]) if done["completed"] else 0.0, bool(done["completed"])))
+    return rows
 
 
 # --- the plain rule ---------------------------------------------------------------------------------------------------
@@ -544,6 +663,8 @@ def main() -> None:
     options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
     options.add_argument("--programs", type=int, default=0, help="instances to compare with a brute force")
     options.add_argument("--forecasts", type=int, default=0, help="flights with kept parameters to judge forecasts by")
+    options.add_argument("--schedules", type=int, default=0, help="missions to compare with the best schedules")
+    options.add_argument("--batteries", type=int, default=0, help="missions to fly with ever larger batteries")
     options.add_argument("--probability", type=float, default=0.95)
     given = options.parse_args()
     if given.table:
@@ -560,6 +681,15 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
+        if given.schedules or given.batteries:
+            missions = cases(given.schedules or given.batteries, given.seed, found)
+            with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+                tasks = [(found, mission) for mission in missions]
+                if given.schedules:
+                    print("\n".join(schedules(list(pool.imap_unordered(scheduled, tasks)))))
+                else:
+                    larger(list(pool.imap(batteries, tasks)))
+            return
         if given.again:
             work, missions = again, [json.loads(line) for line in Path(given.again).read_text().splitlines()]
         else:
@@ -574,6 +704,20 @@ def main() -> None:
                     with open(given.out, "a") as file:
                         file.write(json.dumps(result) + "\n")
     report(given.seed, results)
+
+
+def larger(missions: list[list[tuple[float, float, bool]]]) -> None:
+    """Print by how much U falls with a larger battery."""
+    falls = []
+    for index, rows in enumerate(missions):
+        best = 0.0
+        for ah, u, completed in rows:
+            falls.append(best - u)
+            if best - u > 0.01:
+                print(f"mission {index}: U {u:.3f} at {ah:.3f} Ah, {best:.3f} with less, complete: {completed}")
+            best = max(best, u)
+    print(f"{len(falls)} flights; U below that of a smaller battery by more than 0.01: {sum(f > 0.01 for f in falls)}")
+    print(f"falls of U: 90 % {np.quantile(falls, 0.9):.4f}, most {max(falls):.4f}")
 
 
 def report(seed: int, results: list[dict[str, Any]]) -> None:

@@ -97,6 +97,16 @@ class PlanCursor(NamedTuple):
             raise PathUndefined("no segment of the plan has any lap to fly")
         return first
 
+    @property
+    def repeats(self) -> bool:
+        """Whether the stage belongs to a segment of laps, after which others come."""
+        return self.table.segments[self.segment].repeats
+
+    @property
+    def later_laps(self) -> bool:
+        """Whether segments of laps come after the first one from here, this one or the next."""
+        return sum(segment.repeats for segment in self.table.segments[self.segment :]) > 1
+
     # --- where the stage lies
 
     def path(self) -> PathFunction:

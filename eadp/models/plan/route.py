@@ -168,7 +168,7 @@ class RoutePredictor:
     def __init__(self) -> None:
         self._shapes: dict[object, _Shape] = {}
 
-    def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0) -> Route:
+    def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0, later: Vector | None = None) -> Route:
         """The rest of the plan from the start of the stage being flown.
 
         Parameters
@@ -180,6 +180,8 @@ class RoutePredictor:
         margin_m : float
             By how much the end of the plan has to be passed to be certain [m]. Ends that are passed by less, or missed
             by less, are uncertain.
+        later : tuple of float, optional
+            Parameters decided as the first segment of laps ends, this one or the next.
 
         Raises
         ------
@@ -220,6 +222,8 @@ class RoutePredictor:
             legs.append(leg)
             nodes.append(shape.nodes)
             following, start = cursor.next(), goal
+            if later is not None and cursor.repeats and (following is None or following.segment != cursor.segment):
+                following, later = cursor.decide(later).next(), None
         return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets)
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:

@@ -254,7 +254,11 @@ class Forecaster:
             self._through_gap = o.through_gap
         elif not o.cursor.table.live and o.cursor.waiting[:rho] != self._cursor.waiting[:rho]:
             self._clear_routes()  # path parameters other than those decided are waiting
+        by_blocks = self.by_blocks
         self._cursor, self._joined = o.cursor, o.joined_m
+        if by_blocks and not self.by_blocks:
+            self.shares = self.shares[: len(self.open)]
+            self._clear_routes()
         if self._held_for != (o.parameters, o.stage):
             self._held_for = (o.parameters, o.stage)
             self._flown.hold(o.time_s, o.parameters, self._plan.quality_sets[o.stage - 1])
@@ -423,19 +427,26 @@ class Forecaster:
 
     def decide(self, parameters: Vector, shares: Shares) -> None:
         """Set the parameters decided."""
-        if parameters == self._decided:
-            return
         self._decided, self.shares = parameters, shares
 
     # --- routes
 
+    @property
+    def by_blocks(self) -> bool:
+        """Whether `Shares` hold a path parameter twice: for the first segment of laps, and for those after it."""
+        return len(self.open) == 1 and self._cursor.later_laps
+
     def _shares_of(self, parameters: Vector) -> Shares:
-        return tuple(self._boxes[i].share(parameters[i]) or 0.0 for i in self.open)
+        return tuple(self._boxes[i].share(parameters[i]) or 0.0 for i in self.open) * (2 if self.by_blocks else 1)
 
     def parameters_of(self, shares: Shares) -> Vector:
         """Parameters with the path's at shares of their sets and the computations as decided."""
-        if shares == self.shares:  # exact, not rounded
+        now, count = shares[: len(self.open)], len(self.open)
+        if now == self.shares[:count]:  # exact, not rounded
             return self._decided
+        return self._with_path(now)
+
+    def _with_path(self, shares: Shares) -> Vector:
         values = list(self._decided)
         for i, share in zip(self.open, shares, strict=True):
             values[i] = self._boxes[i].lo + share * (self._boxes[i].hi - self._boxes[i].lo)
@@ -449,12 +460,22 @@ class Forecaster:
 
     def _route(self, shares: Shares) -> Route | None:
         if shares not in self._routes:
-            cursor = self._cursor.decide(self.parameters_of(shares))
+            cursor, count = self._cursor.decide(self.parameters_of(shares)), len(self.open)
+            later = self._with_path(shares[count:]) if shares[count:] not in ((), shares[:count]) else None
             try:
-                self._routes[shares] = self._predictor.route(cursor, self._joined, self._margin_m)
+                self._routes[shares] = self._predictor.route(cursor, self._joined, self._margin_m, later)
             except PathUndefined:
                 self._routes[shares] = None
         return self._routes[shares]
+
+    def settled(self, shares: Shares) -> Shares:
+        """The same shares, or those for later segments of laps alone where the others alter nothing from now on."""
+        later = shares[len(self.open) :]
+        if not later or later == shares[: len(self.open)]:
+            return shares
+        here, there = self._route(shares), self._route(later * 2)
+        same = here is not None and there is not None and here.parameters == there.parameters
+        return later * 2 if same else shares
 
     # --- forecasts
 

@@ -167,7 +167,8 @@ class JointPlanner(TrackingPlanner):
             report.infeasible += 1
         shares = solution.candidate.shares
         terms, load = forecaster.terms(shares)
-        path = forecaster.parameters_of(shares)[: self._rho]
+        settled = forecaster.settled(shares)
+        path = forecaster.parameters_of(settled)[: self._rho]
         remaining_s = float(load.times_s.sum())
         chosen = (*path, *self._computations(o, forecaster.route(shares), terms, solution, remaining_s))
         reason = with_limit(
@@ -179,7 +180,7 @@ class JointPlanner(TrackingPlanner):
         if returns_home:
             reason = f"home: {reason}"
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
-        forecaster.decide(chosen, shares)
+        forecaster.decide(chosen, settled)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
 
     def _must_turn_back(self, time_s: float, solution: Solution) -> bool:
@@ -225,7 +226,9 @@ class JointPlanner(TrackingPlanner):
         if flown is not None and threshold >= 1.0 and self._own.objective == QUALITY:  # U is at most 1
             best = flown
         else:
-            best = self._program.scanned(forecaster.candidate, forecaster.shares, threshold)
+            best = self._program.scanned(
+                forecaster.candidate, forecaster.shares, threshold, by_blocks=forecaster.by_blocks
+            )
             if flown is not None and (not best.allocation.feasible or best.value <= threshold):
                 best = flown
         self._evaluated_at = _value_and_rest(best)

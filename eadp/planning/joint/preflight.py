@@ -58,7 +58,8 @@ def preflight(
     forecaster.start_at(0.0, mission.start_m or (0.0, 0.0), 0.0)
     if own is not None and forecaster.open:
         try:
-            solution = MissionProgram(len(forecaster.open)).solve(forecaster.candidate, forecaster.shares)
+            program = MissionProgram(len(forecaster.open))
+            solution = program.solve(forecaster.candidate, forecaster.shares, by_blocks=forecaster.by_blocks)
         except Infeasible:
             return None
     else:

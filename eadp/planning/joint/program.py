@@ -36,7 +36,7 @@ from eadp.planning.joint.knapsack import FULL, Allocation, Increments, allocatio
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 Shares = tuple[float, ...]
-"""Path parameters as shares of their sets."""
+"""Path parameters as shares of their sets; one by blocks as two, for the first segment of laps and the others."""
 
 COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 2e-5
 """A scan: points over a set, maximum halvings towards edges of steps, and minimum bound of the gain of a step."""
@@ -158,11 +158,16 @@ class MissionProgram:
         self._programs: dict[tuple[int, int], tuple[QuadraticProgram, FloatArray]] = {}
         self._last: _Allocated | None = None
 
-    def solve(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
+    def solve(
+        self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf, *, by_blocks: bool = False
+    ) -> Solution:
         """The optimal path parameters and computations: `scanned`, then `decided`."""
-        return self.decided(candidate_at, self.scanned(candidate_at, warm, threshold), movable=True)
+        start = self.scanned(candidate_at, warm, threshold, by_blocks=by_blocks)
+        return self.decided(candidate_at, start, movable=True)
 
-    def scanned(self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf) -> Solution:
+    def scanned(
+        self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf, *, by_blocks: bool = False
+    ) -> Solution:
         """The best point of the scan, with computations in closed form.
 
         Parameters
@@ -172,6 +177,8 @@ class MissionProgram:
             Starting point: the shares in force.
         threshold : float
             Value that a solution needs to be of use: the scan of one parameter skips steps whose bound is lower.
+        by_blocks : bool
+            Whether the shares are of one parameter by blocks: first one value for all is sought, then each alone.
 
         Raises
         ------
@@ -187,7 +194,15 @@ class MissionProgram:
             return known[shares]
 
         best = _better(evaluate(warm), None)
-        if self.dimensions in GRIDS:
+        if by_blocks:
+            best = _scan(lambda shares: evaluate(shares[:1] * 2), best, warm, 0, threshold)
+            # wider laps save less and less: extremes in turn may be better than a mean
+            for share in (0.0, 1.0):
+                own = evaluate((share, warm[1]))
+                best = _better(_scan(evaluate, own, (share, warm[1]), 1, threshold), best)
+            for axis in (0, 1):
+                best = _scan(evaluate, best, warm, axis, threshold)
+        elif self.dimensions in GRIDS:
             best = _grid_search(evaluate, best, self.dimensions)
         else:
             for _ in range(2 if self.dimensions > 1 else 1):
@@ -280,7 +295,7 @@ class MissionProgram:
 
     def _climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
         """Climb from a solution by QPs in path parameters and shares; the solution itself where they gain nothing."""
-        best, d, reach = start, self.dimensions, FIRST_REACH
+        best, d, reach = start, len(start.candidate.shares), FIRST_REACH
         for _ in range(MAX_QPS):
             candidate, x = best.candidate, best.allocation.shares
             try:

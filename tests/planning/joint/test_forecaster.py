@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from common import ROOT
+from common.plans import TWO_BLOCKS
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
 from eadp.planning.joint.forecaster import MIN_STD, FinalCharge, Forecast, Forecaster, ripple_w
-from eadp.planning.joint.program import best_at
+from eadp.planning.joint.program import MissionProgram, best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -376,3 +377,70 @@ def test_expected_losses_are_kept_back_as_a_poisson_process_takes_them():
     lost = np.array([rng.uniform(0.02, 0.12, count).sum() for count in counts])
     assert without.soc_end - with_losses.soc_end == pytest.approx(lost.mean(), rel=0.02)
     assert with_losses.ends.variance - without.ends.variance == pytest.approx(lost.var(), rel=0.03)
+
+
+# --- blocks -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_blocks(tmp_path_factory):
+    """A forecaster before take-off of a plan with two segments of laps, whose charge does not last for all of it."""
+    path = tmp_path_factory.mktemp("blocks") / "two.plan"
+    path.write_text(TWO_BLOCKS)
+    inputs = load_flight(
+        str(path),
+        profile_path=str(ROOT / "profiles/pednet-jetson-nano.yaml"),
+        overrides={"battery.capacity_ah": 0.47, "planner.name": "joint"},
+    )
+    forecaster = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
+    forecaster.assume((0.0, 0.0), 0.0, 1.0)
+    forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+    return forecaster
+
+
+def test_a_path_parameter_has_a_value_for_each_of_two_blocks(two_blocks):
+    """Each block's legs have its own value, and are as long as those of a plan flown at that value throughout."""
+    assert two_blocks.by_blocks
+    routes = {shares: two_blocks._route(shares) for shares in ((0.2, 0.2), (0.8, 0.8), (0.2, 0.8))}
+    stages = {shares: np.array(route.shape) for shares, route in routes.items()}
+    lengths = {shares: np.array([leg.distance_m for leg in route.legs]) for shares, route in routes.items()}
+    mixed = routes[0.2, 0.8]
+    first = [own[0] for own, stage in zip(mixed.parameters, mixed.shape, strict=True) if 2 <= stage <= 5]
+    later = [own[0] for own, stage in zip(mixed.parameters, mixed.shape, strict=True) if 7 <= stage <= 10]
+    assert set(first[4:]) == {-720.0}  # the first lap starts as decided at take-off
+    assert set(later) == {-180.0}
+    for shares, low, high in (((0.2, 0.2), 1, 5), ((0.8, 0.8), 7, 11)):
+        inside = (stages[0.2, 0.8] >= low) & (stages[0.2, 0.8] <= high)
+        alike = (stages[shares] >= low) & (stages[shares] <= high)
+        assert lengths[0.2, 0.8][inside] == pytest.approx(lengths[shares][alike])
+
+
+def test_values_by_blocks_are_those_of_a_fine_grid(two_blocks):
+    def best(pairs):
+        found = [best_at(each) for shares in pairs if (each := two_blocks.candidate(shares)) is not None]
+        return max(solution.value for solution in found if solution.allocation.feasible)
+
+    places = np.linspace(0, 1, 41).tolist()
+    solution = MissionProgram(1).scanned(two_blocks.candidate, two_blocks.shares, by_blocks=True)
+    one, two = best((share, share) for share in places), best(itertools.product(places, repeat=2))
+    assert two > one + 0.01
+    assert solution.allocation.feasible
+    assert solution.value > two - 0.004
+
+
+def test_the_value_of_later_blocks_is_decided_once_the_other_alters_nothing(two_blocks):
+    assert two_blocks.settled((0.2, 0.8)) == (0.2, 0.8)
+    assert two_blocks.settled((0.4, 0.4)) == (0.4, 0.4)
+    cursor = two_blocks._cursor
+    while cursor.segment < 1 or cursor.next().segment == 1:  # to the last stage of the first block
+        cursor = cursor.next()
+    before, two_blocks._cursor = two_blocks._cursor, cursor
+    two_blocks._clear_routes()
+    assert two_blocks.settled((0.2, 0.8)) == (0.8, 0.8)
+    two_blocks._cursor = cursor.next()
+    two_blocks._clear_routes()
+    assert two_blocks._route((0.2, 0.8)).legs[-1].stage.index == 11
+    two_blocks._cursor = cursor.next().next()
+    assert not two_blocks.by_blocks
+    two_blocks._cursor = before
+    two_blocks._clear_routes()

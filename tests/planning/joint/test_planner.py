@@ -326,7 +326,9 @@ def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
         return Candidate(shares, (1, 2), increments, 0.4995, 0.005)
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
-    pilot._forecaster = SimpleNamespace(candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True)
+    pilot._forecaster = SimpleNamespace(
+        by_blocks=False, candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True
+    )
     solution, searched, moved = pilot._solve(NEW_STAGE)
     assert searched
     assert not moved

@@ -38,6 +38,22 @@ path:
 [-900, 0]
 [2, 10]
 """
+
+_LAPS = PARTS[PARTS.index("init:") : PARTS.index("trig:")]
+_FAR = _LAPS.replace("10 + ", "100 + ").replace("500 + ", "900 + ").replace("114, 0", "114, 600")
+TWO_BLOCKS = (
+    PARTS
+    + _FAR.replace("next, 0", "next, 600").replace("y^2 - r2", "(y - 600)^2 - r2")
+    + """\
+trig:
+s >= 90
+path:
+0.1; 90; x - 190
+190, 918
+[-900, 0]
+[2, 10]
+"""
+)
 """A way in, laps whose variables change from lap to lap, a way out."""
 
 WAVES = """\
