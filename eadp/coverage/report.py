@@ -166,11 +166,11 @@ class CoverageReport:
         """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
         if not (times_s := self.laps_s()):
             return ""
-        least_s, full_s = times_s
-        more = 100 * (least_s / self.full.time_s - 1)
+        min_s, full_s = times_s
+        more = 100 * (min_s / self.full.time_s - 1)
         return (
             f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
-            f"lines and can save {full_s - least_s:.0f} s of them, down to {least_s:.0f} s ({more:+.0f} %)"
+            f"lines and can save {full_s - min_s:.0f} s of them, down to {min_s:.0f} s ({more:+.0f} %)"
         )
 
     def text(self) -> list[str]:
