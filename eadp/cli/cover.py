@@ -12,6 +12,7 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 
 Pattern = enum.StrEnum("Pattern", ["auto", "zamboni", "dubins"])
+Holes = enum.StrEnum("Holes", ["cover", "avoid"])
 CoverFormat = enum.StrEnum("CoverFormat", ["plan", "text", "json"])
 
 
@@ -43,6 +44,13 @@ def command(
     metres: Annotated[bool, Option("--metres", help="The file is in local metres, not degrees.")] = False,
     feature: Annotated[
         str | None, Option(help="Which polygon of a file that holds several: id, name or number.")
+    ] = None,
+    avoid: Annotated[
+        str | None, Option(help="Polygons that lines and turns stay out of: GeoJSON, KML or CSV.", metavar="FILE")
+    ] = None,
+    holes: Annotated[Holes, Option(help="Whether the field's holes may be flown over.")] = Holes.cover,
+    inside: Annotated[
+        str | None, Option(help="Polygons that lines and turns stay inside of, as --avoid.", metavar="FILE")
     ] = None,
     start: Annotated[
         str | None, Option(help="Where the flight starts: X,Y [m], or LAT,LON [°].", metavar="POINT")
@@ -96,6 +104,9 @@ def command(
         turns_off,
         metres,
         feature,
+        avoid,
+        inside,
+        holes is Holes.avoid,
     )
     try:
         found = api.cover(file, options, profile, scenario, warn=warn)

@@ -14,6 +14,9 @@ from eadp.coverage.cover import ZAMBONI, CoverageSolution
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
+FULL = 0.9999
+"""Share of a field from which on it counts as covered."""
+
 
 @dataclass(frozen=True)
 class PowerDraw:
@@ -147,6 +150,8 @@ class CoverageReport:
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
+            "obstacles": len(self.field.obstacles),
+            "boundary": bool(self.field.boundary),
             "origin_deg": self.field.origin_deg,
             "normalised": list(normalised),
             "plan": plan,
@@ -165,11 +170,11 @@ class CoverageReport:
         """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
         if not (times_s := self.laps_s()):
             return ""
-        least_s, full_s = times_s
-        more = 100 * (least_s / self.full.time_s - 1)
+        shortest_s, full_s = times_s
+        more = 100 * (shortest_s / self.full.time_s - 1)
         return (
             f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
-            f"lines and can save {full_s - least_s:.0f} s of them, down to {least_s:.0f} s ({more:+.0f} %)"
+            f"lines and can save {full_s - shortest_s:.0f} s of them, down to {shortest_s:.0f} s ({more:+.0f} %)"
         )
 
     def text(self) -> list[str]:
@@ -189,6 +194,12 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
                 f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
+        if self.field.obstacles or self.field.boundary:
+            kept = [f"out of {_counted(len(self.field.obstacles), 'obstacle')}"] if self.field.obstacles else []
+            kept += ["inside the boundary"] if self.field.boundary else []
+            short = min(end.coverage for end in self.ends) < FULL
+            why = "; ground is left where a line would have no room for a turn" if short else ""
+            lines.append(f"stays      {' and '.join(kept)}{why}")
         if blocks:
             lines.append(f"laps       one less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
         tightest = min(end.min_radius_m for end in self.ends)

@@ -25,12 +25,18 @@ class Field:
     origin_deg : (float, float) or None
         Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None if the file is in metres
         and has none.
+    obstacles : tuple of tuples of (float, float)
+        Outlines that lines and turns stay out of, each as `outline`, of either winding; anywhere.
+    boundary : tuple of tuples of (float, float)
+        Outlines that lines and turns stay inside of, as `obstacles`; none for everywhere.
     """
 
     outline: Ring
     holes: tuple[Ring, ...] = ()
     name: str = ""
     origin_deg: tuple[float, float] | None = None
+    obstacles: tuple[Ring, ...] = ()
+    boundary: tuple[Ring, ...] = ()
 
     @property
     def area_m2(self) -> float:

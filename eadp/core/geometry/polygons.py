@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 
@@ -298,3 +299,61 @@ def covered_share(
     for strip in strips:  # one by one: a union of strips that only touch may lose area
         rest = shapely.difference(rest, strip)
     return 1 - min(1.0, float(rest.area / field.area))
+
+
+# --- where a path may lie ---------------------------------------------------------------------------------------------
+
+
+class FreeSpace:
+    """Where a path may lie: out of some polygons, and inside others.
+
+    Parameters
+    ----------
+    avoid : sequence of sequences of (float, float)
+        Outlines that a path stays out of [m]; it may run along them.
+    inside : sequence of sequences of (float, float)
+        Outlines within whose union it stays; none for everywhere.
+    """
+
+    def __init__(self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = ()) -> None:
+        self._blocked = shapely.union_all([shapely.Polygon(ring) for ring in avoid])
+        self._inside = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
+        # a path may touch a boundary, with its rounding
+        self._inner = shapely.buffer(self._blocked, -ALONG_M)
+        self._outer = None if self._inside is None else shapely.buffer(self._inside, ALONG_M)
+        shapely.prepare(self._inner)
+        shapely.prepare(self._outer)
+
+    def has(self, path_m: ArrayLike) -> bool:
+        """Whether a polyline, shape (n, 2), lies in it."""
+        line = shapely.LineString(path_m)
+        inside = self._outer is None or bool(shapely.covers(self._outer, line))
+        return inside and not bool(shapely.intersects(self._inner, line))
+
+    def has_hull(self, points_m: ArrayLike) -> bool:
+        """Whether the convex hull of points, shape (n, 2), lies in it."""
+        hull = shapely.MultiPoint(points_m).convex_hull
+        inside = self._outer is None or bool(shapely.covers(self._outer, hull))
+        return inside and not bool(shapely.intersects(self._inner, hull))
+
+    def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
+        """The parts of a straight line that lie in it, as intervals along the line [m]."""
+        line = shapely.difference(shapely.LineString([start, end]), self._inner)
+        if self._outer is not None:
+            line = shapely.intersection(line, self._outer)
+        parts = [part for part in shapely.get_parts(line) if part.length > EDGE_M and part.geom_type == "LineString"]
+        ends = [[math.dist(start, point) for point in (part.coords[0], part.coords[-1])] for part in parts]
+        return sorted((min(pair), max(pair)) for pair in ends)
+
+    def corners_m(self, distance_m: float) -> list[Ring]:
+        """Rings at a distance around what is avoided, and at a distance within what is to be inside."""
+        areas = [shapely.buffer(part.convex_hull, distance_m, quad_segs=2) for part in shapely.get_parts(self._blocked)]
+        if self._inside is not None:
+            areas.append(shapely.buffer(self._inside, -distance_m, quad_segs=2))
+        polygons = [part for area in areas for part in shapely.get_parts(area) if not part.is_empty]
+        thinned = [shapely.simplify(part.exterior, distance_m / 20) for part in polygons]
+        return [tuple((float(x), float(y)) for x, y in ring.coords[:-1]) for ring in thinned]
+
+
+ALONG_M = 1e-3
+"""How far a path may cross a boundary that it runs along [m]."""

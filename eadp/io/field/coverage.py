@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eadp.core.geometry.bearings import blowing_to_rad, heading_rad
@@ -15,7 +15,7 @@ from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, InputError, printable
-from eadp.io.field.reader import read_field
+from eadp.io.field.reader import read_field, read_zones
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
@@ -77,6 +77,15 @@ class CoverageOptions:
 
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number."""
+
+    avoid: str | None = None
+    """File of polygons that lines and turns stay out of."""
+
+    inside: str | None = None
+    """File of polygons that lines and turns stay inside of."""
+
+    avoid_holes: bool = False
+    """Whether lines and turns stay out of the field's holes, too."""
 
     def motion(self, airspeed_mps: float, wind_mps: Point) -> MotionLimits:
         """The limits of the motion; the airspeed and the wind given here hold where the options have none."""
@@ -152,6 +161,7 @@ def plan_coverage(
     motion = options.motion(airframe.airspeed_mps, wind_mps)
     text = read_text(path)
     field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+    field = _limited(field, options)
     start, home = _point("--start", options.start, field), _point("--home", options.home, field)
     request = CoverageRequest(
         field, motion, options.pattern, options.heading_rad, start, home, order_spacing_m=options.spacing_m
@@ -169,6 +179,16 @@ def plan_coverage(
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
     return CoveragePlan(plan, comments + plan_text(plan), report, repairs)
+
+
+def _limited(field: Field, options: CoverageOptions) -> Field:
+    """The field with its obstacles and its boundary."""
+    avoid, inside = (
+        () if path is None else read_zones(read_text(path), field, metres=options.metres)
+        for path in (options.avoid, options.inside)
+    )
+    holes = field.holes if options.avoid_holes else ()
+    return replace(field, obstacles=(*field.obstacles, *avoid, *holes), boundary=inside)
 
 
 def wind_vector_mps(given: Pair) -> Point:

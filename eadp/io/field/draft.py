@@ -16,6 +16,9 @@ from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a field, those of its holes among them."""
+OBSTACLE = "avoid"
+"""Start of the name of a feature that is not flown over."""
+
 NAMES_SHOWN = 10
 """Most names that a message lists."""
 
@@ -42,7 +45,8 @@ class FieldDraft:
 
     `rings` are the outline and then the holes; `degrees` is whether they are in degrees and not in metres; `closes` is
     whether the format repeats the first vertex of a ring at its end; `remedy` is the advice of an error where the unit
-    seems to be another; `notes` are assumptions of the reader, a sentence each.
+    seems to be another; `notes` are assumptions of the reader, a sentence each. `obstacles` are outlines in the
+    same file that are not flown over.
     """
 
     rings: list[Ring]
@@ -51,6 +55,7 @@ class FieldDraft:
     remedy: str
     name: str = ""
     notes: list[str] = field(default_factory=list)
+    obstacles: list[Ring] = field(default_factory=list)
 
 
 class VertexReader:
@@ -94,6 +99,11 @@ class FeatureCandidate:
     names: list[str]
     polygons: list[tuple[Any, Location]]
     chain: list[Any] = field(default_factory=list)
+
+    @property
+    def avoided(self) -> bool:
+        """Whether it is an obstacle: its name is "avoid", or starts so."""
+        return any(name.lower().startswith(OBSTACLE) for name in self.names)
 
     @property
     def label(self) -> str:
