@@ -18,7 +18,8 @@ CoverFormat = enum.StrEnum("CoverFormat", ["plan", "text", "json"])
 
 def command(
     file: Annotated[
-        str, Argument(help="Field outline: GeoJSON, KML or CSV of vertices, - for standard input.", metavar="FIELD")
+        str,
+        Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD"),
     ],
     min_radius: Annotated[float, Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
     swath: Annotated[float, Option(help="Width of ground that a line covers [m].", metavar="METRES")],

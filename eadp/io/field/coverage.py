@@ -15,9 +15,9 @@ from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, InputError, printable
+from eadp.io.field.kmz import read_field_text
 from eadp.io.field.reader import read_field, read_zones
 from eadp.io.plan.writer import plan_text
-from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
@@ -159,7 +159,7 @@ def plan_coverage(
         Of the options and of the file, and if the profile does not measure whole settings.
     """
     motion = options.motion(airframe.airspeed_mps, wind_mps)
-    text = read_text(path)
+    text = read_field_text(path)
     field, repairs = read_field(text, metres=options.metres, feature=options.feature)
     field = _limited(field, options)
     start, home = _point("--start", options.start, field), _point("--home", options.home, field)
@@ -184,7 +184,7 @@ def plan_coverage(
 def _limited(field: Field, options: CoverageOptions) -> Field:
     """The field with its obstacles and its boundary."""
     avoid, inside = (
-        () if path is None else read_zones(read_text(path), field, metres=options.metres)
+        () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
         for path in (options.avoid, options.inside)
     )
     holes = field.holes if options.avoid_holes else ()

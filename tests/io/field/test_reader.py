@@ -817,10 +817,10 @@ def test_faults_of_geojson(body, fault):
         ("x,y\n0,0\n1,2,3\n1,2,,\n", ["3:5: error: 3 fields; expected 2, as in the first row"]),
         ("x y\n0 0\n 1  b\n", ["3:5: error: b is not a number; expected a number"]),
         (
-            "x;y\n0;0\n1,5; \n",
+            "x;y\n0;0\n1,5m; \n",
             [
-                "3:1: error: 1,5 is not a number; expected a number",
-                "3:5: error: an empty field is not a number; expected a number",
+                "3:1: error: 1,5m is not a number; expected a number",
+                "3:6: error: an empty field is not a number; expected a number",
             ],
         ),
         (
@@ -1029,3 +1029,8 @@ def test_a_text_with_a_slip_is_a_field_or_a_named_fault(body, data):
         assert all(
             math.isfinite(value) for ring in (field.outline, *field.holes) for vertex in ring for value in vertex
         )
+
+
+def test_decimal_commas_between_semicolons():
+    field, _ = read("x_m;y_m\n0,0;0\n100,5;0\n100,5;80,25\n")
+    assert field.outline == ((0.0, 0.0), (100.5, 0.0), (100.5, 80.25))
