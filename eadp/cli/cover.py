@@ -44,7 +44,7 @@ def command(
     turns_off: Annotated[bool, Option("--turns-off", help="Computations stop on turns.")] = False,
     metres: Annotated[bool, Option("--metres", help="The file is in local metres, not degrees.")] = False,
     feature: Annotated[
-        str | None, Option(help="Which polygon of a file that holds several: id, name or number.")
+        str | None, Option(help="Which polygon of a file that holds several: id, name or number; or all, as parts.")
     ] = None,
     avoid: Annotated[
         str | None, Option(help="Polygons that lines and turns stay out of: GeoJSON, KML or CSV.", metavar="FILE")

@@ -150,7 +150,10 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     headings = list(_headings(request.field)) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
-    zamboni = _best_zamboni(request, headings)
+    parted = bool(request.field.others)
+    if parted and request.pattern == ZAMBONI:
+        raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
+    zamboni = None if parted else _best_zamboni(request, headings)
     if request.pattern == ZAMBONI:
         if zamboni is None and request.space is not None:
             message = "no laps of the Zamboni-like motion stay out of the obstacles and inside the boundary"
@@ -180,7 +183,7 @@ def _headings(field: Field) -> Iterator[float]:
     """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
     from scipy.spatial import ConvexHull
 
-    outline = np.array(field.outline)
+    outline = np.concatenate([np.array(part[0]) for part in field.parts])
     hull = outline[ConvexHull(outline).vertices]
     edges = np.roll(hull, -1, axis=0) - hull
     found: list[float] = []
@@ -392,8 +395,8 @@ def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[Coverag
     """Lines over the whole field, in both directions; also with those that bays or holes part as lines of their own."""
     motion, field = request.motion, request.field
     frame = _canonical_frame(field, heading)
-    rings = [frame.into(np.array(ring)) for ring in (field.outline, *field.holes)]
-    across = rings[0][:, 0]
+    rings, *others = ([frame.into(np.array(ring)) for ring in part] for part in field.parts)
+    across = np.concatenate([part[0][:, 0] for part in (rings, *others)])
     left, width = float(across.min()), float(np.ptp(across))
     spacing = request.order_spacing_m or motion.swath_m
     count = max(1, math.ceil((width - motion.swath_m - 1e-6) / spacing) + 1)
@@ -403,7 +406,7 @@ def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[Coverag
     middles = np.linspace(left + half, left + width - half, count)
     # ground that two lines reach belongs to the nearer one
     edges = np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width])
-    extents = strip_extents(rings, edges)
+    extents = strip_extents(rings, edges, others)
     whole = [(u, parts) for u, parts in zip(middles.tolist(), extents, strict=True) if parts]
     yield _directed_lines(frame, whole)
     parted = [(u, [part]) for u, parts in whole for part in parts]

@@ -71,7 +71,7 @@ def path_report(
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
     lines = [(leg.start[:2], leg.end[:2]) for leg in path.legs if leg.sensing]
-    return covered_share(field.outline, field.holes, lines, swath_m)
+    return covered_share(field.parts, lines, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -150,6 +150,7 @@ class CoverageReport:
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
+            "parts": len(self.field.parts),
             "obstacles": len(self.field.obstacles),
             "boundary": bool(self.field.boundary),
             "origin_deg": self.field.origin_deg,
@@ -179,12 +180,16 @@ class CoverageReport:
 
     def text(self) -> list[str]:
         """A summary for people, line by line."""
-        solution, holes, blocks = self.solution, len(self.field.holes), len(self.solution.blocks)
+        solution, blocks = self.solution, len(self.solution.blocks)
+        parts = len(self.field.parts)
+        holes = sum(map(len, self.field.parts)) - parts
         pattern = "lines in an order, Dubins turns"
         if solution.pattern == ZAMBONI:
             pattern = f"Zamboni-like, {_counted(blocks, 'block')}"
         lines = [
-            f"field      {self.field.area_m2 / 1e4:.2f} ha" + (f", {_counted(holes, 'hole')}" if holes else ""),
+            f"field      {self.field.area_m2 / 1e4:.2f} ha"
+            + (f", {parts} parts" if parts > 1 else "")
+            + (f", {_counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
         ]
         for end in self.ends:

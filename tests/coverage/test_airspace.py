@@ -127,3 +127,21 @@ def test_a_turn_goes_around_a_corner():
     # a taut string round a corner is 2 √(100² + 200²) long
     assert 430 < time_s * 15 < 620
     assert not any(within(wall, x, y, 0.01) for x, y in polyline_m(pieces))
+
+
+def test_parts_of_a_field_are_covered_by_one_path():
+    other = ((900.0, 100.0), (1200.0, 100.0), (1200.0, 500.0), (900.0, 500.0))
+    field = Field(BOX, others=((other,),))
+    solution = cover(CoverageRequest(field, MOTION))
+    path = solution.path(0.0)
+    assert solution.pattern == "dubins"
+    assert covered_by_lines(path, field, 40.0) >= 0.9999
+    assert max(gaps(path)) < 1e-6
+    # no more than the two parts apart and the way between them
+    apart = [cover(CoverageRequest(Field(ring), MOTION, "dubins")).path(0.0).length_m for ring in (BOX, other)]
+    assert path.length_m < sum(apart) + 1000
+    with pytest.raises(Infeasible, match="covers one part of a field"):
+        cover(CoverageRequest(field, MOTION, "zamboni"))
+    walled = replace(field, obstacles=(((700.0, -500.0), (750.0, -500.0), (750.0, 450.0), (700.0, 450.0)),))
+    for x, y in points(cover(CoverageRequest(walled, MOTION)).path(0.0)):
+        assert not within(walled.obstacles[0], x, y, 0.05)

@@ -241,7 +241,9 @@ EDGE_M = 1e-6
 """Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip [m]."""
 
 
-def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list[tuple[float, float]]]:
+def strip_extents(
+    rings: Sequence[FloatArray], edges_m: FloatArray, others: Sequence[Sequence[FloatArray]] = ()
+) -> list[list[tuple[float, float]]]:
     """Extents of a field in each of adjacent strips along y.
 
     Parameters
@@ -250,6 +252,8 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
         The outline and the holes [m].
     edges_m : array, shape (n + 1,)
         Where the strips end across [m], ascending.
+    others : sequence of such rings, optional
+        The field's other parts.
 
     Returns
     -------
@@ -257,7 +261,7 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
         For each strip the minimum and maximum y [m] of each of the field's parts in it, upward; parts that overlap in y
         are merged.
     """
-    field = shapely.Polygon(rings[0], rings[1:])
+    field = _union([rings, *others])
     _, low, _, high = field.bounds
     boxes = shapely.box(edges_m[:-1] + EDGE_M, low - 1, edges_m[1:] - EDGE_M, high + 1)
     parts, strips = shapely.get_parts(shapely.intersection(field, boxes), return_index=True)
@@ -274,15 +278,19 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
     return found
 
 
-def covered_share(
-    outline: Sequence[Point], holes: Sequence[Sequence[Point]], lines: Sequence[tuple[Point, Point]], swath_m: float
-) -> float:
+def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
+    """Parts of a field, each an outline and its holes, as one geometry."""
+    polygons = [shapely.Polygon(outline, holes) for outline, *holes in parts]
+    return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
+
+
+def covered_share(parts: Sequence[Sequence[Ring]], lines: Sequence[tuple[Point, Point]], swath_m: float) -> float:
     """Share of a field within half a swath of straight lines, square to them.
 
     Parameters
     ----------
-    outline, holes : sequence of (float, float), sequences of such
-        The field [m].
+    parts : sequence of sequences of rings
+        The parts of the field [m], each an outline and its holes.
     lines : sequence of ((float, float), (float, float))
         Start and end of each line [m].
     swath_m : float
@@ -293,7 +301,7 @@ def covered_share(
     float
         From 0 to 1.
     """
-    field = shapely.Polygon(outline, holes)
+    field = _union(parts)
     strips = [shapely.LineString(line).buffer(swath_m / 2, cap_style="flat") for line in lines if line[0] != line[1]]
     rest = field
     for strip in strips:  # one by one: a union of strips that only touch may lose area

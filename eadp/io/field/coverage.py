@@ -187,7 +187,7 @@ def _limited(field: Field, options: CoverageOptions) -> Field:
         () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
         for path in (options.avoid, options.inside)
     )
-    holes = field.holes if options.avoid_holes else ()
+    holes = [hole for part in field.parts for hole in part[1:]] if options.avoid_holes else ()
     return replace(field, obstacles=(*field.obstacles, *avoid, *holes), boundary=inside)
 
 
@@ -212,7 +212,7 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
         if not (abs(lat) <= 90 and abs(lon) <= 180):
             raise _fault(option, _raw(given), "no latitude and longitude", expected)
         point = to_local_m(lat, lon, field.origin_deg)
-    distance_m = min(math.dist(point, vertex) for vertex in field.outline)
+    distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
     if distance_m > MAX_DISTANCE_M:
         expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
         raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)

@@ -18,7 +18,6 @@ from eadp.io.field.draft import (
     VertexReader,
     choose_feature,
     counted,
-    only_polygon,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
@@ -46,10 +45,9 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     """
     candidates = _candidates(source)
     chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
-    polygon, location = only_polygon(chosen, source)
     # before the vertices: their faults may come from the units
     in_metres = _in_metres(chosen.chain, metres, source)
-    rings = _rings(polygon, location, source)
+    rings, *others = (_rings(*polygon, source) for polygon in chosen.polygons)
     remedy = "no --metres" if metres else "a file without units or crs in metres"
     obstacles = [
         _rings(*polygon, source)[0]
@@ -58,7 +56,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
         for polygon in each.polygons
     ]
     name = "".join(chosen.names[:1])
-    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, obstacles=obstacles)
+    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
 
 
 def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:

@@ -21,7 +21,6 @@ from eadp.io.field.draft import (
     Ring,
     VertexReader,
     choose_feature,
-    only_polygon,
 )
 from eadp.io.text.csv import number_fault
 from eadp.io.text.source import Location, SourceText
@@ -138,14 +137,14 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     """
     candidates = _candidates(source, metres)
     chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
-    rings = _rings(*only_polygon(chosen, source), source)
+    rings, *parts = (_rings(*polygon, source) for polygon in chosen.polygons)
     obstacles = [
         _rings(*polygon, source)[0]
         for each in candidates
         if each.avoided and each != chosen
         for polygon in each.polygons
     ]
-    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), obstacles=obstacles)
+    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
 
 
 def kml_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:

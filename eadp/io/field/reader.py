@@ -179,7 +179,8 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
         for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
     ]
     obstacles = _zones(draft.obstacles, origin_deg, source)
-    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, obstacles)
+    others = tuple(_zones(part, origin_deg, source) for part in draft.others)
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, obstacles, (), others)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")

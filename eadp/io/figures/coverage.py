@@ -20,13 +20,14 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     InputError
         If the name ends in neither .svg nor .png, or the file cannot be written.
     """
-    x, y = zip(*field.outline, strict=True)
+    x, y = zip(*(corner for part in field.parts for corner in part[0]), strict=True)
     wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
     with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
-            style = {"facecolor": "#eef3e6", "edgecolor": "#6f8f4f", "linewidth": 1.4, "zorder": 1, "label": "field"}
-            draw_area(axes, (field.outline, *field.holes), **style)
+            for i, part in enumerate(field.parts):
+                label = None if i else "field"
+                draw_area(axes, part, facecolor="#eef3e6", edgecolor="#6f8f4f", linewidth=1.4, zorder=1, label=label)
             _draw_way(axes, way, swath_m)
             _draw_limits(axes, field)
             label_map(axes, title)
