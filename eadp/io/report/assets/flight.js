@@ -186,7 +186,7 @@ const map = $("map"), base = document.createElement("canvas");
 const view = { x: 0, y: 0, scale: 1, fitted: true };
 const corners = (() => { // of all that is drawn
   const xs = path.x.filter((x) => x !== null), ys = path.y.filter((y) => y !== null);
-  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? [data.field.outline.flat()] : [])];
+  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? data.field.rings.map((ring) => ring.flat()) : [])];
   for (const line of lines) for (let i = 0; i < line.length; i += 2) { xs.push(line[i]); ys.push(line[i + 1]); }
   for (const point of [plan.start, plan.final]) if (point) { xs.push(point[0]); ys.push(point[1]); }
   const ends = (values) => values.reduce(([a, b], value) => [Math.min(a, value), Math.max(b, value)], [Infinity, -Infinity]);
@@ -232,7 +232,7 @@ function drawBase() {
   context.fillRect(0, 0, width, height);
   if (data.field) {
     context.beginPath();
-    for (const ring of [data.field.outline, ...data.field.holes]) { ring.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](px(x), py(y))); context.closePath(); }
+    for (const ring of data.field.rings) { ring.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](px(x), py(y))); context.closePath(); }
     context.fillStyle = palette.field;
     context.fill("evenodd");
     context.strokeStyle = palette.green;
@@ -295,7 +295,7 @@ function drawCovered(context) {
   layer.clearRect(0, 0, map.clientWidth, map.clientHeight);
   layer.save();
   layer.beginPath();
-  for (const ring of [data.field.outline, ...data.field.holes]) { ring.forEach(([x, y], i) => layer[i ? "lineTo" : "moveTo"](px(x), py(y))); layer.closePath(); }
+  for (const ring of data.field.rings) { ring.forEach(([x, y], i) => layer[i ? "lineTo" : "moveTo"](px(x), py(y))); layer.closePath(); }
   layer.clip("evenodd");
   layer.strokeStyle = palette.blue;
   layer.lineWidth = data.field.swath_m * view.scale;
