@@ -473,9 +473,15 @@ function showDecision() {
   box.replaceChildren(
     el("strong", {}, `At ${clockText(t)}, stage ${decided("stage", i)}, lap ${decided("lap", i)}: ${decided("reason", i) || "no reason given"}`),
     el("span", {}, `${data.parameters.length ? `Decided: ${parametersText(decided("parameters", i))}. ` : ""}${details.join("; ")}${details.length ? "." : ""}`),
-    el("div", { class: "scroll" }, tableOf(["", "forecast then", "what came"], lines.map((line) => row(...line)))),
+    lines.length ? el("div", { class: "scroll" }, tableOf(["", "forecast then", "what came"], lines.map((line) => row(...line)))) : "",
   );
   markRow();
+}
+
+/** Whether a re-planning changed parameters, follows a jump of the charge, or is the first without a solution. */
+function notable(i) {
+  const status = decided("status", i), failed = status === "infeasible" || status === "fallback";
+  return decisions.changed[i] || decided("cause", i) === "the charge has jumped" || (failed && status !== decided("status", i - 1));
 }
 
 let rows = new Map();
@@ -483,7 +489,7 @@ function listDecisions() {
   const all = $("all").checked;
   rows = new Map();
   decisionTimes.forEach((t, i) => {
-    if (!all && !decisions.changed[i] && ["kept", "solved", "closed form", "nothing to choose", null].includes(decided("status", i)) && !["the charge has jumped"].includes(decided("cause", i))) return;
+    if (!all && !notable(i)) return;
     const button = el("button", { type: "button" }, clockText(t));
     const line = row(el("td", {}, button), `${decided("stage", i)} / ${decided("lap", i)}`, decided("cause", i) || "", decided("reason", i) || "", parametersText(decided("parameters", i)), percent(decided("completes_probability", i)));
     line.setAttribute("data-at", i);
