@@ -27,7 +27,7 @@ YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 GROUPS = {
     "Your aircraft": ("init", "vehicle", "fit", "profile"),
     "A plan": ("cover", "plan", "export"),
-    "Its flight": ("simulate", "sweep", "replan"),
+    "Its flight": ("simulate", "sweep", "replan", "report"),
 }
 """Commands by group in the help; those of no group come last."""
 
