@@ -52,6 +52,9 @@ GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the 
 ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
+SAME_SHARE = 1e-5
+"""Change of a path parameter, as a share of its set, that counts as none."""
+
 FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
 
@@ -95,6 +98,8 @@ class JointPlanner(TrackingPlanner):
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._falls = self._changes = 0
+        hulls = [mission.plan.hull(i) for i in range(self._rho)] if mission.plan.has_sets else []
+        self._same = [SAME_SHARE * (box.hi - box.lo) for box in hulls] or [0.0] * self._rho
         self._home_spare: float | None = None
         self._home_s = 0.0
         self._jumped = False
@@ -168,7 +173,7 @@ class JointPlanner(TrackingPlanner):
         shares = solution.candidate.shares
         terms, load = forecaster.terms(shares)
         settled = forecaster.settled(shares)
-        path = forecaster.parameters_of(settled)[: self._rho]
+        path = self._rounded(forecaster.parameters_of(settled)[: self._rho])
         remaining_s = float(load.times_s.sum())
         chosen = (*path, *self._computations(o, forecaster.route(shares), terms, solution, remaining_s))
         reason = with_limit(
@@ -182,6 +187,11 @@ class JointPlanner(TrackingPlanner):
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.decide(chosen, settled)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
+
+    def _rounded(self, path: Vector) -> Vector:
+        """Path parameters, those decided before where the difference is rounding."""
+        known = zip(path, self._decision.parameters, self._same, strict=False)
+        return tuple([old if abs(new - old) <= same else new for new, old, same in known])
 
     def _must_turn_back(self, time_s: float, solution: Solution) -> bool:
         """Whether the plan is infeasible, and home will be at the next re-planning, or is now by less than the plan."""

@@ -434,3 +434,11 @@ def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
 def test_a_flight_home_needs_a_home_and_a_forecast(overrides, what):
     with pytest.raises(InputError, match=what):
         flown(**HOME, **{"home.position_m": [0.0, 0.0]} | overrides)
+
+
+def test_a_path_parameter_that_changes_by_rounding_alone_is_kept():
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"))
+    pilot = inputs.planner()
+    pilot._decision = pilot._decision._replace(parameters=(-500.0, 10.0))
+    assert pilot._rounded((-500.0 + 9e-3,)) == (-500.0,)
+    assert pilot._rounded((-500.0 + 0.02,)) == (-499.98,)
