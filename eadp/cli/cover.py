@@ -12,12 +12,14 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 
 Pattern = enum.StrEnum("Pattern", ["auto", "zamboni", "dubins"])
+Holes = enum.StrEnum("Holes", ["cover", "avoid"])
 CoverFormat = enum.StrEnum("CoverFormat", ["plan", "text", "json"])
 
 
 def command(
     file: Annotated[
-        str, Argument(help="Field outline: GeoJSON, KML or CSV of vertices, - for standard input.", metavar="FIELD")
+        str,
+        Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD"),
     ],
     min_radius: Annotated[float, Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
     swath: Annotated[
@@ -66,7 +68,14 @@ def command(
     turns_off: Annotated[bool, Option("--turns-off", help="Computations stop on turns.")] = False,
     metres: Annotated[bool, Option("--metres", help="The file is in local metres, not degrees.")] = False,
     feature: Annotated[
-        str | None, Option(help="Which polygon of a file that holds several: id, name or number.")
+        str | None, Option(help="Which polygon of a file that holds several: id, name or number; or all, as parts.")
+    ] = None,
+    avoid: Annotated[
+        str | None, Option(help="Polygons that lines and turns stay out of: GeoJSON, KML or CSV.", metavar="FILE")
+    ] = None,
+    holes: Annotated[Holes, Option(help="Whether the field's holes may be flown over.")] = Holes.cover,
+    inside: Annotated[
+        str | None, Option(help="Polygons that lines and turns stay inside of, as --avoid.", metavar="FILE")
     ] = None,
     start: Annotated[
         str | None, Option(help="Where the flight starts: X,Y [m], or LAT,LON [°].", metavar="POINT")
@@ -120,6 +129,9 @@ def command(
         turns_off,
         metres,
         feature,
+        avoid,
+        inside,
+        holes is Holes.avoid,
         altitude,
         sensor_width,
         sensor_height,

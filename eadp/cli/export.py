@@ -11,12 +11,12 @@ from typer import Argument, Option
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, usage_fault, warn
 from eadp.errors import Fault, InputError, PathUndefined, printable
-from eadp.io.mission.export import EXPORTS
+from eadp.io.mission import EXPORT_NAMES
 
 if TYPE_CHECKING:
     from eadp.models.vehicle import Airframe
 
-ExportName = StrEnum("ExportName", {name: name for name in EXPORTS})  # type: ignore[misc]
+ExportName = StrEnum("ExportName", {name: name for name in EXPORT_NAMES})  # type: ignore[misc]
 """Formats by name."""
 
 
@@ -118,6 +118,8 @@ def command(
         trigger_distance,
         tolerance,
     )
+    from eadp.io.mission.export import EXPORTS
+
     written = EXPORTS[to.value](path)
     if out is None or out == "-":
         emit(written)

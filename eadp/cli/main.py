@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
+import typer.core
 
 from eadp import __version__
 from eadp.cli import cover, export, fit, init, plan, profile, replan, report, schema, simulate, sweep, vehicle
@@ -18,12 +19,31 @@ from eadp.errors import EadpError, InputError, printable
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
+GROUPS = {
+    "Your aircraft": ("init", "vehicle", "fit", "profile"),
+    "A plan": ("cover", "plan", "export"),
+    "Its flight": ("simulate", "sweep", "replan", "report"),
+}
+"""Commands by group in the help; those of no group come last."""
+
+
+class _Grouped(typer.core.TyperGroup):
+    """The command group, whose help lists its commands in groups."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the groups and their commands."""
+        rest = [name for name in COMMANDS if not any(name in group for group in GROUPS.values())]
+        for title, names in (*GROUPS.items(), ("More", rest)):
+            with formatter.section(title):
+                formatter.write_dl([(name, COMMANDS[name][1]) for name in names])
+
+
 app = typer.Typer(
     name="eadp",
+    cls=_Grouped,
     help="Plan the flight and the onboard computing of a battery-powered fixed-wing robot together.\n\n"
     "Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o runs/i",
     rich_markup_mode=None,
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

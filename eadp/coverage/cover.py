@@ -13,14 +13,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, lengths_m, ordered, times_s
-from eadp.core.geometry.polygons import strip_extents
+from eadp.core.geometry.polygons import FreeSpace, strip_extents
+from eadp.coverage.airspace import FreeTurns, free_lines, free_order, polyline_m
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
     MIN_LINE_M,
@@ -48,6 +51,18 @@ SAME_HEADING_RAD = math.radians(1.0)
 
 FULL_SEARCHES = 3
 """Number of headings for which the order of lines is searched in full."""
+
+FREE_HEADINGS_TRIED = 6
+"""Most headings that are tried within obstacles and a boundary, the quickest first."""
+
+MIN_LEFT = 0.05
+"""Smallest share of the lines that obstacles and a boundary leave, for a field to be covered at all."""
+
+LOST_RATIO = 20.0
+"""Time that a metre of a line left out counts, over the time that it takes."""
+
+FREE_CHAINS = 24
+"""Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
 
 MAX_LINES = 400
 """Largest number of lines that are ordered."""
@@ -77,6 +92,12 @@ class CoverageRequest:
     start_m: Point | None = None
     home_m: Point | None = None
     order_spacing_m: float | None = None
+
+    @cached_property
+    def space(self) -> FreeSpace | None:
+        """Where lines and turns may lie; None for everywhere."""
+        limits = self.field.obstacles, self.field.boundary
+        return FreeSpace(*limits) if any(limits) else None
 
 
 @dataclass(frozen=True)
@@ -129,8 +150,14 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     headings = list(_headings(request.field)) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
-    zamboni = _best_zamboni(request, headings)
+    parted = bool(request.field.others)
+    if parted and request.pattern == ZAMBONI:
+        raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
+    zamboni = None if parted else _best_zamboni(request, headings)
     if request.pattern == ZAMBONI:
+        if zamboni is None and request.space is not None:
+            message = "no laps of the Zamboni-like motion stay out of the obstacles and inside the boundary"
+            raise Infeasible(f"{message}, at every c1; --pattern dubins may")
         if zamboni is None:
             width_m = 4 * motion.min_radius_m + 2 * motion.swath_m
             raise Infeasible(
@@ -156,7 +183,7 @@ def _headings(field: Field) -> Iterator[float]:
     """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
     from scipy.spatial import ConvexHull
 
-    outline = np.array(field.outline)
+    outline = np.concatenate([np.array(part[0]) for part in field.parts])
     hull = outline[ConvexHull(outline).vertices]
     edges = np.roll(hull, -1, axis=0) - hull
     found: list[float] = []
@@ -174,14 +201,15 @@ def _solution(
     request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[CoverageLeg | Block]
 ) -> CoverageSolution:
     """Lines or blocks in order, connected from the start point to home by the quickest turns, and timed."""
+    turns = None if request.space is None else FreeTurns(request.space, request.motion)
     sections: list[CoverageLeg | Block] = []
     previous: Pose | None = None
     for part in parts:
-        entry = _entry(request, part.start) if previous is None else _turn(request.motion, previous, part.start)
+        entry = _entry(request, part.start, turns) if previous is None else _turn(request, previous, part.start, turns)
         sections += [*entry, part]
         previous = part.end
     assert previous is not None
-    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous)))
+    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns)))
     legs = solution.path(solution.min_c1).legs
     sensing = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: sensing[0]], *legs[sensing[-1] + 1 :])
@@ -217,7 +245,16 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
         return None
     min_s = min(time_s for time_s, _, _ in found)
     _, candidates, heading = next(chain for chain in found if chain[0] <= min_s * (1 + 1e-9))
-    return _solution(request, ZAMBONI, heading, [candidate.block(request) for candidate in candidates])
+    if request.space is None:
+        return _solution(request, ZAMBONI, heading, [candidate.block(request) for candidate in candidates])
+    for _, candidates, heading in sorted(found, key=lambda chain: chain[0])[:FREE_CHAINS]:
+        blocks = [candidate.block(request) for candidate in candidates]
+        # laps of any sequence of c1 lie in the hull of those at its ends
+        hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in blocks)
+        if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
+            with suppress(Infeasible):
+                return _solution(request, ZAMBONI, heading, blocks)
+    return None
 
 
 def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[float, list[_Candidate]]]:
@@ -309,17 +346,27 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> Cover
     half_turn_s = math.pi * motion.min_radius_m / motion.airspeed_mps
     for heading in headings:
         for directed in _lines_at(request, heading):
-            lines = directed[::2]
+            lines, lost_s = directed[::2], 0.0
+            if request.space is not None:
+                flown_m = sum(leg.piece.length_m for leg in lines)
+                directed = free_lines(lines, request.space, motion.min_radius_m)
+                lines = directed[::2]
+                left_m = sum(leg.piece.length_m for leg in lines)
+                lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
+                if left_m < MIN_LEFT * flown_m:
+                    continue
             if motion.windless:
                 # a lower bound: every line, and most of half a turn between two
                 flown_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
-                if flown_s + (len(lines) - 1) * half_turn_s * 0.6 > best:
+                if flown_s + lost_s + (len(lines) - 1) * half_turn_s * 0.6 > best:
                     continue
             costs = line_costs(request, directed)
-            _, time_s = quick_order(*costs)
+            time_s = quick_order(*costs)[1] + lost_s
             best = min(best, time_s)
             candidates.append((time_s, len(candidates), heading, directed, costs))
     candidates.sort(key=lambda item: item[:2])
+    if request.space is not None:
+        return _free_in_order(request, request.space, candidates)
     solutions = []
     for _, index, heading, directed, costs in candidates[:FULL_SEARCHES]:
         order, time_s = best_order(*costs)
@@ -328,12 +375,28 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> Cover
     return _solution(request, DUBINS, heading, legs)
 
 
+def _free_in_order(
+    request: CoverageRequest,
+    space: FreeSpace,
+    candidates: Sequence[tuple[float, int, float, list[CoverageLeg], LineCosts]],
+) -> CoverageSolution:
+    """The first of some headings' lines, the quickest first, with an order whose turns are all free."""
+    failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
+    for _, _, heading, directed, costs in candidates[:FREE_HEADINGS_TRIED]:
+        try:
+            order, _ = free_order(directed, costs, FreeTurns(space, request.motion))
+            return _solution(request, DUBINS, heading, [directed[i] for i in order])
+        except Infeasible as error:
+            failure = error
+    raise failure
+
+
 def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:
     """Lines over the whole field, in both directions; also with those that bays or holes part as lines of their own."""
     motion, field = request.motion, request.field
     frame = _canonical_frame(field, heading)
-    rings = [frame.into(np.array(ring)) for ring in (field.outline, *field.holes)]
-    across = rings[0][:, 0]
+    rings, *others = ([frame.into(np.array(ring)) for ring in part] for part in field.parts)
+    across = np.concatenate([part[0][:, 0] for part in (rings, *others)])
     left, width = float(across.min()), float(np.ptp(across))
     spacing = request.order_spacing_m or motion.swath_m
     count = max(1, math.ceil((width - motion.swath_m - 1e-6) / spacing) + 1)
@@ -343,7 +406,7 @@ def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[Coverag
     middles = np.linspace(left + half, left + width - half, count)
     # ground that two lines reach belongs to the nearer one
     edges = np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width])
-    extents = strip_extents(rings, edges)
+    extents = strip_extents(rings, edges, others)
     whole = [(u, parts) for u, parts in zip(middles.tolist(), extents, strict=True) if parts]
     yield _directed_lines(frame, whole)
     parted = [(u, [part]) for u, parts in whole for part in parts]
@@ -390,8 +453,14 @@ def _turn_times_s(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[P
     return times_s(ends, starts, motion.min_radius_m, motion.airspeed_mps, motion.wind_mps)
 
 
-def _turn(motion: MotionLimits, end: Pose, start: Pose) -> list[CoverageLeg]:
-    """The quickest turn from one pose to another."""
+def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The quickest turn from one pose to another, a free one of `turns`. Raises Infeasible where there is none."""
+    motion = request.motion
+    if turns is not None:
+        found = turns.turn(end, start)
+        if found is None:
+            raise Infeasible("the way to or from the lines crosses an obstacle or the boundary")
+        return [CoverageLeg(piece) for piece in found[1]]
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
     return [CoverageLeg(piece) for piece in path.pieces]
 
@@ -413,23 +482,23 @@ def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     return np.asarray(_turn_times_s(request.motion, ends, _free_poses(request.home_m)).min(axis=1))
 
 
-def _entry(request: CoverageRequest, start: Pose) -> list[CoverageLeg]:
+def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from the start point to a pose, from the best heading."""
     point, motion = request.start_m, request.motion
     if point is None:
         return []
     poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]
-    return _turn(motion, poses[int(_turn_times_s(motion, poses, [start])[:, 0].argmin())], start)
+    return _turn(request, poses[int(_turn_times_s(motion, poses, [start])[:, 0].argmin())], start, turns)
 
 
-def _exit(request: CoverageRequest, end: Pose) -> list[CoverageLeg]:
+def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from a pose to the home point, arriving at the best heading."""
     point, motion, (x, y, heading) = request.home_m, request.motion, end
     if point is None:
         return []
     backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
     poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
-    return _turn(motion, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())])
+    return _turn(request, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())], turns)
 
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:

@@ -14,6 +14,9 @@ from eadp.coverage.cover import ZAMBONI, CoverageSolution
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
+FULL = 0.9999
+"""Share of a field from which on it counts as covered."""
+
 
 @dataclass(frozen=True)
 class PowerDraw:
@@ -68,7 +71,7 @@ def path_report(
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
     lines = [(leg.start[:2], leg.end[:2]) for leg in path.legs if leg.sensing]
-    return covered_share(field.outline, field.holes, lines, swath_m)
+    return covered_share(field.parts, lines, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -147,6 +150,9 @@ class CoverageReport:
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
+            "parts": len(self.field.parts),
+            "obstacles": len(self.field.obstacles),
+            "boundary": bool(self.field.boundary),
             "origin_deg": self.field.origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "normalised": list(normalised),
@@ -166,21 +172,24 @@ class CoverageReport:
         """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
         if not (times_s := self.laps_s()):
             return ""
-        least_s, full_s = times_s
-        more = 100 * (least_s / self.full.time_s - 1)
+        shortest_s, full_s = times_s
+        more = 100 * (shortest_s / self.full.time_s - 1)
         return (
             f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
-            f"lines and can save {full_s - least_s:.0f} s of them, down to {least_s:.0f} s ({more:+.0f} %)"
+            f"lines and can save {full_s - shortest_s:.0f} s of them, down to {shortest_s:.0f} s ({more:+.0f} %)"
         )
 
     def text(self) -> list[str]:
         """A summary for people, line by line."""
-        solution, holes, blocks = self.solution, len(self.field.holes), len(self.solution.blocks)
+        solution, blocks = self.solution, len(self.solution.blocks)
+        parts = len(self.field.parts)
+        holes = sum(map(len, self.field.parts)) - parts
         pattern = "lines in an order, Dubins turns"
         if solution.pattern == ZAMBONI:
             pattern = f"Zamboni-like, {_counted(blocks, 'block')}"
         lines = [
             f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
+            + (f", {parts} parts" if parts > 1 else "")
             + (f", {_counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
         ]
@@ -191,6 +200,12 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
                 f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
+        if self.field.obstacles or self.field.boundary:
+            kept = [f"out of {_counted(len(self.field.obstacles), 'obstacle')}"] if self.field.obstacles else []
+            kept += ["inside the boundary"] if self.field.boundary else []
+            short = min(end.coverage for end in self.ends) < FULL
+            why = "; ground is left where a line would have no room for a turn" if short else ""
+            lines.append(f"stays      {' and '.join(kept)}{why}")
         if blocks:
             lines.append(f"laps       one less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
         tightest = min(end.min_radius_m for end in self.ends)

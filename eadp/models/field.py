@@ -25,19 +25,34 @@ class Field:
     origin_deg : (float, float) or None
         Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None if the file is in metres
         and has none.
+    obstacles : tuple of tuples of (float, float)
+        Outlines that lines and turns stay out of, each as `outline`, of either winding; anywhere.
+    boundary : tuple of tuples of (float, float)
+        Outlines that lines and turns stay inside of, as `obstacles`; none for everywhere.
+    others : tuple of tuples of rings
+        Its other parts, each an outline and its holes.
     """
 
     outline: Ring
     holes: tuple[Ring, ...] = ()
     name: str = ""
     origin_deg: tuple[float, float] | None = None
+    obstacles: tuple[Ring, ...] = ()
+    boundary: tuple[Ring, ...] = ()
+    others: tuple[tuple[Ring, ...], ...] = ()
+
+    @property
+    def parts(self) -> tuple[tuple[Ring, ...], ...]:
+        """Its parts, each an outline and its holes; the field's own first."""
+        return ((self.outline, *self.holes), *self.others)
 
     @property
     def area_m2(self) -> float:
-        """Area within the outline, less the holes [m²]."""
+        """Area within the outlines, less the holes [m²]."""
         from eadp.core.geometry.polygons import signed_area_m2
 
-        return abs(signed_area_m2(self.outline)) - sum(abs(signed_area_m2(hole)) for hole in self.holes)
+        areas = ([abs(signed_area_m2(ring)) for ring in part] for part in self.parts)
+        return sum(outline - sum(holes) for outline, *holes in areas)
 
     @property
     def summary(self) -> dict[str, float | str]:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 import pytest
+from cli_page import page
 
 from eadp.cli import main as cli
 from eadp.cli.main import COMMANDS
@@ -17,6 +18,28 @@ from eadp.cli.main import COMMANDS
 def test_help_lists_every_command(eadp):
     out = eadp("--help").out
     assert all(re.search(rf"^  {name} ", out, re.MULTILINE) for name in COMMANDS)
+
+
+def test_help_lists_the_commands_in_groups(eadp):
+    out = eadp("--help").out
+    assert re.findall(r"^([A-Z][a-z ]+):$", out, re.MULTILINE)[1:] == ["Your aircraft", "A plan", "Its flight", "More"]
+    assert all(len(re.findall(rf"^  {name} ", out, re.MULTILINE)) == 1 for name in COMMANDS)
+
+
+def test_the_page_of_the_command_line_is_current(root, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    current = "python tests/support/cli_page.py > docs/cli.md"
+    assert (root / "docs/cli.md").read_text(encoding="utf-8") == page(), current
+
+
+@pytest.mark.parametrize(("words", "found"), [("eadp sim", "simulate"), ("eadp vehicle --wi", "--wind")])
+def test_shells_complete_commands_and_options(words, found):
+    environment = os.environ | {"_EADP_COMPLETE": "complete_bash", "COMP_WORDS": words}
+    environment["COMP_CWORD"] = str(len(words.split()) - 1)
+    command = [sys.executable, "-m", "eadp"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert found in done.stdout.split()
+    assert done.stderr == ""
 
 
 def test_version(eadp):

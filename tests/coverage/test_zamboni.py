@@ -39,7 +39,7 @@ def solution_of(field, heading=math.pi / 2):
 
 def covered(field, legs):
     lines = [(leg.piece.start[:2], leg.piece.end[:2]) for leg in legs if leg.sensing]
-    return covered_share(field.outline, field.holes, lines, MOTION.swath_m)
+    return covered_share(field.parts, lines, MOTION.swath_m)
 
 
 def flown(plan, draw):
@@ -173,7 +173,7 @@ def test_a_plan_flown_with_a_parameter_that_keeps_changing_is_whole(seed):
     lines.append((before, places[-1].trigger_m()))
     first = places[0].trigger_m()
     start = solution.path(0.0).legs[0].start[:2]
-    assert covered_share(field.outline, (), [(start, first), *lines], MOTION.swath_m) >= 0.9999
+    assert covered_share([(field.outline,)], [(start, first), *lines], MOTION.swath_m) >= 0.9999
 
 
 def test_a_rectangles_laps_move_by_the_letters_shift():

@@ -73,6 +73,10 @@ def test_a_gap_is_none_of_the_clock():
     assert flown(times)[10] is None
 
 
+def test_a_charge_that_is_known_from_the_last_line_before_a_gap_says_nothing_of_it():
+    assert flown([*range(10), *range(40, 45)], socs=[None] * 9 + [0.9] + [0.8] * 5)[10] is None
+
+
 def test_late_lines_in_a_row_are_not_a_clock_that_has_gone_back():
     """A buffer that is sent after a newer line: its positions are those of its times."""
     times = [*range(10), 40, *range(10, 18), 41]

@@ -17,7 +17,7 @@ from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.planning.gate import OutlierGate, Sample
 from eadp.planning.joint.held import HeldForecast
-from eadp.planning.live import APART_S, APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight
+from eadp.planning.live import APART_S, APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight, _GroundVelocity
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 
@@ -142,6 +142,22 @@ def mean_of(pairs, index, end_s=None):
     times = [time_s for time_s, _ in pairs] + [end_s or pairs[-1][0]]
     areas = [c[index] * (later - now) for (now, c), later in zip(pairs, times[1:], strict=True)]
     return sum(areas) / (times[-1] - times[0])
+
+
+def test_the_ground_velocity_is_estimated_from_positions():
+    """On a circle of 60 m at 15 m/s: nothing from one position, the chord from two, the tangent from more."""
+    ground, found = _GroundVelocity(15.0), []
+    for k in range(6):
+        angle = 15.0 * k / 60
+        velocity = ground.update(Sample(float(k), 60 * math.cos(angle), 60 * math.sin(angle), None, None))
+        found.append(velocity and (math.hypot(*velocity), math.atan2(velocity[1], velocity[0]) - angle - math.pi / 2))
+    assert found[0] is None
+    assert found[1] == pytest.approx((15, -15 / 120), rel=0.01)
+    for speed_mps, behind in found[2:]:
+        assert speed_mps == pytest.approx(15, rel=0.1)
+        assert abs(behind) < 0.06
+    # long after the last position they begin anew
+    assert ground.update(Sample(1000.0, 0.0, 0.0, None, None)) is None
 
 
 def test_advice_comes_once_a_second_and_when_parameters_change(recorded):

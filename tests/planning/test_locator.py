@@ -81,6 +81,55 @@ def test_without_a_position_it_is_where_the_time_puts_it():
     assert math.dist(now, position) < 3.0
 
 
+def through(text, start, positions):
+    """A flight that has followed these positions at cruise speed, and its time."""
+    plan, _ = read_plan(Text("short.plan", text))
+    found, time_s, at = Locator(PlanExecutor(plan, (), start, Rules()), SPEED, 0.0), 0.0, start
+    for position in positions:
+        time_s, at = time_s + math.dist(at, position) / SPEED, position
+        found.follow(Sighting(time_s, position), None, lambda *_: None)
+    return found, time_s
+
+
+CIRCLE = "%: trigger-radius 5\n0.002; 90; x^2 + y^2 - 50^2\n47, -17.06\n0.1; 90; x - 47\n47, 300\n"
+
+
+@pytest.mark.parametrize("flown_deg", [20, 90, 170, 200])
+def test_without_a_position_it_goes_on_round_a_circle_from_where_it_was(flown_deg):
+    def on_round(angle_deg):
+        return 50 * math.cos(math.radians(angle_deg)), 50 * math.sin(math.radians(angle_deg))
+
+    found, time_s = through(CIRCLE, (50.0, 0.0), [on_round(angle_deg) for angle_deg in range(5, flown_deg + 1, 5)])
+    now = found.seek(Sighting(time_s + 5.0, None), (0.0, 0.0))
+    assert math.dist(now, on_round(flown_deg + math.degrees(5.0 * SPEED / 50))) < 3.0
+
+
+def test_without_a_position_it_goes_on_from_within_a_short_leg():
+    text = "%: trigger-radius 1\n0.1; 90; x\n0, 12\n0.1; 90; x\n0, 900\n"
+    found, time_s = through(text, (0.0, 0.0), [(0.0, 3.0), (0.0, 9.0)])
+    assert found.executor.stages_started == 1
+    now = found.seek(Sighting(time_s + 5.0, None), (0.0, 0.0))
+    assert now == pytest.approx((0.0, 9.0 + 5.0 * SPEED), abs=3.0)
+
+
+@pytest.mark.parametrize("skips", [0, 1, 2, 3])
+def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_step(skips):
+    found, starts = locator(), []
+    found.follow(Sighting(6.0, (-100.0, 240.0)), skips, lambda *start: starts.append(start))
+    assert found.executor.stages_started == 1 + skips
+    assert starts == [(6.0 * k / skips, (-100.0, 240.0), 1.0) for k in range(1, skips)]
+    assert found.hypotheses[0].since_s == (6.0 if skips else 0.0)
+
+
+def test_a_sighting_allows_the_stage_that_it_reports_and_the_one_before():
+    executor = locator().executor
+    for _ in range(2):
+        executor.skip(START)
+    allowed = [count for count in range(7) if Sighting(9.0, START, stages_started=count).allows(executor)]
+    assert allowed == [3, 4]
+    assert [stage for stage in range(1, 5) if Sighting(9.0, START, stage=stage).allows(executor)] == [3, 4]
+
+
 def test_a_course_decides_between_two_lines():
     """Two lines of opposite directions, side by side."""
     number = next(i for i, leg in enumerate(LEGS) if leg.lap == 2 and leg.stage.kind == "line")

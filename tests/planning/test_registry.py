@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -106,6 +108,17 @@ def test_it_replans_every_so_often_from_when_it_may_start():
     assert report.replans + report.skipped == len(report.solve_ms)
     assert report.skipped > 0, "with charge for everything, the last solution stays optimal"
     assert report.calls == report.solved == report.replans
+
+
+@pytest.mark.parametrize("name", ["paper", "joint"])
+def test_the_time_of_a_solution_is_that_between_two_readings_of_the_clock(monkeypatch, name):
+    clock = itertools.count()
+    pilot = planner(settings=replace(SETTINGS, name=name))
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.25 * next(clock))
+    run(pilot, 10)
+    assert pilot.report.solve_ms
+    assert all(took_ms >= 250 and took_ms % 250 == 0 for took_ms in pilot.report.solve_ms)
+    assert min(pilot.report.solve_ms) == 250
 
 
 def test_it_waits_for_its_periods():

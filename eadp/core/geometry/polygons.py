@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 
@@ -240,7 +241,9 @@ EDGE_M = 1e-6
 """Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip [m]."""
 
 
-def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list[tuple[float, float]]]:
+def strip_extents(
+    rings: Sequence[FloatArray], edges_m: FloatArray, others: Sequence[Sequence[FloatArray]] = ()
+) -> list[list[tuple[float, float]]]:
     """Extents of a field in each of adjacent strips along y.
 
     Parameters
@@ -249,6 +252,8 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
         The outline and the holes [m].
     edges_m : array, shape (n + 1,)
         Where the strips end across [m], ascending.
+    others : sequence of such rings, optional
+        The field's other parts.
 
     Returns
     -------
@@ -256,7 +261,7 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
         For each strip the minimum and maximum y [m] of each of the field's parts in it, upward; parts that overlap in y
         are merged.
     """
-    field = shapely.Polygon(rings[0], rings[1:])
+    field = _union([rings, *others])
     _, low, _, high = field.bounds
     boxes = shapely.box(edges_m[:-1] + EDGE_M, low - 1, edges_m[1:] - EDGE_M, high + 1)
     parts, strips = shapely.get_parts(shapely.intersection(field, boxes), return_index=True)
@@ -273,25 +278,28 @@ def strip_extents(rings: Sequence[FloatArray], edges_m: FloatArray) -> list[list
     return found
 
 
+def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
+    """Parts of a field, each an outline and its holes, as one geometry."""
+    polygons = [shapely.Polygon(outline, holes) for outline, *holes in parts]
+    return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
+
+
 def covered_share(
-    outline: Sequence[Point], holes: Sequence[Sequence[Point]], lines: Sequence[tuple[Point, Point]], swath_m: float
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[tuple[Point, Point]], swath_m: float
 ) -> float:
     """Share of a field within half a swath of straight lines, square to them; arguments as of `covered_shares`."""
-    return covered_shares(outline, holes, [[line] for line in lines], swath_m)[-1]
+    return covered_shares(parts, [[line] for line in lines], swath_m)[-1]
 
 
 def covered_shares(
-    outline: Sequence[Point],
-    holes: Sequence[Sequence[Point]],
-    tracks: Sequence[Sequence[Sequence[Point]]],
-    swath_m: float,
+    parts: Sequence[Sequence[Sequence[Point]]], tracks: Sequence[Sequence[Sequence[Point]]], swath_m: float
 ) -> list[float]:
     """Shares of a field within half a swath of lines flown one after the other, square to their ends.
 
     Parameters
     ----------
-    outline, holes : sequence of (float, float), sequences of such
-        The field [m].
+    parts : sequence of sequences of rings
+        The parts of the field [m], each an outline and its holes.
     tracks : sequence of sequences of sequences of (float, float)
         The lines of each track, each of its points [m]; of fewer than two different points covers nothing.
     swath_m : float
@@ -302,7 +310,7 @@ def covered_shares(
     list of float
         From 0 to 1: before the first track, and after each.
     """
-    field = rest = shapely.Polygon(outline, holes)
+    field = rest = _union(parts)
     shares = [0.0]
     for track in tracks:
         for line in track:
@@ -313,13 +321,15 @@ def covered_shares(
     return shares
 
 
-def strips(rings: Sequence[Sequence[Point]], lines: Sequence[Sequence[Point]], swath_m: float) -> list[list[Ring]]:
+def strips(
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float
+) -> list[list[Ring]]:
     """The ground within half a swath of lines, square to their ends, and within a field.
 
     Parameters
     ----------
-    rings : sequence of sequences of (float, float)
-        Outline and holes of the field [m].
+    parts : sequence of sequences of rings
+        The parts of the field [m], each an outline and its holes.
     lines : sequence of sequences of (float, float)
         Points of each line [m].
     swath_m : float
@@ -332,6 +342,64 @@ def strips(rings: Sequence[Sequence[Point]], lines: Sequence[Sequence[Point]], s
     """
     drawn = [shapely.LineString(line).simplify(0.01) for line in lines if len(set(line)) > 1]
     ground = shapely.union_all([line.buffer(swath_m / 2, cap_style="flat") for line in drawn])
-    parts = shapely.get_parts(shapely.intersection(ground, shapely.Polygon(rings[0], rings[1:])))
-    areas = [shapely.geometry.polygon.orient(part) for part in parts if part.geom_type == "Polygon" and part.area > 0]
+    found = shapely.get_parts(shapely.intersection(ground, _union(parts)))
+    areas = [shapely.geometry.polygon.orient(part) for part in found if part.geom_type == "Polygon" and part.area > 0]
     return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in areas]
+
+
+# --- where a path may lie ---------------------------------------------------------------------------------------------
+
+
+class FreeSpace:
+    """Where a path may lie: out of some polygons, and inside others.
+
+    Parameters
+    ----------
+    avoid : sequence of sequences of (float, float)
+        Outlines that a path stays out of [m]; it may run along them.
+    inside : sequence of sequences of (float, float)
+        Outlines within whose union it stays; none for everywhere.
+    """
+
+    def __init__(self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = ()) -> None:
+        self._blocked = shapely.union_all([shapely.Polygon(ring) for ring in avoid])
+        self._inside = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
+        # a path may touch a boundary, with its rounding
+        self._inner = shapely.buffer(self._blocked, -ALONG_M)
+        self._outer = None if self._inside is None else shapely.buffer(self._inside, ALONG_M)
+        shapely.prepare(self._inner)
+        shapely.prepare(self._outer)
+
+    def has(self, path_m: ArrayLike) -> bool:
+        """Whether a polyline, shape (n, 2), lies in it."""
+        line = shapely.LineString(path_m)
+        inside = self._outer is None or bool(shapely.covers(self._outer, line))
+        return inside and not bool(shapely.intersects(self._inner, line))
+
+    def has_hull(self, points_m: ArrayLike) -> bool:
+        """Whether the convex hull of points, shape (n, 2), lies in it."""
+        hull = shapely.MultiPoint(points_m).convex_hull
+        inside = self._outer is None or bool(shapely.covers(self._outer, hull))
+        return inside and not bool(shapely.intersects(self._inner, hull))
+
+    def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
+        """The parts of a straight line that lie in it, as intervals along the line [m]."""
+        line = shapely.difference(shapely.LineString([start, end]), self._inner)
+        if self._outer is not None:
+            line = shapely.intersection(line, self._outer)
+        parts = [part for part in shapely.get_parts(line) if part.length > EDGE_M and part.geom_type == "LineString"]
+        ends = [[math.dist(start, point) for point in (part.coords[0], part.coords[-1])] for part in parts]
+        return sorted((min(pair), max(pair)) for pair in ends)
+
+    def corners_m(self, distance_m: float) -> list[Ring]:
+        """Rings at a distance around what is avoided, and at a distance within what is to be inside."""
+        areas = [shapely.buffer(part.convex_hull, distance_m, quad_segs=2) for part in shapely.get_parts(self._blocked)]
+        if self._inside is not None:
+            areas.append(shapely.buffer(self._inside, -distance_m, quad_segs=2))
+        polygons = [part for area in areas for part in shapely.get_parts(area) if not part.is_empty]
+        thinned = [shapely.simplify(part.exterior, distance_m / 20) for part in polygons]
+        return [tuple((float(x), float(y)) for x, y in ring.coords[:-1]) for ring in thinned]
+
+
+ALONG_M = 1e-3
+"""How far a path may cross a boundary that it runs along [m]."""

@@ -181,6 +181,9 @@ def _tangent(leave: Target, target: Target) -> tuple[Point, Point, float] | None
     course = math.atan2(by - ay, bx - ax) - math.asin(min(max(between / d, -1.0), 1.0))
     nx, ny = -math.sin(course), math.cos(course)
     a, b = leave.radius_m, target.radius_m
+    if abs(between) > d:  # where the circles all but touch there is no straight
+        touch = (bx - b * nx, by - b * ny) if abs(b) > abs(a) else (ax - a * nx, ay - a * ny)
+        return touch, touch, wrap_angle_rad(course)
     return (ax - a * nx, ay - a * ny), (bx - b * nx, by - b * ny), wrap_angle_rad(course)
 
 

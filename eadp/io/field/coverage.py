@@ -16,10 +16,10 @@ from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, InputError, printable
-from eadp.io.field.reader import read_field
+from eadp.io.field.kmz import read_field_text
+from eadp.io.field.reader import read_field, read_zones
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
-from eadp.io.text.streams import read_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
@@ -82,6 +82,15 @@ class CoverageOptions:
 
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number."""
+
+    avoid: str | None = None
+    """File of polygons that lines and turns stay out of."""
+
+    inside: str | None = None
+    """File of polygons that lines and turns stay inside of."""
+
+    avoid_holes: bool = False
+    """Whether lines and turns stay out of the field's holes, too."""
 
     altitude_m: float | None = None
     """Altitude above the ground, held by the plan [m]."""
@@ -220,22 +229,24 @@ def plan_coverage(
     if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
         message = f"{options.altitude_m:g} is out of range"
         raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
-    text = read_text(path)
+    text = read_field_text(path)
     field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+    field = _limited(field, options)
     start, home = _point("--start", options.start, field), _point("--home", options.home, field)
     request = CoverageRequest(
         field, motion, options.pattern, options.heading_rad, start, home, order_spacing_m=options.spacing_m
     )
     computations = _computations(profile, options.turns_off)
     solution = cover(request)
-    rings = [tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in (field.outline, *field.holes)]
+    parts = [tuple(tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in part) for part in field.parts]
+    name = printable(" ".join(field.name.split()), NAME_LIMIT)
     plan = build_plan(
         solution,
         name=text.name,
         computations=computations,
         min_radius_m=motion.min_radius_m,
         origin_deg=field.origin_deg,
-        field=Field(rings[0], tuple(rings[1:]), printable(" ".join(field.name.split()), NAME_LIMIT)),
+        field=Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:])),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
@@ -249,6 +260,16 @@ def plan_coverage(
 def _pictures(distance_m: float) -> tuple[float, ...]:
     """The command to take a picture every so many metres; 0 for none."""
     return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _limited(field: Field, options: CoverageOptions) -> Field:
+    """The field with its obstacles and its boundary."""
+    avoid, inside = (
+        () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
+        for path in (options.avoid, options.inside)
+    )
+    holes = [hole for part in field.parts for hole in part[1:]] if options.avoid_holes else ()
+    return replace(field, obstacles=(*field.obstacles, *avoid, *holes), boundary=inside)
 
 
 def wind_vector_mps(given: Pair) -> Point:
@@ -272,7 +293,7 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
         if not (abs(lat) <= 90 and abs(lon) <= 180):
             raise _fault(option, _raw(given), "no latitude and longitude", expected)
         point = to_local_m(lat, lon, field.origin_deg)
-    distance_m = min(math.dist(point, vertex) for vertex in field.outline)
+    distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
     if distance_m > MAX_DISTANCE_M:
         expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
         raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)

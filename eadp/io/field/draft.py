@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from eadp.errors import Fault, InputError, printable, refuse
@@ -16,6 +16,12 @@ from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a field, those of its holes among them."""
+ALL = "all"
+"""In the place of a feature's name: all of them, as parts of one field."""
+
+OBSTACLE = "avoid"
+"""Start of the name of a feature that is not flown over."""
+
 NAMES_SHOWN = 10
 """Most names that a message lists."""
 
@@ -42,7 +48,8 @@ class FieldDraft:
 
     `rings` are the outline and then the holes; `degrees` is whether they are in degrees and not in metres; `closes` is
     whether the format repeats the first vertex of a ring at its end; `remedy` is the advice of an error where the unit
-    seems to be another; `notes` are assumptions of the reader, a sentence each.
+    seems to be another; `notes` are assumptions of the reader, a sentence each. `obstacles` are outlines in the
+    same file that are not flown over, `others` the rings of the field's other parts.
     """
 
     rings: list[Ring]
@@ -51,6 +58,8 @@ class FieldDraft:
     remedy: str
     name: str = ""
     notes: list[str] = field(default_factory=list)
+    obstacles: list[Ring] = field(default_factory=list)
+    others: list[list[Ring]] = field(default_factory=list)
 
 
 class VertexReader:
@@ -96,6 +105,11 @@ class FeatureCandidate:
     chain: list[Any] = field(default_factory=list)
 
     @property
+    def avoided(self) -> bool:
+        """Whether it is an obstacle: its name is "avoid", or starts so."""
+        return any(name.lower().startswith(OBSTACLE) for name in self.names)
+
+    @property
     def label(self) -> str:
         """Its name in messages."""
         return printable(self.names[0], 40) if self.names else "without a name"
@@ -111,6 +125,9 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
     """
     shown = [f"{i} {candidate.label}" for i, candidate in enumerate(candidates[:NAMES_SHOWN], 1)]
     known = "; ".join(shown) + (f"; and {len(candidates) - NAMES_SHOWN} more" if len(candidates) > NAMES_SHOWN else "")
+    if len(candidates) > 1 and feature is not None and feature.strip() == ALL:
+        polygons = [polygon for candidate in candidates for polygon in candidate.polygons]
+        return replace(candidates[0], names=[], polygons=polygons)
     if feature is None:
         if len(candidates) == 1:
             return candidates[0]
@@ -126,14 +143,6 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
         return candidates[int(feature) - 1]
     message = f"no feature {printable(feature, 80)} with a polygon"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
-
-
-def only_polygon(chosen: FeatureCandidate, source: SourceText) -> tuple[Any, Location]:
-    """The polygon of a feature and its location; a feature of several is refused at the second."""
-    if len(chosen.polygons) > 1:
-        message = f"{len(chosen.polygons)} polygons in one feature"
-        raise source.error(chosen.polygons[1][1], message, "one polygon: each part of a field in a file of its own")
-    return chosen.polygons[0]
 
 
 def counted(count: int, one: str, several: str) -> str:

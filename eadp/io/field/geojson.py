@@ -18,7 +18,6 @@ from eadp.io.field.draft import (
     VertexReader,
     choose_feature,
     counted,
-    only_polygon,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
@@ -44,6 +43,31 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     InputError
         If it is no JSON, no GeoJSON, or has not the one polygon; of `--feature`, if there is no such feature.
     """
+    candidates = _candidates(source)
+    chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
+    # before the vertices: their faults may come from the units
+    in_metres = _in_metres(chosen.chain, metres, source)
+    rings, *others = (_rings(*polygon, source) for polygon in chosen.polygons)
+    remedy = "no --metres" if metres else "a file without units or crs in metres"
+    obstacles = [
+        _rings(*polygon, source)[0]
+        for each in candidates
+        if each.avoided and each != chosen
+        for polygon in each.polygons
+    ]
+    name = "".join(chosen.names[:1])
+    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
+
+
+def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+    """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
+    candidates = _candidates(source)
+    rings = [_rings(*polygon, source)[0] for each in candidates for polygon in each.polygons]
+    return rings, not _in_metres(candidates[0].chain, metres, source)
+
+
+def _candidates(source: SourceText) -> list[FeatureCandidate]:
+    """The features with polygons, one or more."""
     root = JsonReader(source).document()
     start = source.location(len(source.body) - len(source.body.lstrip()))
     candidates: list[FeatureCandidate] = []
@@ -52,13 +76,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     if not candidates:
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
         raise source.error(start, f"no polygon, only {only}" if only else "no polygon", _A_POLYGON)
-    chosen = choose_feature(candidates, feature, source)
-    polygon, location = only_polygon(chosen, source)
-    # before the vertices: their faults may come from the units
-    in_metres = _in_metres(chosen.chain, metres, source)
-    rings = _rings(polygon, location, source)
-    remedy = "no --metres" if metres else "a file without units or crs in metres"
-    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", "".join(chosen.names[:1]))
+    return candidates
 
 
 def _collect(

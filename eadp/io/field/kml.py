@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import xml.parsers.expat
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 
@@ -20,7 +21,6 @@ from eadp.io.field.draft import (
     Ring,
     VertexReader,
     choose_feature,
-    only_polygon,
 )
 from eadp.io.text.csv import number_fault
 from eadp.io.text.source import Location, SourceText
@@ -135,13 +135,36 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     InputError
         If it is no XML, has a document type, or has not the one polygon; of the options, if they do not fit.
     """
+    candidates = _candidates(source, metres)
+    chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
+    rings, *parts = (_rings(*polygon, source) for polygon in chosen.polygons)
+    obstacles = [
+        _rings(*polygon, source)[0]
+        for each in candidates
+        if each.avoided and each != chosen
+        for polygon in each.polygons
+    ]
+    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
+
+
+def kml_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+    """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
+    candidates = _candidates(source, metres)
+    return [_rings(*polygon, source)[0] for each in candidates for polygon in each.polygons], True
+
+
+def _candidates(source: SourceText, metres: bool) -> list[FeatureCandidate]:
+    """The Placemarks with polygons, one or more."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
     candidates = _KmlReader(source).document()
     if not candidates:
         raise source.error((1, 1), "no polygon", "KML with a Polygon in a Placemark")
-    chosen = choose_feature(candidates, feature, source)
-    polygon, location = only_polygon(chosen, source)
+    return candidates
+
+
+def _rings(polygon: Sequence[_RingText], location: Location, source: SourceText) -> list[Ring]:
+    """The outline of a polygon, and its holes."""
     outer = [ring for ring in polygon if ring.role == _OUTER]
     if len(outer) != 1:
         location = outer[1].location if outer else location
@@ -150,7 +173,7 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     reader = VertexReader(source)
     rings = [_ring(ring, reader) for ring in (*outer, *(ring for ring in polygon if ring.role == _INNER))]
     reader.finish()
-    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]))
+    return rings
 
 
 def _ring(ring: _RingText, reader: VertexReader) -> Ring:

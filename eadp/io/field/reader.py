@@ -13,11 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
-from eadp.io.field.draft import FieldDraft, Vertex, counted
-from eadp.io.field.geojson import read_geojson
-from eadp.io.field.kml import read_kml
+from eadp.io.field.draft import FieldDraft, Ring, Vertex, counted
+from eadp.io.field.geojson import geojson_zones, read_geojson
+from eadp.io.field.kml import kml_zones, read_kml
 from eadp.io.field.table import read_table
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
@@ -52,12 +53,18 @@ class FieldFormat:
     name: str
     recognise: Callable[[str], bool]
     read: Callable[[SourceText, bool, str | None], FieldDraft]
+    zones: Callable[[SourceText, bool], tuple[list[Ring], bool]]
+
+
+def _table_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+    draft = read_table(source, metres, None)
+    return draft.rings, draft.degrees
 
 
 FORMATS = (
-    FieldFormat("GeoJSON", lambda head: head in "{[", read_geojson),
-    FieldFormat("KML", lambda head: head == "<", read_kml),
-    FieldFormat("CSV of vertices", lambda head: True, read_table),
+    FieldFormat("GeoJSON", lambda head: head in "{[", read_geojson, geojson_zones),
+    FieldFormat("KML", lambda head: head == "<", read_kml, kml_zones),
+    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
 )
 """Formats of fields; the first that recognises a text reads it."""
 
@@ -89,11 +96,63 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         With the faults of the file, each at its line and column, or of the options.
     """
     source = SourceText(text)
-    head = text.body.lstrip()[:1]
+    return _field(_format(source).read(source, metres, feature), source)
+
+
+def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[tuple[Point, ...], ...]:
+    """Read the outlines of all polygons of a file, as obstacles or as a boundary of a field's flight, in its metres.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file; also if it is in degrees and the field is not, or the other way round.
+    """
+    source = SourceText(text)
+    rings, degrees = _format(source).zones(source, metres)
+    if degrees != (field.origin_deg is not None):
+        message = f"is in {'degrees' if degrees else 'metres'}, and the field is not"
+        raise source.error(rings[0].location, message, "the units of the field")
+    return _zones(rings, field.origin_deg, source)
+
+
+def _zones(
+    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText
+) -> tuple[tuple[Point, ...], ...]:
+    """Outlines in the metres of a field, checked."""
+    from eadp.core.geometry.polygons import flaws, signed_area_m2, tidy
+
+    found = []
+    for ring in rings:
+        corners = [(vertex.x, vertex.y) for vertex in ring.vertices]
+        for vertex in ring.vertices if origin_deg is not None else ():
+            if not (abs(vertex.x) <= 180 and abs(vertex.y) <= LATITUDE_LIMIT_DEG):
+                raise source.error(vertex.location, f"a vertex at {vertex.y:.6g}, {vertex.x:.6g}", _DEGREES)
+        if origin_deg is not None:
+            corners = [to_local_m(y, x, origin_deg) for x, y in corners]
+        far = next((i for i, corner in enumerate(corners) if max(map(abs, corner)) > 2 * EXTENT_LIMIT_M), None)
+        if far is not None and origin_deg is not None:
+            raise source.error(
+                ring.vertices[far].location, "is far from the field", f"within {EXTENT_LIMIT_M / 500:g} km"
+            )
+        kept = tidy(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners).kept
+        if len(kept) < 3:
+            raise source.error(ring.location, "a polygon without an area", "three vertices or more, not on one line")
+        outline = tuple(corners[i] for i in kept)
+        if flaw := next(flaws(outline, []), None):
+            message = f"a polygon {flaw.message} at ({flaw.point_m[0]:.2f}, {flaw.point_m[1]:.2f}) m"
+            raise source.error(ring.location, message, "a ring that neither crosses nor touches itself")
+        if abs(area_m2 := signed_area_m2(outline)) < SMALLEST_M2:
+            message = f"a polygon of {abs(area_m2):.3g} m²"
+            raise source.error(ring.location, message, f"{SMALLEST_M2:g} m² or more, in the units of the field")
+        found.append(outline)
+    return tuple(found)
+
+
+def _format(source: SourceText) -> FieldFormat:
+    head = source.body.lstrip()[:1]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
-    chosen = next(each for each in FORMATS if each.recognise(head))
-    return _field(chosen.read(source, metres, feature), source)
+    return next(each for each in FORMATS if each.recognise(head))
 
 
 def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
@@ -119,7 +178,9 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
         ring if up == (i == 0) else (ring[0], *ring[:0:-1])
         for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
     ]
-    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg)
+    obstacles = _zones(draft.obstacles, origin_deg, source)
+    others = tuple(_zones(part, origin_deg, source) for part in draft.others)
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, obstacles, (), others)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")

@@ -20,18 +20,30 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     InputError
         If the name ends in neither .svg nor .png, or the file cannot be written.
     """
-    x, y = zip(*field.outline, strict=True)
+    x, y = zip(*(corner for part in field.parts for corner in part[0]), strict=True)
     wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
     with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
-            draw_area(axes, (field.outline, *field.holes), **FIELD)
+            for i, part in enumerate(field.parts):
+                draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
             _draw_way(axes, way, swath_m)
+            _draw_limits(axes, field)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         handles, labels = all_axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), fontsize=9)
+
+
+def _draw_limits(axes: Axes, field: Field) -> None:
+    """Obstacles, hatched, and the boundary."""
+    for i, ring in enumerate(field.obstacles):
+        style = {"facecolor": "#d1752b22", "edgecolor": COLOURS[6], "hatch": "///", "linewidth": 1.2, "zorder": 2}
+        draw_area(axes, (ring,), **style, label="obstacle" if i == 0 else None)
+    for i, ring in enumerate(field.boundary):
+        x, y = zip(*ring, ring[0], strict=True)
+        axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary" if i == 0 else None)
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

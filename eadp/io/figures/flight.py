@@ -114,15 +114,15 @@ def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
     """The field, and the ground within half a swath of the lines flown."""
     if plan.field is None:
         return
-    rings = (plan.field.outline, *plan.field.holes)
-    draw_area(axes, rings, **FIELD)
+    for i, part in enumerate(plan.field.parts):
+        draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
     if plan.swath_m is None:
         return
     from eadp.core.geometry.polygons import strips
 
     columns = {name: [getattr(step, name) for step in steps] for name in ("stage", "x_m", "y_m")}
     label: str | None = f"ground covered, {plan.swath_m:g} m wide"
-    for outline, *holes in strips(rings, flown_lines(plan, columns), plan.swath_m):
+    for outline, *holes in strips(plan.field.parts, flown_lines(plan, columns), plan.swath_m):
         draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
         label = None
 

@@ -53,5 +53,5 @@ def flown_coverage(
     for a, b in itertools.pairwise(ends):
         first = starts[bisect.bisect_right(starts, a) - 1]  # a line is one piece: its parts would not join in a bend
         tracks.append(flown_lines(plan, {name: columns[name][first : b + 1] for name in ("stage", "x_m", "y_m")}))
-    shares = covered_shares(plan.field.outline, plan.field.holes, tracks, plan.swath_m)
+    shares = covered_shares(plan.field.parts, tracks, plan.swath_m)
     return [times[i] for i in ends], shares

@@ -11,6 +11,7 @@ import re
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from itertools import chain
 
 import numpy as np
@@ -30,7 +31,7 @@ from eadp.io.log.power_log import (
     in_order,
     rows_warning,
 )
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
+from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
 from eadp.io.text.streams import Text
 
 LARGEST_S = 1e12
@@ -85,8 +86,9 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     first = next(rows, None)
     if first is None:
         raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
-    layout = _layout(None if columns.names else first, columns)
-    readings, warnings, counts = _readings(text.name, chain([first], rows) if columns.names else rows, layout)
+    second = first if columns.names else next(rows, None)
+    layout = _layout(None if columns.names else first, columns, second)
+    readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
     if layout.guessed and len(readings.raw) > 1:
         _check_step(first, layout, float(np.median(np.abs(np.diff(readings.raw)))) / layout.per[0])
     return in_order(text.name, readings, layout.per[0], warnings, counts, position=layout.position, also=layout.also)
@@ -106,6 +108,7 @@ class _Layout:
         default_factory=list
     )  # columns that may be empty: two of a position, then those asked for
     scales: list[float] = field(default_factory=list)  # SI units in a unit of those columns
+    dates: bool = False  # times by ISO 8601
     position: bool = False
     degrees: bool = False
     also: tuple[str, ...] = ()
@@ -114,7 +117,8 @@ class _Layout:
     """Whether the unit of the times stands neither in their name nor in an option."""
 
 
-def _layout(header: Row | None, columns: Columns) -> _Layout:
+def _layout(header: Row | None, columns: Columns, second: Row | None) -> _Layout:
+    """The layout of a header, or of `columns.names`; the second row shows whether the times are dates."""
     if header is None:
         header = read_row("--columns", 1, ",".join(columns.names))
     elif all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
@@ -127,6 +131,8 @@ def _layout(header: Row | None, columns: Columns) -> _Layout:
     for role in ("time", *_power_roles(header, columns)):
         index = _find(header, role, getattr(columns, role))
         layout.index.append(index)
+        if role == "time" and second and index < len(second.fields) and ISO_TIME.match(second.fields[index]):
+            columns, layout = replace(columns, time_unit="s"), replace(layout, dates=True)
         layout.per.append(_per_unit(header, index, role, columns, layout.warnings))
     guessed = not columns.time_unit and not _stem_and_unit(header.fields[layout.index[0]], "time")[1]
     return _with_others(replace(layout, guessed=guessed), header, columns)
@@ -258,7 +264,7 @@ def _readings(
             message = f"{len(row.fields)} fields"
             faults.append(row.fault(layout.width, message, f"{layout.width}, as in the header"))
             continue
-        found = _values(row, columns)
+        found = _values(row, columns, dates=layout.dates)
         if isinstance(found, Fault):
             faults.append(found)
         elif isinstance(found, str):
@@ -278,13 +284,18 @@ def _readings(
     return readings, layout.warnings + warnings, counts
 
 
-def _values(row: Row, columns: Sequence[tuple[int, float]]) -> list[float] | str | Fault:
+def _values(row: Row, columns: Sequence[tuple[int, float]], *, dates: bool = False) -> list[float] | str | Fault:
     """The values of the columns, up to a limit each; or why the row is no reading; or the fault of a cell."""
     values: list[float] = []
     reason = ""
     for index, limit in columns:
         raw = row.fields[index] if index < len(row.fields) else ""
-        if NUMBER.match(raw) and abs(value := float(raw)) <= limit:
+        if dates and not values and raw:
+            time_s = _seconds(raw)
+            if time_s is None:
+                return row.fault(index, f"{printable(raw, 40)} is no time by ISO 8601", "a time as in the first row")
+            values.append(time_s)
+        elif NUMBER.match(raw) and abs(value := float(raw)) <= limit:
             values.append(value)
         elif not raw:
             reason = "empty"
@@ -295,6 +306,15 @@ def _values(row: Row, columns: Sequence[tuple[int, float]]) -> list[float] | str
     if not reason and len(values) == 3 and (values[1] <= 0 or values[2] in (0, -1)):
         reason = "unknown"
     return reason or values
+
+
+def _seconds(raw: str) -> float | None:
+    """Seconds since 1970 of a time by ISO 8601, of UTC without a zone; None if it is none."""
+    try:
+        time = datetime.fromisoformat(raw)
+    except ValueError:
+        return None
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
 def _optional(fields: Sequence[str], index: int) -> float:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import TURNS_TOLERANCE
+from eadp.io.mission import EXPORT_NAMES
 from eadp.io.mission import draft as d
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
@@ -91,12 +92,13 @@ class _ItemBuilder:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:])))
 
 
-EXPORTS: dict[str, Callable[[PlannedPath], str]] = {
-    "qgc": lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps),
-    "ardupilot": lambda path: wpl_text(mission_items(path), path.home),
-    "paparazzi": paparazzi_text,
-    "kml": kml_text,
-    "geojson": geojson_text,
-    "gpx": gpx_text,
-}
+_WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
+    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps),
+    lambda path: wpl_text(mission_items(path), path.home),
+    paparazzi_text,
+    kml_text,
+    geojson_text,
+    gpx_text,
+)
+EXPORTS = dict(zip(EXPORT_NAMES, _WRITERS, strict=True))
 """Formats that a plan is exported to: a name, and the text of a path."""

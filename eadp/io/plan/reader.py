@@ -53,6 +53,8 @@ _HEADERS = (
     "hole",
     "swath",
 )
+_RING_HEADERS = ("field", "hole")
+"""Headers of the field's parts, each an outline and the holes in it."""
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
@@ -137,7 +139,7 @@ class _Reader:
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
         self._headers: dict[str, _Line] = {}
-        self._holes: list[_Line] = []
+        self._rings: list[tuple[str, _Line]] = []
         self._header_shift: PointExpression | None = None
         self._header_shift_line = _START
         self._section = ""
@@ -429,8 +431,8 @@ class _Reader:
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
         known = (*_HEADERS, *_STAGE_HEADERS)
-        if key == "hole":
-            self._holes.append(line.after(start))
+        if key in _RING_HEADERS:
+            self._rings.append((key, line.after(start)))
             return
         if key in _STAGE_HEADERS:
             self._read_stage_header(key, line.after(start))
@@ -472,25 +474,36 @@ class _Reader:
         return (values[0], values[1]) if values else None
 
     def _header_field(self) -> Field | None:
-        """The field: its outline counter-clockwise, and holes clockwise."""
-        outline = self._headers.get("field")
-        if outline is None:
-            if self._holes:
-                self._fault(self._holes[0], 0, "a hole of no field", "a header field before it")
+        """The field: the outline of each part counter-clockwise, and its holes clockwise."""
+        if not self._rings:
             return None
-        rings = [self._ring(line) for line in (outline, *self._holes)]
+        if self._rings[0][0] != "field":
+            self._fault(self._rings[0][1], 0, "a hole of no field", "a header field before it")
+            return None
+        rings = [self._ring(line) for _, line in self._rings]
         if not all(rings):
             return None
         from eadp.core.geometry.polygons import flaws, signed_area_m2
 
-        turned = [ring if (signed_area_m2(ring) > 0) == (i == 0) else ring[::-1] for i, ring in enumerate(rings)]
-        for flaw in flaws(turned[0], turned[1:]):  # flown as well without
-            (x, y), line = flaw.point_m, (outline, *self._holes)[flaw.ring]
-            message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
-            self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
-            return None
+        parts: list[list[tuple[Point, ...]]] = []
+        lines: list[list[_Line]] = []
+        for (key, line), ring in zip(self._rings, rings, strict=True):
+            outer = key == "field"
+            turned = ring if (signed_area_m2(ring) > 0) == outer else ring[::-1]
+            if outer:
+                parts.append([])
+                lines.append([])
+            parts[-1].append(turned)
+            lines[-1].append(line)
+        for part, own in zip(parts, lines, strict=True):
+            for flaw in flaws(part[0], part[1:]):  # flown as well without
+                (x, y), line = flaw.point_m, own[flaw.ring]
+                message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
+                self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
+                return None
         name = self._headers.get("field-name")
-        return Field(turned[0], tuple(turned[1:]), " ".join(name.text.split()) if name else "")
+        others = tuple(tuple(part) for part in parts[1:])
+        return Field(parts[0][0], tuple(parts[0][1:]), " ".join(name.text.split()) if name else "", others=others)
 
     def _ring(self, line: _Line) -> tuple[Point, ...]:
         """The corners of a ring; none if there is a fault."""

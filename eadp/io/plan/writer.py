@@ -26,10 +26,10 @@ def plan_text(plan: Plan) -> str:
     if plan.start_m is not None:
         lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
     if plan.field is not None:
-        rings = {"field": [plan.field.outline], "hole": plan.field.holes}
-        for key, ring in ((key, ring) for key, rings_of in rings.items() for ring in rings_of):
-            corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
-            lines.append(f"%: {key} {', '.join(corners)}")
+        for outline, *holes in plan.field.parts:
+            for key, ring in (("field", outline), *(("hole", hole) for hole in holes)):
+                corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
+                lines.append(f"%: {key} {', '.join(corners)}")
         if plan.field.name:
             lines.append(f"%: field-name {plan.field.name}")
     if plan.swath_m is not None:

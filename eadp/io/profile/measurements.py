@@ -15,7 +15,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.signals.averaging import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
-from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
 from eadp.io.text.streams import Text
 from eadp.models.profile import MIN_EFFECTIVE_SAMPLES, Profile, configuration_text
 
@@ -102,7 +102,7 @@ def read_measurements(
     sources: list[str] = []
     last: Row
     for file in files:
-        rows = read_rows(file.text.name, file.text.body)
+        rows = read_rows(file.text.name, file.text.body, separator(file.text.body))
         first = next(rows, None)
         if first is None:
             message = "no measurements"
@@ -143,7 +143,7 @@ def read_measurements(
 
 def is_trace(text: Text) -> bool:
     """Whether a table has power but no column of a parameter: power over time at one configuration."""
-    first = next(read_rows(text.name, text.body), None)
+    first = next(read_rows(text.name, text.body, separator(text.body)), None)
     headings = (_headings(first.fields) or []) if first else []
     return any(each.per_watt for each in headings) and not any(map(_is_parameter, headings))
 

@@ -150,8 +150,7 @@ def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any]
         return None
     covered = flown_coverage(plan, columns)
     return {
-        "outline": plan.field.outline,
-        "holes": plan.field.holes,
+        "rings": [ring for part in plan.field.parts for ring in part],
         "swath_m": plan.swath_m,
         "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }

@@ -12,6 +12,9 @@ from itertools import accumulate
 from eadp.errors import Fault, printable
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?\Z")
+ISO_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}")
+"""Start of a time by ISO 8601."""
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
 
 
@@ -54,9 +57,21 @@ def repeated(names: Sequence[str]) -> list[int]:
 
 
 def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
-    """A line split at the marks outside quotes, or at blanks if there is no mark."""
+    """A line split at the marks outside quotes, or at blanks if there is no mark.
+
+    Between semicolons a comma in a number is the decimal mark.
+    """
     fields = [text.strip() for text in _split(source, mark)]
-    return Row(file, line, source, [*map(_unquoted, fields)] if '"' in source else fields, mark)
+    fields = [*map(_unquoted, fields)] if '"' in source else fields
+    if mark == ";":
+        fields = [text.replace(",", ".") if _DECIMAL_COMMA.match(text) else text for text in fields]
+    return Row(file, line, source, fields, mark)
+
+
+def separator(body: str) -> str:
+    """The mark between the fields of a table: a semicolon if its first row has one, else a comma."""
+    first = next((line for line in body.split("\n") if line.strip() and line.lstrip()[0] != "#"), "")
+    return ";" if ";" in first else ","
 
 
 def read_rows(file: str, body: str, mark: str | None = ",") -> Iterator[Row]:

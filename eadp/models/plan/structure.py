@@ -36,7 +36,7 @@ OFFSETS_M = (
 """Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
 SYMBOLIC_STAGES, SYMBOLIC_LIMIT_S = 200, 1.0
-"""Most stages of a plan whose structure is shown symbolically, and the time for it [s], looked at after each step."""
+"""Most stages of a plan whose structure is shown symbolically, and the processor time for it [s], looked at after each step."""
 
 TOLERANCE = 1e-9
 SMALL_STEP_M = 0.1
@@ -99,8 +99,8 @@ def structure_proven(plan: Plan) -> bool:
             gaps += [difference(later_x, total(x, dx)), difference(later_y, total(y, dy))]
     except ExpressionError:  # too large when substituted
         return False
-    end_s = time.monotonic() + SYMBOLIC_LIMIT_S
-    return all(is_zero_polynomial(gap) or (time.monotonic() < end_s and cancels(gap)) for gap in gaps)
+    end_s = time.process_time() + SYMBOLIC_LIMIT_S
+    return all(is_zero_polynomial(gap) or (time.process_time() < end_s and cancels(gap)) for gap in gaps)
 
 
 def _symbol(name: str) -> Expression:

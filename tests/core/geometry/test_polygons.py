@@ -261,8 +261,8 @@ def test_parts_that_overlap_in_a_strip_are_one():
 def test_the_share_that_lines_cover():
     field, hole = square(0, 0, 10), square(6, 6, 2)
     # strips 2 m wide: the whole length, then one that overlaps half of it, ends at 5 m
-    assert covered_share(field, [], [((0, 3), (10, 3))], 2.0) == pytest.approx(0.2)
-    assert covered_share(field, [], [((0, 3), (10, 3)), ((0, 4), (5, 4))], 2.0) == pytest.approx(0.25)
-    assert covered_share(field, [hole], [((0, 7), (10, 7))], 2.0) == pytest.approx(16 / 96)
-    assert covered_share(field, [], [((-5, 5), (15, 5))], 20.0) == 1.0
-    assert covered_share(field, [], [((5, 5), (5, 5))], 2.0) == 0.0
+    assert covered_share([(field,)], [((0, 3), (10, 3))], 2.0) == pytest.approx(0.2)
+    assert covered_share([(field,)], [((0, 3), (10, 3)), ((0, 4), (5, 4))], 2.0) == pytest.approx(0.25)
+    assert covered_share([(field, hole)], [((0, 7), (10, 7))], 2.0) == pytest.approx(16 / 96)
+    assert covered_share([(field,)], [((-5, 5), (15, 5))], 20.0) == 1.0
+    assert covered_share([(field,)], [((5, 5), (5, 5))], 2.0) == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eadp.core.geometry.dubins import ordered
@@ -43,6 +43,7 @@ def nearest_m(path, point):
 
 @settings(deadline=None, max_examples=200)
 @given(targets=routes)
+@example(targets=[Waypoint((0.0, 0.0), 0.0), Loiter((0.0, 59.5), -60.0, 0.5)])  # half a metre within the circle
 def test_a_path_is_continuous_in_position_and_heading(targets):
     try:
         path = through(targets)

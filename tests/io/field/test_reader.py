@@ -788,7 +788,7 @@ def test_all_faults_of_positions_are_told():
         ),
         (
             '{"type": "MultiPolygon", "coordinates": [[],\n[]]}',
-            "2:1: error: 2 polygons in one feature; expected one polygon: each part of a field in a file of its own",
+            "1:42: error: a polygon without rings; expected a ring of positions",
         ),
         ('{"type": "Polygon", "type": "Polygon"}', "1:21: error: the key type stands twice; expected each key once"),
         ('{"a": {"b": 1,\n "b": 2}}', "2:2: error: the key b stands twice"),
@@ -817,10 +817,10 @@ def test_faults_of_geojson(body, fault):
         ("x,y\n0,0\n1,2,3\n1,2,,\n", ["3:5: error: 3 fields; expected 2, as in the first row"]),
         ("x y\n0 0\n 1  b\n", ["3:5: error: b is not a number; expected a number"]),
         (
-            "x;y\n0;0\n1,5; \n",
+            "x;y\n0;0\n1,5m; \n",
             [
-                "3:1: error: 1,5 is not a number; expected a number",
-                "3:5: error: an empty field is not a number; expected a number",
+                "3:1: error: 1,5m is not a number; expected a number",
+                "3:6: error: an empty field is not a number; expected a number",
             ],
         ),
         (
@@ -886,7 +886,7 @@ RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></Li
         ),
         (
             f"<Placemark><Polygon/><Polygon><outerBoundaryIs>{RING}</outerBoundaryIs></Polygon></Placemark>",
-            "1:22: error: 2 polygons in one feature; expected one polygon: each part of a field in a file of its own",
+            "1:12: error: a Polygon without an outline",
         ),
         (kml(placemark([(10, 55)])), "5:1: error: the outline has 1 vertex; expected three or more that differ"),
         (kml(placemark([])), "4:30: error: the outline has 0 vertices; expected three or more that differ"),
@@ -1029,3 +1029,41 @@ def test_a_text_with_a_slip_is_a_field_or_a_named_fault(body, data):
         assert all(
             math.isfinite(value) for ring in (field.outline, *field.holes) for vertex in ring for value in vertex
         )
+
+
+def test_decimal_commas_between_semicolons():
+    field, _ = read("x_m;y_m\n0,0;0\n100,5;0\n100,5;80,25\n")
+    assert field.outline == ((0.0, 0.0), (100.5, 0.0), (100.5, 80.25))
+
+
+def squares(*lefts):
+    return [[[[x, 0.0], [x + 100, 0.0], [x + 100, 80.0], [x, 80.0], [x, 0.0]]] for x in lefts]
+
+
+def test_a_field_of_several_parts():
+    text = json.dumps({"type": "MultiPolygon", "coordinates": squares(0.0, 300.0)})
+    field, _ = read(text, metres=True)
+    assert len(field.parts) == 2
+    assert field.area_m2 == pytest.approx(16_000)
+    assert field.others[0][0][0] == (300.0, 0.0)
+
+
+def test_all_features_are_the_parts_of_one_field():
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": square}}
+        for name, square in zip(("west", "avoid a mast", "east"), squares(0.0, 150.0, 300.0), strict=True)
+    ]
+    text = json.dumps({"type": "FeatureCollection", "features": features})
+    field, _ = read(text, metres=True, feature="all")
+    assert [part[0][0] for part in field.parts] == [(0.0, 0.0), (300.0, 0.0)]
+    assert [ring[0] for ring in field.obstacles] == [(150.0, 0.0)]
+    assert len(read(text, metres=True, feature="east")[0].parts) == 1
+    with pytest.raises(InputError, match="2 features with polygons"):
+        read(text, metres=True)
+
+
+def test_faults_of_a_second_part():
+    bow = [[[0.0, 0.0], [100.0, 100.0], [100.0, 0.0], [0.0, 100.0], [0.0, 0.0]]]
+    text = json.dumps({"type": "MultiPolygon", "coordinates": [*squares(200.0), bow]})
+    with pytest.raises(InputError, match="a polygon crosses itself at"):
+        read(text, metres=True)

@@ -18,7 +18,8 @@ from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.mission.draft import ITEMS_LIMIT
-from eadp.io.mission.reader import LOITER_RADIUS_M, PlanReader
+from eadp.io.mission.plan import LOITER_RADIUS_M
+from eadp.io.mission.reader import PlanReader
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs
 

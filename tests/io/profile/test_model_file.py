@@ -399,9 +399,10 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
             ["1:1: error: no measurements; expected a header such as fps,power_w and a row for each measurement"],
         ),
         (
-            "fps;power_w\n2;5\n",
+            "fps|power_w\n2|5\n",
             ["1:1: error: one column only; expected a header such as fps,power_w, fields separated by commas"],
         ),
+        ("fps;power_w\n2;5,5\n3;x\n", ["3:3: error: x is not a number; expected a number"]),
         (
             "fps,watt_hours\n2,5\n",
             ["1:1: error: no column for the power; expected a header such as fps,power_w, or powprofiler's flag 100"],

@@ -88,7 +88,7 @@ def test_the_plan_in_force_is_flown(page, log):
     """The aircraft is near the lines of the plan in force, wherever it is."""
     routes = page.data["plan"]["routes"]
     assert routes[0][0] == 0
-    assert len(routes) == page.data["plan"]["shown"] == 1 + page.data["parameters"][0]["v"].__len__() - 1
+    assert len(routes) == page.data["plan"]["shown"] == len(page.data["parameters"][0]["v"])
     rows = range(200, len(log["time_s"]), 97)
     for i in rows:
         line = np.reshape(next(line for time_s, line in reversed(routes) if time_s <= log["time_s"][i]), (-1, 2))
@@ -150,6 +150,25 @@ def test_a_damaged_folder_is_refused_and_nothing_written(eadp, folder, tmp_path,
     (copy / name).write_text(body)
     refused(eadp("report", copy), *words)
     assert (copy / "report.html").read_bytes() == before
+
+
+def test_other_columns_and_a_climb(eadp, folder, tmp_path):
+    """Latitude and longitude are shown, an altitude that varies has a chart, and what is not known is no fault."""
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    with (copy / "flight.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for i, row in enumerate(rows):
+        row |= {"altitude_m": 20 + i / 100, "lat_deg": 55 + i * 1e-6, "lon_deg": 10 - i * 1e-6, "novel_unit": i}
+    with (copy / "flight.csv").open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    assert eadp("report", copy).code == 0
+    data = Page((copy / "report.html").read_text(encoding="utf-8")).data
+    times = [float(row["time_s"]) for row in rows]
+    for shown, name, error in ((data["path"], "lat", 1e-5), (data["path"], "lon", 1e-5), (data["altitude"], "m", 0.5)):
+        column = {"lat": "lat_deg", "lon": "lon_deg", "m": "altitude_m"}[name]
+        assert np.abs(np.interp(times, shown["t"], shown[name]) - [row[column] for row in rows]).max() <= error * 1.001
 
 
 def test_what_is_no_result_is_refused(eadp, tmp_path):

@@ -313,6 +313,11 @@ def test_a_lap_that_may_be_the_last_is_two_outcomes():
     between_s2 = likely * (1 - likely) * (times.sum() - early_s) ** 2
     terms, load = forecaster.terms(forecaster.shares)
     assert forecast.remaining_std_s == pytest.approx(math.sqrt(load.time_std_s**2 + between_s2))
+    rest_wh = (times.sum() - early_s) * 46 / 3600
+    own_wh = math.hypot(load.energy_std_j, 46 * load.time_std_s) / 3600
+    spread_wh = math.hypot(own_wh, math.sqrt(likely * (1 - likely)) * rest_wh)
+    assert spread_wh > 1.2 * own_wh
+    assert forecast.energy_std_wh == pytest.approx(spread_wh, rel=0.1)
     early, late = sorted(forecast.ends.means, reverse=True)
     rest_j = (forecast.ends.means[1] - forecast.ends.means[0]) / terms.soc_per_j
     assert early > late

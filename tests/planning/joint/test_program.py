@@ -223,6 +223,7 @@ def test_a_solution_is_kept_while_its_multiplier_proves_that_it_is_optimal():
     binding = replace(here, available=here.increments.base_use + 0.6 * float(here.increments.use.sum()))
     program, start = MissionProgram(1, report), best_at(binding)
     first = program.decided(mission, start, movable=False)
+    assert report.skipped == 0
     again = program.decided(mission, start, movable=False)
     assert (first.status, again.status, report.skipped) == (SOLVED, KEPT, 1)
     assert again.allocation.shares.tolist() == first.allocation.shares.tolist()
@@ -254,6 +255,16 @@ def test_flown_legs_leave_the_last_solution():
     assert best_at(shorter).value - solution.value <= module.OUTDONE
     longer = program.decided(mission, start, movable=False)
     assert longer.status == SOLVED, "with more increments than before there is nothing to keep"
+
+
+@pytest.mark.parametrize("spare", [0.1, 0.5, 0.9, 1.2, 5.0])
+def test_shares_of_a_qp_fill_what_is_spare_and_no_more(spare):
+    """Three increments that gain alike for their charge: as much is taken as fits, of each all at most."""
+    use = np.array([0.2, 0.3, 0.4])
+    increments = Increments(np.zeros(3, int), np.arange(3), use, 2 * use, 0.05, 0.0)
+    shares = module._fitted(increments, np.full(3, 0.4), 2.0, 0.05 + spare)
+    assert np.all((shares >= 0) & (shares <= 1))
+    assert use @ shares == pytest.approx(min(spare, use.sum()))
 
 
 @pytest.mark.parametrize(("available", "best"), [(1.0, 0.7), (0.55, 0.55)])

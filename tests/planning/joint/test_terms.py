@@ -477,6 +477,14 @@ def test_mean_power_is_with_the_computations_half_way():
     assert terms.mean_w == pytest.approx(expected)
 
 
+def test_mean_power_of_less_than_a_second_is_as_high():
+    it, shares = case(), None
+    for seconds in (0.1, 100.0):
+        it.load = it.load._replace(times_s=it.load.times_s * seconds / it.load.times_s.sum())
+        shares, before = it.terms().mean_w, shares
+    assert shares == pytest.approx(before)
+
+
 # --- choices ----------------------------------------------------------------------------------------------------------
 
 
@@ -485,6 +493,15 @@ def test_trade_offs_that_leave_nothing_leave_the_lowest():
     for i, envelope in enumerate(it.terms().envelopes):
         box = it.route.legs[i].stage.sets[1]
         assert envelope.configurations.tolist() == [[box.lo]]
+
+
+def test_configurations_that_were_not_measured_are_left_out():
+    """Measured at three corners of four: the other one comes second in their order."""
+    measured = [[2.0, 1.0], [10.0, 1.0], [10.0, 3.0]]
+    text = TWO.replace("[3, 3]\n", "[1, 1]\n").replace("[4, 4]\n[1, 3]\n", "[4, 4]\n[1, 1]\n")
+    it = case(text, Profile(("fps", "size"), ("", ""), np.array(measured), np.array([4.0, 7.0, 9.0])))
+    sets, own = it.route.legs[0].stage.sets, it.route.parameters[0]
+    assert it.term_builder.configurations(sets, own)[0].tolist() == measured
 
 
 def test_levels_outside_a_set_leave_its_lower_end():

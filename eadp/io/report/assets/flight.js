@@ -186,7 +186,7 @@ const map = $("map"), base = document.createElement("canvas");
 const view = { x: 0, y: 0, scale: 1, fitted: true };
 const corners = (() => { // of all that is drawn
   const xs = path.x.filter((x) => x !== null), ys = path.y.filter((y) => y !== null);
-  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? [data.field.outline.flat()] : [])];
+  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? data.field.rings.map((ring) => ring.flat()) : [])];
   for (const line of lines) for (let i = 0; i < line.length; i += 2) { xs.push(line[i]); ys.push(line[i + 1]); }
   for (const point of [plan.start, plan.final]) if (point) { xs.push(point[0]); ys.push(point[1]); }
   const ends = (values) => values.reduce(([a, b], value) => [Math.min(a, value), Math.max(b, value)], [Infinity, -Infinity]);
@@ -232,7 +232,7 @@ function drawBase() {
   context.fillRect(0, 0, width, height);
   if (data.field) {
     context.beginPath();
-    for (const ring of [data.field.outline, ...data.field.holes]) { ring.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](px(x), py(y))); context.closePath(); }
+    for (const ring of data.field.rings) { ring.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](px(x), py(y))); context.closePath(); }
     context.fillStyle = palette.field;
     context.fill("evenodd");
     context.strokeStyle = palette.green;
@@ -295,7 +295,7 @@ function drawCovered(context) {
   layer.clearRect(0, 0, map.clientWidth, map.clientHeight);
   layer.save();
   layer.beginPath();
-  for (const ring of [data.field.outline, ...data.field.holes]) { ring.forEach(([x, y], i) => layer[i ? "lineTo" : "moveTo"](px(x), py(y))); layer.closePath(); }
+  for (const ring of data.field.rings) { ring.forEach(([x, y], i) => layer[i ? "lineTo" : "moveTo"](px(x), py(y))); layer.closePath(); }
   layer.clip("evenodd");
   layer.strokeStyle = palette.blue;
   layer.lineWidth = data.field.swath_m * view.scale;
@@ -473,9 +473,15 @@ function showDecision() {
   box.replaceChildren(
     el("strong", {}, `At ${clockText(t)}, stage ${decided("stage", i)}, lap ${decided("lap", i)}: ${decided("reason", i) || "no reason given"}`),
     el("span", {}, `${data.parameters.length ? `Decided: ${parametersText(decided("parameters", i))}. ` : ""}${details.join("; ")}${details.length ? "." : ""}`),
-    el("div", { class: "scroll" }, tableOf(["", "forecast then", "what came"], lines.map((line) => row(...line)))),
+    lines.length ? el("div", { class: "scroll" }, tableOf(["", "forecast then", "what came"], lines.map((line) => row(...line)))) : "",
   );
   markRow();
+}
+
+/** Whether a re-planning changed parameters, follows a jump of the charge, or is the first without a solution. */
+function notable(i) {
+  const status = decided("status", i), failed = status === "infeasible" || status === "fallback";
+  return decisions.changed[i] || decided("cause", i) === "the charge has jumped" || (failed && status !== decided("status", i - 1));
 }
 
 let rows = new Map();
@@ -483,7 +489,7 @@ function listDecisions() {
   const all = $("all").checked;
   rows = new Map();
   decisionTimes.forEach((t, i) => {
-    if (!all && !decisions.changed[i] && ["kept", "solved", "closed form", "nothing to choose", null].includes(decided("status", i)) && !["the charge has jumped"].includes(decided("cause", i))) return;
+    if (!all && !notable(i)) return;
     const button = el("button", { type: "button" }, clockText(t));
     const line = row(el("td", {}, button), `${decided("stage", i)} / ${decided("lap", i)}`, decided("cause", i) || "", decided("reason", i) || "", parametersText(decided("parameters", i)), percent(decided("completes_probability", i)));
     line.setAttribute("data-at", i);

@@ -97,7 +97,7 @@ function drawHeat() {
   $("heat-title").textContent = `${title}${unit ? ` [${unit}]` : ""}`;
   const rows = up.labels.map((label, j) => el("tr", {}, el("th", { scope: "row" }, label), ...found[j].map((cell, k) => {
     const name = `${across} ${right.labels[k]}${upward ? `, ${upward} ${label}` : ""}`;
-    const button = el("button", { type: "button", "aria-label": `${name}: ${summaryText(cell, figure)}` }, cell.mean === null ? "" : number(cell.mean, figure === "duration_s" ? 4 : 2));
+    const button = el("button", { type: "button", "aria-label": `${name}: ${summaryText(cell, figure)}` }, cell.mean === null ? "" : unit === "%" ? cell.mean.toFixed(0) : number(cell.mean, figure === "duration_s" ? 4 : 2));
     if (cell.mean !== null) {
       const colour = colourOf((cell.mean - low) / (high - low));
       button.style.backgroundColor = rgb(colour);
@@ -137,7 +137,7 @@ function drawCurves() {
     found.forEach((line, g) => line.forEach((cell, k) => {
       if (!cell.interval) return;
       ctx.strokeStyle = palette[CURVE_COLOURS[g]];
-      const x = u.valToPos(right.at[k], "x", true) + (g - (found.length - 1) / 2) * 3 * ratio;
+      const x = u.valToPos(right.at[k], "x", true) + (g - (found.length - 1) / 2) * 1.5 * ratio;
       ctx.beginPath();
       for (const end of cell.interval) { ctx.moveTo(x - 3 * ratio, u.valToPos(end, "y", true)); ctx.lineTo(x + 3 * ratio, u.valToPos(end, "y", true)); }
       ctx.moveTo(x, u.valToPos(cell.interval[0], "y", true));

@@ -1,0 +1,343 @@
+"""A mission's items as the stages of a plan: what is flown, in order, and the paths between."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import constant
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
+from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
+from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
+from eadp.errors import Fault, Unreachable, refuse
+from eadp.io.mission import draft as d
+from eadp.io.mission.draft import DraftItem, MissionDraft
+from eadp.io.plan.reader import LIMIT_STAGES
+from eadp.io.text.source import Location, SourceText
+from eadp.models.plan.plan import Finding, Plan
+from eadp.models.plan.stage import Stage
+
+if TYPE_CHECKING:
+    from eadp.io.mission.reader import PlanReader
+
+HIGHEST_M = 1e5
+LOITER_RADIUS_M = 60.0
+"""Radius of a loiter that states none, which is ArduPilot's default [m]."""
+SAME_POINT_DEG = 1e-9
+
+_POSITIONED = frozenset((
+    d.WAYPOINT, d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LAND, d.TAKEOFF, d.LOITER_TO_ALTITUDE, d.SPLINE,
+    d.VTOL_TAKEOFF, d.VTOL_LAND,
+))  # fmt: skip
+_LOITERS = frozenset((d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LOITER_TO_ALTITUDE))
+_LANDS = frozenset((d.LAND, d.VTOL_LAND))
+_HERE_IF_NULL = frozenset((d.TAKEOFF, d.VTOL_TAKEOFF, *_LANDS))
+_MOVING = _POSITIONED | {d.RETURN}
+_CONTROLS = frozenset((d.JUMP, d.CHANGE_SPEED, d.LAND_START)) | d.MOTIONLESS
+
+
+class _Visit(NamedTuple):
+    """A target with what holds on the way to it."""
+
+    target: Target
+    item: DraftItem
+    altitude_m: float | None
+    airspeed_mps: float | None
+    commands: tuple[tuple[float, ...], ...]
+
+
+@dataclass
+class MissionPlan:
+    """The plan of a draft, for an aircraft with the turns and speeds of a reader; faults and findings by the way."""
+
+    source: SourceText
+    draft: MissionDraft
+    motion: PlanReader
+    faults: list[Fault] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    points: dict[int, Point | None] = field(default_factory=dict)
+    """Where each item with a position lies [m]; None for where the aircraft is."""
+
+    def plan(self) -> tuple[Plan, list[Finding]]:
+        self._check_home()
+        for index, item in enumerate(self.draft.items):
+            self._check_item(index, item)
+        refuse(self.faults)
+        if self.draft.multirotor:
+            message = "the mission is for a multirotor; it is read as one of a fixed wing"
+            self._find((1, 1), "multirotor", message)
+        visits = self._visits(self._order())
+        refuse(self.faults)
+        return self._assembled(visits), self.findings
+
+    def _fault(self, location: Location, item: DraftItem, message: str, expected: str) -> None:
+        self.faults.append(self.source.fault(location, f"{item.label}: {message}", expected))
+
+    def _find(self, location: Location, code: str, message: str) -> None:
+        self.findings.append(Finding("warning", None, location[0], code, message, location[1]))
+
+    # --- items as they stand
+
+    def _check_home(self) -> None:
+        latitude, longitude, altitude = self.draft.home
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= HIGHEST_M):
+            message = f"home at latitude {latitude:.10g}, longitude {longitude:.10g}, altitude {altitude:.10g}"
+            expected = "degrees within ±90 and ±180, and metres"
+        elif latitude == longitude == 0:
+            message, expected = "home has no position", "its latitude and longitude"
+        else:
+            return
+        raise self.source.error(self.draft.home_location, message, expected)
+
+    def _check_item(self, index: int, item: DraftItem) -> None:
+        command, at = item.command, item.locations
+        if command not in _MOVING | _CONTROLS:
+            hover = ": it hovers" if command == 93 else ""
+            expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
+            self._fault(at[0], item, f"the command {command} cannot be flown{hover}", expected)
+        elif command in _POSITIONED:
+            self._check_position(index, item)
+        for k, value in enumerate(item.parameters):
+            if not abs(value) <= 1e9 and not math.isnan(value):
+                self._fault(at[k + 2], item, f"a parameter of {value:g}", "a number of at most 1e9")
+        p1, p2 = item.parameters[:2]
+        hold = command == d.LOITER_TIME or (command in (d.WAYPOINT, d.SPLINE) and p1 > 0)
+        if self.draft.multirotor and hold:
+            self._fault(at[2], item, f"a hover of {p1:g} s", "no hold: a fixed wing does not hover")
+        if command in (d.LOITER_TIME, d.LOITER_TURNS) and not p1 >= 0:
+            self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
+        if command == d.JUMP and math.isnan(p2):
+            self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
+        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 == -1 or 0.1 <= p2 <= 1000):
+            self._fault(at[3], item, f"a speed of {p2:g} m/s", "one above 0, or -1 for no change")
+
+    def _check_position(self, index: int, item: DraftItem) -> None:
+        (latitude, longitude, altitude), at = item.parameters[4:], item.locations
+        self.points[index] = None
+        if item.frame not in d.FRAMES:
+            self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.FRAMES))}")
+        if math.isnan(latitude) or math.isnan(longitude):
+            if item.command not in _HERE_IF_NULL:
+                self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
+            return
+        if abs(altitude) > HIGHEST_M:
+            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {HIGHEST_M:g} m")
+        if abs(latitude) > 90 or abs(longitude) > 180:
+            which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
+            self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
+            return
+        if max(abs(latitude), abs(longitude)) < SAME_POINT_DEG:
+            return
+        home = self.draft.home[:2]
+        point = to_near_local_m(latitude, longitude, (home[0], home[1]))
+        if point is None:
+            self._fault(at[6], item, "too far from home", f"at most {FARTHEST_M / 1000:g} km")
+        self.points[index] = point
+
+    # --- items in the order flown
+
+    def _order(self) -> list[int]:
+        """The items in the order flown: jumps followed, up to the landing or the return."""
+        items = self.draft.items
+        order: list[int] = []
+        numbers = {item.number: i for i, item in reversed(list(enumerate(items)))}
+        for item in items:
+            wanted = item.parameters[0]
+            if item.command == d.JUMP and wanted not in numbers:
+                last = items[-1].number
+                self._fault(item.locations[2], item, f"a jump to item {wanted:g}, which is not there", f"1 to {last}")
+        refuse(self.faults)
+        taken: Counter[int] = Counter()
+        moved_at: dict[int, int] = {}
+        moved, flown_m, here = 0, 0.0, (0.0, 0.0)
+        i = 0
+        while i < len(items):
+            item = items[i]
+            if item.command == d.JUMP:
+                times = item.parameters[1]
+                forever = times < 0
+                limit = times if not forever else math.inf if self.motion.laps is None else self.motion.laps - 1
+                if forever and self.motion.laps is None and flown_m > self.motion.repeated_m:
+                    limit = taken[i]
+                    message = (
+                        f"{item.label} repeats for ever: {taken[i] + 1} laps are planned, {flown_m / 1000:.0f} km; "
+                        f"--laps sets their number"
+                    )
+                    self._find(item.locations[0], "repeats", message)
+                if taken[i] < limit:
+                    if moved_at.get(i) == moved:
+                        message = f"a jump to item {item.parameters[0]:g} and back here that flies nothing"
+                        self._fault(item.locations[2], item, message, "a jump to before a waypoint")
+                        return order
+                    moved_at[i] = moved
+                    taken[i] += 1
+                    i = numbers[int(item.parameters[0])]
+                    continue
+            elif item.command in _MOVING:
+                moved += 1
+                point = self.points.get(i) or here
+                flown_m += math.dist(here, point)
+                here = point
+                if item.command in _LOITERS:
+                    flown_m += 2 * math.pi * abs(self._radius_m(item)) * self._turns(item, None, 0.0)
+            order.append(i)
+            if len(order) > d.ITEMS_LIMIT:
+                expected = "fewer repetitions, or --laps N where it repeats for ever"
+                self._fault(item.locations[0], item, f"more than {d.ITEMS_LIMIT} items are flown", expected)
+                return order
+            if item.command == d.RETURN or item.command in _LANDS:
+                break
+            if item.command == d.LOITER_UNLIMITED:
+                if any(later.command in _MOVING for later in items[i + 1 :]):
+                    expected = "a number of turns, or no waypoint after it"
+                    self._fault(item.locations[0], item, "a loiter without end before other items", expected)
+                break
+            i += 1
+        after = [later for later in items[i + 1 :] if later.command in _MOVING]
+        if after:
+            message = f"{after[0].label} and what follows it is not flown: {items[i].label} ends the mission"
+            self._find(after[0].locations[0], "not-flown", message)
+        return order
+
+    def _radius_m(self, item: DraftItem) -> float:
+        """The signed radius of a loiter [m]: MAVLink's is above 0 clockwise; ±1 and 0 are directions alone."""
+        stated = item.parameters[1 if item.command == d.LOITER_TO_ALTITUDE else 2]
+        if math.isnan(stated):
+            stated = 0.0
+        size = abs(stated) if abs(stated) > 1 else LOITER_RADIUS_M
+        return size if stated < 0 else -size
+
+    def _turns(self, item: DraftItem, airspeed_mps: float | None, climb_m: float) -> float:
+        """The turns of a loiter; those of a time are flown at the airspeed, without wind."""
+        round_m = 2 * math.pi * abs(self._radius_m(item))
+        speed = airspeed_mps or self.motion.airspeed_mps
+        if item.command == d.LOITER_TURNS:
+            return item.parameters[0]
+        if item.command == d.LOITER_TIME:
+            return item.parameters[0] * speed / round_m
+        if item.command == d.LOITER_TO_ALTITUDE:
+            return abs(climb_m) / self.motion.climb_rate_mps * speed / round_m
+        return 1.0
+
+    def _visits(self, order: list[int]) -> list[_Visit]:
+        """The targets of the items in order, with altitude, airspeed and commands on the way to them."""
+        visits: list[_Visit] = []
+        commands: list[tuple[float, ...]] = []
+        altitude: float | None = None
+        airspeed: float | None = None
+        here: Point = (0.0, 0.0)
+        for index in order:
+            item = self.draft.items[index]
+            if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
+                airspeed = item.parameters[1] if item.parameters[1] > 0 else airspeed
+                if item.parameters[0] == 1:
+                    message = f"{item.label}: a ground speed, taken as an airspeed"
+                    self._find(item.locations[2], "ground-speed", message)
+            elif item.command in _MOVING:
+                before, altitude = altitude, self._altitude_m(item, altitude)
+                here = (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
+                climb_m = 0.0 if altitude is None else altitude - (before or 0.0)
+                target = self._target(index, item, here, airspeed, climb_m)
+                if target is not None:
+                    visits.append(_Visit(target, item, altitude, airspeed, tuple(commands)))
+                    commands = []
+            elif item.command in d.MOTIONLESS or item.command == d.CHANGE_SPEED:
+                values = [0.0 if math.isnan(value) else value for value in item.parameters]
+                commands.append((float(item.command), *values))
+        if commands and visits:
+            visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
+        return visits
+
+    def _altitude_m(self, item: DraftItem, before: float | None) -> float | None:
+        """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
+        altitude = item.parameters[6]
+        if item.command == d.RETURN or math.isnan(altitude):
+            return before
+        frame = d.FRAMES[item.frame]
+        if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):
+            message = f"{item.label}: an altitude above ground, taken as above home"
+            self._find(item.locations[1], "terrain", message)
+        return altitude - self.draft.home[2] if frame == d.ABSOLUTE else altitude
+
+    def _target(
+        self, index: int, item: DraftItem, here: Point, airspeed: float | None, climb_m: float
+    ) -> Target | None:
+        """What an item flies to; None where it stays where the aircraft is."""
+        p1, p2, p3 = (0.0 if math.isnan(value) else value for value in item.parameters[:3])
+        if item.command in _LOITERS:
+            turns = self._turns(item, airspeed, climb_m)
+            if turns > LIMIT_STAGES:
+                self._fault(item.locations[2], item, f"{turns:.0f} turns", f"at most {LIMIT_STAGES}")
+                return None
+            return Loiter(here, self._radius_m(item), turns)
+        if item.command != d.RETURN and self.points[index] is None:
+            return None
+        if item.command == d.SPLINE:
+            message = f"{item.label}: a spline waypoint, flown as a waypoint"
+            self._find(item.locations[0], "spline", message)
+        if item.command in (d.WAYPOINT, d.SPLINE):
+            if p1 > 0:  # a fixed wing holds on a circle
+                round_m = 2 * math.pi * LOITER_RADIUS_M
+                return Loiter(here, -LOITER_RADIUS_M, p1 * (airspeed or self.motion.airspeed_mps) / round_m)
+            return Waypoint(here, p2 if p2 > 0 else self.motion.turn_radius_m, abs(p3))
+        return Waypoint(here, self.motion.turn_radius_m)
+
+    # --- the plan
+
+    def _assembled(self, visits: list[_Visit]) -> Plan:
+        radius_m = self.motion.turn_radius_m
+        try:
+            path = path_through((0.0, 0.0), [visit.target for visit in visits], radius_m)
+        except Unreachable as error:
+            item = visits[error.target].item
+            raise self.source.error(item.locations[0], f"{item.label}: {error}", "a point outside of it") from None
+        if not path.pieces:
+            raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
+        if len(path.pieces) > LIMIT_STAGES:
+            raise self.source.error((1, 1), f"{len(path.pieces)} legs and turns", f"at most {LIMIT_STAGES}")
+        seen: set[int] = set()
+        for tight in path.tight:
+            item = visits[tight.target].item
+            if item.number not in seen:
+                seen.add(item.number)
+                message = (
+                    f"{item.label} is {tight.distance_m:.1f} m from the one before, where turns of {radius_m:.1f} m "
+                    f"radius need {tight.needed_m:.1f} m"
+                )
+                self._find(item.locations[0], "too-close", message)
+        stages: list[Stage] = []
+        commanded = 0
+        for target, piece in path.pieces:
+            visit = visits[target]
+            # what was commanded before targets that take no way is commanded now
+            commands = tuple(each for earlier in visits[commanded : target + 1] for each in earlier.commands)
+            commanded = max(commanded, target + 1)
+            function, rotation, gain = piece_path(piece)
+            x, y = (constant(round(value, 9)) for value in piece.end[:2])
+            stages.append(
+                Stage(
+                    len(stages) + 1,
+                    visit.item.locations[0][0],
+                    float(f"{gain:.4g}"),
+                    rotation,
+                    read_expression(function),
+                    (x, y),
+                    altitude_m=visit.altitude_m,
+                    airspeed_mps=visit.airspeed_mps,
+                    commands=commands,
+                )
+            )
+        shortest_m = min(piece.length_m for _, piece in path.pieces)
+        return Plan(
+            name=self.source.name,
+            stages=tuple(stages),
+            path_count=0,
+            trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
+            min_radius_m=radius_m,
+            origin_deg=(self.draft.home[0], self.draft.home[1]),
+            start_m=(0.0, 0.0),
+        )

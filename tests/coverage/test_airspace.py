@@ -1,0 +1,147 @@
+"""Coverage out of obstacles and inside a boundary, checked point by point along the path without shapely."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eadp.core.geometry.polygons import FreeSpace
+from eadp.coverage.airspace import FreeTurns, free_lines, polyline_m
+from eadp.coverage.cover import CoverageRequest, cover
+from eadp.coverage.report import covered_by_lines
+from eadp.coverage.swaths import CoverageLeg, MotionLimits, half_circle, straight
+from eadp.errors import Infeasible
+from eadp.models.field import Field
+
+BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
+MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
+ROOM = ((-60.0, -60.0), (660.0, -60.0), (660.0, 460.0), (-60.0, 460.0))
+MOTION = MotionLimits(40.0, 25.0, 37.5, 20.0)
+
+
+def within(ring, x, y, margin=0.0):
+    """Whether a point lies in a convex counter-clockwise ring, farther than a margin from its edges."""
+    edges = zip(ring, (*ring[1:], ring[0]), strict=True)
+    return all(
+        ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) / math.dist((x0, y0), (x1, y1)) > margin
+        for (x0, y0), (x1, y1) in edges
+    )
+
+
+def points(path, step=0.5):
+    for piece in path.pieces:
+        for k in range(math.ceil(piece.length_m / step) + 1):
+            yield piece.pose_at(min(k * step, piece.length_m))[:2]
+
+
+def gaps(path):
+    pieces = path.pieces
+    return [math.dist(a.end[:2], b.start[:2]) for a, b in itertools.pairwise(pieces)]
+
+
+@pytest.mark.parametrize(
+    ("limits", "least"),
+    [
+        ({"obstacles": (MAST,)}, 0.95),
+        ({"boundary": (ROOM,)}, 0.9999),
+        ({"obstacles": (MAST,), "boundary": (ROOM,)}, 0.95),
+        ({"boundary": (BOX,)}, 0.9),
+        ({"obstacles": (((580.0, 380.0), (680.0, 380.0), (680.0, 480.0), (580.0, 480.0)),)}, 0.97),
+    ],
+)
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (3.0, 4.0)])
+def test_lines_and_turns_keep_the_limits(limits, least, wind):
+    field = Field(BOX, **limits)
+    solution = cover(CoverageRequest(field, replace(MOTION, wind_mps=wind), "dubins"))
+    path = solution.path(0.0)
+    for x, y in points(path):
+        assert not any(within(ring, x, y, 0.05) for ring in field.obstacles), (x, y)
+        assert all(within(ring, x, y, -0.05) for ring in field.boundary), (x, y)
+    assert path.min_radius_m == pytest.approx(25.0)
+    assert max(gaps(path)) < 1e-6
+    assert covered_by_lines(path, field, 40.0) >= least
+
+
+def test_without_limits_an_obstacle_is_crossed():
+    path = cover(CoverageRequest(Field(BOX), MOTION, "dubins")).path(0.0)
+    assert any(within(MAST, x, y, 1.0) for x, y in points(path))
+
+
+def test_laps_keep_a_boundary_and_not_an_obstacle_within_them():
+    field = Field(BOX, boundary=(ROOM,))
+    solution = cover(CoverageRequest(field, MOTION, "zamboni"))
+    for c1 in np.linspace(solution.min_c1, 0.0, 5):
+        assert all(within(ROOM, x, y, -0.05) for x, y in points(solution.path(float(c1)), 2.0))
+    with pytest.raises(Infeasible, match="no laps of the Zamboni-like motion stay out"):
+        cover(CoverageRequest(Field(BOX, obstacles=(MAST,)), MOTION, "zamboni"))
+    assert cover(CoverageRequest(Field(BOX, obstacles=(MAST,)), MOTION, "auto")).pattern == "dubins"
+
+
+def test_the_way_from_start_and_home_is_free_too():
+    wall = ((-100.0, 100.0), (-40.0, 100.0), (-40.0, 300.0), (-100.0, 300.0))
+    field = Field(BOX, obstacles=(wall,))
+    request = CoverageRequest(field, MOTION, "dubins", start_m=(-200.0, 200.0), home_m=(-200.0, 210.0))
+    path = cover(request).path(0.0)
+    assert path.pieces[0].start[:2] == pytest.approx((-200.0, 200.0))
+    assert path.pieces[-1].end[:2] == pytest.approx((-200.0, 210.0))
+    assert not any(within(wall, x, y, 0.05) for x, y in points(path))
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"obstacles": (((-10.0, -10.0), (610.0, -10.0), (610.0, 410.0), (-10.0, 410.0)),)},
+        {"boundary": (((0.0, 0.0), (600.0, 0.0), (600.0, 30.0), (0.0, 30.0)),)},
+        # a wall from side to side of the boundary
+        {"boundary": (ROOM,), "obstacles": (((290.0, -100.0), (300.0, -100.0), (300.0, 500.0), (290.0, 500.0)),)},
+    ],
+)
+def test_what_cannot_be_flown_is_said(limits):
+    with pytest.raises(Infeasible, match=r"no line of the field has room|no order of the lines|the way to or from"):
+        cover(CoverageRequest(Field(BOX, **limits), MOTION, "dubins"))
+
+
+def test_a_line_ends_where_half_a_turn_is_free():
+    # a radius before the wall, and a step of a quarter of it more: the half circle would touch
+    space = FreeSpace([((200.0, -1e4), (300.0, -1e4), (300.0, 1e4), (200.0, 1e4))])
+    line = CoverageLeg(straight((0.0, 0.0), (400.0, 0.0)), True)
+    legs = free_lines([line], space, 20.0)[::2]
+    assert [(leg.start[0], leg.end[0]) for leg in legs] == [
+        (pytest.approx(0.0), pytest.approx(175.0, abs=0.1)),
+        (pytest.approx(325.0, abs=0.1), pytest.approx(400.0)),
+    ]
+    assert space.has(polyline_m([half_circle(legs[0].end, 20.0, 1)]))
+
+
+def test_a_turn_goes_around_a_corner():
+    wall = ((-10.0, -200.0), (10.0, -200.0), (10.0, 200.0), (-10.0, 200.0))
+    turns = FreeTurns(FreeSpace([wall]), MOTION)
+    start, end = (-100.0, 0.0, 0.0), (100.0, 0.0, 0.0)
+    assert turns.direct(start, end) is None
+    time_s, pieces = turns.turn(start, end)
+    assert time_s == pytest.approx(sum(piece.length_m for piece in pieces) / 15.0)
+    # a taut string round a corner is 2 √(100² + 200²) long
+    assert 430 < time_s * 15 < 620
+    assert not any(within(wall, x, y, 0.01) for x, y in polyline_m(pieces))
+
+
+def test_parts_of_a_field_are_covered_by_one_path():
+    other = ((900.0, 100.0), (1200.0, 100.0), (1200.0, 500.0), (900.0, 500.0))
+    field = Field(BOX, others=((other,),))
+    solution = cover(CoverageRequest(field, MOTION))
+    path = solution.path(0.0)
+    assert solution.pattern == "dubins"
+    assert covered_by_lines(path, field, 40.0) >= 0.9999
+    assert max(gaps(path)) < 1e-6
+    # no more than the two parts apart and the way between them
+    apart = [cover(CoverageRequest(Field(ring), MOTION, "dubins")).path(0.0).length_m for ring in (BOX, other)]
+    assert path.length_m < sum(apart) + 1000
+    with pytest.raises(Infeasible, match="covers one part of a field"):
+        cover(CoverageRequest(field, MOTION, "zamboni"))
+    walled = replace(field, obstacles=(((700.0, -500.0), (750.0, -500.0), (750.0, 450.0), (700.0, 450.0)),))
+    for x, y in points(cover(CoverageRequest(walled, MOTION)).path(0.0)):
+        assert not within(walled.obstacles[0], x, y, 0.05)
