@@ -31,7 +31,8 @@ def field(eadp, tmp_path):
 )
 def test_ordinary_packs_cover_a_field(root, field, keys, quality):
     flight, expected = flown(root, field, **{f"battery.{key}": value for key, value in keys.items()})
-    assert expected.forecast.reserve_probability > 0.99
+    assert expected.feasible
+    assert expected.forecast.completes_probability > 0.99
     assert flight.summary["completed"]
     assert flight.summary["reserve_kept"]
     assert flight.summary["quality"] > quality

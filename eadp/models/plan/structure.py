@@ -36,7 +36,7 @@ OFFSETS_M = (
 """Points round its trigger at which a path is evaluated: more than a quadratic has coefficients."""
 
 SYMBOLIC_STAGES, SYMBOLIC_LIMIT_S = 200, 1.0
-"""Most stages of a plan whose structure is shown symbolically, and the processor time for it [s], looked at after each step."""
+"""Most stages of a plan whose structure is shown symbolically, and processor time for it [s], checked at each step."""
 
 TOLERANCE = 1e-9
 SMALL_STEP_M = 0.1

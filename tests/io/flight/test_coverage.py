@@ -88,5 +88,6 @@ def test_a_flight_over_a_field(tmp_path):
     assert 0.3 < share < 0.65
     page = Page((tmp_path / "out/report.html").read_text(encoding="utf-8"))
     page.check()
-    assert page.data["field"]["outline"] == [[0, 0], [200, 0], [200, 100], [0, 100]]
+    assert page.data["field"]["rings"][0] == [[0, 0], [200, 0], [200, 100], [0, 100]]
+    assert len(page.data["field"]["rings"]) == 2
     assert page.data["field"]["covered"]["share"][-1] == pytest.approx(share, abs=2e-3)
