@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -101,8 +100,6 @@ def command(
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
-    # the matrices are small: a second thread of linear algebra only spins; once numpy is loaded this has no effect
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from eadp.io.log.battery_fit import BatteryOptions, read_battery_fit
     from eadp.io.log.fit_inputs import FitOptions, read_fit
     from eadp.io.log.power_log import Columns

@@ -17,11 +17,6 @@ from eadp import __version__
 from eadp.cli import cover, export, fit, init, plan, profile, replan, report, schema, simulate, sweep, vehicle
 from eadp.errors import EadpError, InputError, printable
 
-# The matrices here are small: threads of the linear algebra cost more than they give, and on a busy machine twentyfold.
-# Set before numpy is first imported; a user's own setting stays.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
 GROUPS = {

@@ -81,6 +81,23 @@ def test_help_imports_nothing_slow(arguments):
     assert done.returncode == 0, done.stderr
 
 
+def test_linear_algebra_keeps_to_one_thread_unless_asked():
+    """numpy reads the variable once, when it is first imported."""
+    code = (
+        "import os, sys\n"
+        "class Watch:\n"
+        "    def find_spec(name, *_):\n"
+        "        if name == 'numpy': print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])\n"
+        "sys.meta_path.insert(0, Watch); import eadp.cli.main, numpy"
+    )
+    plain = {key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")}
+    for environment, threads in ((plain, "1 1\n"), ({**plain, "OPENBLAS_NUM_THREADS": "2"}, "2 1\n")):
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment
+        )
+        assert done.stdout == threads, done.stderr
+
+
 def test_a_bug_is_70_and_says_so_without_a_traceback(eadp, monkeypatch):
     def broken(_path):
         raise RuntimeError("the unexpected")

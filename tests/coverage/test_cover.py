@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -121,6 +122,14 @@ def moved(field, angle, shift, mirror):
     return Field(rings[0], tuple(rings[1:])), place
 
 
+@cache
+def unmoved(name, pattern):
+    """A field of irregular corners, so that no two paths are equally long, and its path."""
+    corners = np.array(FIELDS[name].outline) + np.array([(0, 0), (13, 4), (-9, 21), (5, -17)])
+    field = Field(tuple(map(tuple, corners.tolist())))
+    return field, cover(CoverageRequest(field, MOTION, pattern)).path(0.0)
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from(["rectangle", "trapezoid"]),
@@ -130,11 +139,9 @@ def moved(field, angle, shift, mirror):
     st.booleans(),
 )
 def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shift, mirror):
-    # irregular corners, so that no two paths are equally long
-    corners = np.array(FIELDS[name].outline) + np.array([(0, 0), (13, 4), (-9, 21), (5, -17)])
-    field = Field(tuple(map(tuple, corners.tolist())))
+    field, a = unmoved(name, pattern)
     other, place = moved(field, angle, shift, mirror)
-    a, b = (cover(CoverageRequest(each, MOTION, pattern)).path(0.0) for each in (field, other))
+    b = cover(CoverageRequest(other, MOTION, pattern)).path(0.0)
     assert b.length_m == pytest.approx(a.length_m, abs=1e-3)
     ends = [place(leg.piece.end[:2]) for leg in a.legs]
     found = [leg.piece.end[:2] for leg in b.legs]
@@ -239,6 +246,7 @@ def flown_share(field, solution, path, wind_deg, c1):
         "vehicle.airframe.model": "paper",
         "planner.name": "static",
         "battery.capacity_ah": 20,
+        "step_s": 0.05,
         **wind,
         **parameters,
     }

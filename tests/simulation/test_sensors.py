@@ -64,7 +64,8 @@ def test_a_delay_is_as_many_steps(delay_s):
 @pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])
 def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
     n = 400_000
-    missing = np.array([o.power_w is None for o in told(Sensors(drop_out_share=share, drop_out_s=length_s), n, seed=3)])
+    suite = SensorSuite(Sensors(drop_out_share=share, drop_out_s=length_s), STEP_S, np.random.default_rng(3))
+    missing = np.array([suite.power_w(k, 30.0) is None for k in range(1, n + 1)])
     runs = [sum(1 for _ in run) * STEP_S for out, run in itertools.groupby(missing.tolist()) if out]
     assert missing.mean() == pytest.approx(share, rel=0.25)
     assert np.mean(runs) == pytest.approx(length_s, rel=0.3)

@@ -585,14 +585,17 @@ def _coloured(
     max_order = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
     designs = np.stack([design_matrix(bins.times_s, f, max_order) for f in grid])
     penalty = _HARMONIC_PENALTY * np.arange(1, max_order + 1)[:, np.newaxis]
-    penalised = bins.scan(designs)[0].gain - penalty
+    powers = bins.power_w[:, np.newaxis]
+    if judge:
+        powers = np.hstack([powers, bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))])
+    scans = bins.scan(designs, powers)
+    penalised = scans[0].gain - penalty
     likeliest = float(grid[int(np.argmax(penalised.max(axis=0)))])
     if penalised[:, -1].max() >= penalised.max() - _MARGIN:
         likeliest = frequency_hz
     chance = None
     if judge:
-        draws = bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))
-        drawn = np.array([float((one.gain - penalty).max()) for one in bins.scan(designs, draws)])
+        drawn = np.array([float((one.gain - penalty).max()) for one in scans[1:]])
         wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
         chance = min(1.0, tail(float(penalised.max()), drawn) * wider)
     return _ColouredResult(*_posterior(bins, likeliest, max_order, step_hz, low, high), chance)

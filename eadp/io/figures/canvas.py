@@ -57,6 +57,9 @@ STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
 }
 
+METADATA: dict[str, dict[Any, Any]] = {".svg": {"Date": None, "Creator": "eadp"}, ".png": {"Software": "eadp"}}
+"""Formats of figures, and what each says of its making: nothing that changes from run to run."""
+
 Point = tuple[float, float]
 _KINDS = (LINE, CIRCLE, CURVE)
 
@@ -70,7 +73,9 @@ def stage_style(stages: Sequence[Stage], index: int) -> tuple[str, str]:
 
 
 @contextmanager
-def figure_pair(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
+def figure_pair(
+    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA)
+) -> Iterator[Figure]:
     """A figure saved as SVG and PNG under a name without its ending; same data, same bytes."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -80,13 +85,13 @@ def figure_pair(path: Path, width_in: float, height_in: float) -> Iterator[Figur
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
-        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None, "Creator": "eadp"})
-        figure.savefig(path.with_suffix(".png"), metadata={"Software": "eadp"})
+        for suffix in suffixes:
+            figure.savefig(path.with_suffix(suffix), metadata=METADATA[suffix])
 
 
 def check_figure_name(path: str) -> None:
     """Refuse a figure's name that ends in neither .svg nor .png; raises InputError."""
-    if Path(path).suffix.lower() not in (".svg", ".png"):
+    if Path(path).suffix.lower() not in METADATA:
         raise InputError.at(path, 1, 1, "is not the name of a figure", "a name that ends in .svg or .png")
 
 
@@ -100,11 +105,12 @@ def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure
         If the name ends in neither, or the file cannot be written.
     """
     check_figure_name(path)
+    suffix = Path(path).suffix.lower()
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "figure"
-        with figure_pair(draft, width_in, height_in) as figure:
+        with figure_pair(draft, width_in, height_in, [suffix]) as figure:
             yield figure
-        write_bytes(path, draft.with_suffix(Path(path).suffix.lower()).read_bytes())
+        write_bytes(path, draft.with_suffix(suffix).read_bytes())
 
 
 def write_headline(figure: Figure, parts: Sequence[str]) -> None:

@@ -494,7 +494,7 @@ def test_other_commands_read_it_too(eadp, mission, tmp_path):
     assert eadp("replan", mission, "--telemetry", telemetry).code == 0
     sweep = tmp_path / "s.yaml"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {mission}\ngrid: {{wind.speed_mps: [0, 4]}}\n")
-    answer = eadp("sweep", sweep, "--set", "step_s=0.1", "--format", "csv")
+    answer = eadp("sweep", sweep, "--jobs", 1, "--set", "step_s=0.1", "--format", "csv")
     assert answer.code == 0
     assert answer.out.count("final point reached") == 2
     assert eadp("plan", mission, "--trace", "10").out.startswith(
