@@ -305,8 +305,8 @@ class ChargeFilter:
         self._outliers = 0
         if not self.believed:
             return False
-        # a small loss is one of charge, not of capacity
-        variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + self._noise))
+        if self._noise >= EXACT_GAUGE:  # a small loss is one of charge, not of capacity
+            variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + self._noise))
         if not self._unmeasured:
             change = state[1] * since - fell
             self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
