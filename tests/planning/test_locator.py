@@ -15,7 +15,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
-from eadp.planning.locator import Locator, Sighting
+from eadp.planning.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, _mismatch
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-100.0, 220.0), 15.0
@@ -142,6 +142,22 @@ def test_a_course_decides_between_two_lines():
     back = locator()
     back.seek(Sighting(time_s, position, course + math.pi), (0.0, 0.0))
     assert (2, LEGS[number].stage.index) not in stages(back) or back.lost
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.4, -0.4, math.pi / 2, 3.0])
+def test_the_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
+    """On the path and at 7 m from a line, courses a whole turn apart alike."""
+    number = next(i for i, leg in enumerate(LEGS) if leg.stage.kind == "line")
+    _, found = sighted((ENDS_S[number - 1] + ENDS_S[number]) / 2)
+    executor = next(one.executor for one in found.hypotheses if one.executor.stage.index == LEGS[number].stage.index)
+    _, (x, y), course = nominal((ENDS_S[number - 1] + ENDS_S[number]) / 2)
+    beside = (x - 7 * math.sin(course), y + 7 * math.cos(course))
+    angle = (turned / COURSE_STD_RAD) ** 2
+    for whole in (0, 2 * math.pi, -2 * math.pi):
+        on_path = _mismatch(executor, Sighting(9.0, (x, y), course + turned + whole))
+        assert on_path == pytest.approx(angle, abs=1e-6)
+        off_path = _mismatch(executor, Sighting(9.0, beside, course + turned + whole))
+        assert off_path == pytest.approx(angle + (7 / DISTANCE_STD_M) ** 2, rel=1e-6)
 
 
 def test_a_number_of_stages_started_settles_it():

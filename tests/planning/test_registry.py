@@ -21,7 +21,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlanner, TradeOff
+from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlanner, TradeOff, _nominal_lap_s
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
@@ -401,3 +401,11 @@ def test_a_fit_is_what_the_estimator_starts_from():
     assert white._estimator.disturbance == (0.5, 5.0)
     mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
     assert mean._estimator.state_w.tolist() == [31.0]
+
+
+def test_the_first_period_of_a_single_lap_is_the_lap():
+    """A square of 400 m, flown once: no lap before the last one is whole."""
+    text = "0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n"
+    plan = read_plan(Text("once", text))[0]
+    mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (), (100.0, 0.0))
+    assert _nominal_lap_s(mission) == pytest.approx(20.0)

@@ -256,6 +256,31 @@ def test_one_odd_reading_of_a_noisy_gauge_is_not_a_jump_two_are():
     assert abs(found[301] - true[301] + 0.2) < 0.01
 
 
+def test_one_odd_reading_just_after_a_jump_is_no_other_jump():
+    true, readings = noisy(3, 0.002)
+    readings[300:] -= 0.2
+    readings[310] -= 0.2  # the jump is known by the reading 301, and its variance has settled by 309
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == [301]
+    assert found[311] == pytest.approx(true[311] - 0.2, abs=0.01)
+
+
+def test_a_drain_whose_power_was_not_measured_teaches_little():
+    """Three tenths of what is predicted are used: measured, that is an odd reading; not measured, it is the truth."""
+    found = {}
+    for measured in (True, False):
+        rng, charge, soc = np.random.default_rng(2), ChargeFilter(), 1.0
+        charge.observe(soc, 0.0)
+        for _ in range(200):
+            soc -= 1e-3
+            charge.observe(soc + rng.normal(0, 0.002), 1e-3)
+        before = charge.soc
+        charge.observe(soc - 0.03, 0.1, measured=measured)
+        found[measured] = before - charge.soc, charge.use(0.1)[0] / 0.1
+    assert found[True][0] == pytest.approx(0.1, abs=0.01)
+    assert found[False] == (pytest.approx(0.03, abs=0.01), pytest.approx(1.0, abs=0.1))
+
+
 @pytest.mark.parametrize("count", [10, 100, 600])
 def test_the_variance_of_a_noisy_gauge_is_calibrated(count):
     squares = []
