@@ -102,6 +102,8 @@ def test_a_position_that_does_not_move_is_frozen():
     used = flown(list(range(21)), still)
     frozen = [sample.position_m is None for sample in used]
     assert frozen == [False] * (10 + int(FROZEN_S)) + [True] * (10 - int(FROZEN_S)) + [False]
+    messages = [message for _, message in accepted(*enumerate(still)) if message]
+    assert messages == [f"the position has not changed for {FROZEN_S + 1:g} s"]
     # before take-off it is not, nor where the ground velocity is measured to be none
     assert all(sample.position_m is not None for sample in flown(list(range(20)), [0.0] * 20))
     assert all(sample.position_m is not None for sample in flown(list(range(20)), still[:20], velocity_mps=(0.1, 0.0)))

@@ -25,7 +25,7 @@ from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlann
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage_times_s
 from eadp.planning.registry import PLANNERS, make_planner, planner_class
 from eadp.planning.static import StaticPlanner
 
@@ -409,3 +409,12 @@ def test_the_first_period_of_a_single_lap_is_the_lap():
     plan = read_plan(Text("once", text))[0]
     mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (), (100.0, 0.0))
     assert _nominal_lap_s(mission) == pytest.approx(20.0)
+
+
+def test_without_a_free_path_parameter_there_are_no_times_of_coverage():
+    """The rule has nothing to choose from: the path parameter has one value in every stage."""
+    text = "0.1; 90; x - 100 + c1\n100 - c1, 100\n[5, 5]\n"
+    plan = read_plan(Text("fixed", text))[0]
+    mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (5.0,), (95.0, 0.0))
+    assert plan.path_count == 1
+    assert _coverage_times_s(PaperSettings(), mission) is None

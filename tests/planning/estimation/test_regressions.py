@@ -159,6 +159,13 @@ def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
     assert 36 < motion.level_w < 40
 
 
+def test_before_the_first_window_the_variance_is_that_of_the_prior():
+    """Of the level, and of windows of 3 % of it whose errors are independent."""
+    level, noise = 36 * observed.LEVEL_SHARE, 36 * observed.POWER_SHARE
+    expected = (level * 100) ** 2 + (100 / observed.WINDOW_S) * (noise * observed.WINDOW_S) ** 2
+    assert MotionPower(36.0).energy_variance_j2(100.0, 0.0) == pytest.approx(expected)
+
+
 def test_a_slow_change_is_followed():
     motion = MotionPower(36.0)
     for k in range(600):  # from 36 to 42 W in 50 minutes
