@@ -449,3 +449,17 @@ def test_the_value_of_later_blocks_is_decided_once_the_other_alters_nothing(two_
     assert not two_blocks.by_blocks
     two_blocks._cursor = before
     two_blocks._clear_routes()
+
+
+def test_a_replayed_charge_is_believed_as_it_is_read():
+    """No drain is predicted: a charge that falls by 0.0022 a second is followed within three seconds, a loss at the next
+    reading."""
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
+    forecaster, battery = Forecaster(inputs.scenario.planner, inputs.mission), inputs.mission.battery
+    late = 0
+    for k in range(300):
+        charge = battery.prescribed_soc(float(k))
+        forecaster._observe_charge(float(k), 36.0, charge)
+        late += abs(forecaster.soc - charge) > 3 * 0.0022
+    assert late <= 2
+    assert forecaster.warnings == ()

@@ -451,3 +451,18 @@ def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
     best = MissionProgram(1).scanned(forecaster.candidate, (1.0,))
     assert best.status == INFEASIBLE
     assert best.shortfall <= min(shorts.values()) + best.candidate.tolerance
+
+
+def test_a_worse_solution_of_the_qp_is_replaced_by_the_closed_form_and_counted(monkeypatch):
+    report, mission = SolverReport(), Mission(4, 1, tight=0.5)
+    program, start = MissionProgram(1, report), best_at(mission((0.5,)))
+
+    def nothing_taken(at, kept):
+        increments = at.candidate.increments
+        return replace(at, allocation=allocation_of(increments, np.zeros(len(increments.use))), status=SOLVED)
+
+    monkeypatch.setattr(program, "_allocation", nothing_taken)
+    solution = program.decided(mission, start, movable=False)
+    assert (solution.status, report.outdone) == (CLOSED_FORM, 1)
+    assert solution.value == start.value
+    assert solution.gap == report.gaps[-1] == pytest.approx(start.value - start.candidate.increments.base_value)

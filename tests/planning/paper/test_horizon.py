@@ -593,3 +593,11 @@ def test_lowered_keeps_what_is_admissible():
     found = easy(soc=0.95)
     plan = found.horizon().lowered(np.array([10.0]), np.array([2.0]), found.forecast)
     assert plan == pytest.approx(np.full((5, 1), 10.0))
+
+
+def test_where_each_computation_has_one_level_nothing_runs():
+    found = case(np.random.default_rng(3), one_computation(np.random.default_rng(3), "linear", 1), 4, "control")
+    report = SolverReport()
+    plan = found.with_charge(0.9).horizon(report).solve(found.forecast)
+    assert (plan.iterations, report.calls) == (0, 0)
+    assert plan.chosen.tolist() == [[found.computations.low[0]]] * 4
