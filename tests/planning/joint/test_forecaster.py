@@ -452,7 +452,7 @@ def test_the_value_of_later_blocks_is_decided_once_the_other_alters_nothing(two_
 
 
 def test_a_replayed_charge_is_believed_as_it_is_read():
-    """No drain is predicted: a charge that falls by 0.0022 a second is followed within 3 s, a loss at the next reading."""
+    """No drain is predicted: a charge that falls is followed within 3 s, and a loss at the next reading."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
     forecaster, battery = Forecaster(inputs.scenario.planner, inputs.mission), inputs.mission.battery
     late = 0
