@@ -51,8 +51,8 @@ MIN_GAIN = 1e-7
 PROXIMAL = (1e-4, 1e-3)
 """Weight of the proximal term, for a gradient scaled to 1: with the path kept, and with path parameters free."""
 
-TOLERANCE = 1e-7
-"""Tolerance of OSQP."""
+TOLERANCE, DIGITS = 1e-7, 7
+"""Tolerance of OSQP, and the digits of a path parameter's share that it gives."""
 
 OUTDONE, KEPT_GAP = 1e-6, 1e-7
 """Gain of the closed form from which it is taken instead of the QP's solution, and largest gain that the last
@@ -296,6 +296,7 @@ class MissionProgram:
     def _climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
         """Climb from a solution by QPs in path parameters and shares; the solution itself where they gain nothing."""
         best, d, reach = start, len(start.candidate.shares), FIRST_REACH
+        accepted: _Allocated | None = None
         for _ in range(MAX_QPS):
             candidate, x = best.candidate, best.allocation.shares
             try:
@@ -312,15 +313,21 @@ class MissionProgram:
                 np.minimum(reach, 1.0 - shares).tolist(),
             )
             there = tuple(np.clip(shares + moved[:d], 0.0, 1.0).tolist())
-            trial = self._evaluated(candidate_at, there, _Allocated(moved[d:], multiplier, iterations), best)
+            found = _Allocated(moved[d:], multiplier, iterations)
+            trial = self._evaluated(candidate_at, there, found, best)
             if trial is None or trial.value <= best.value:
                 reach /= 4
                 if reach < MIN_REACH:
                     break
                 continue
-            gained, best = trial.value - best.value, trial
+            gained, best, accepted = trial.value - best.value, trial, found
             if gained < MIN_GAIN:
                 break
+        if accepted is not None:
+            digits = tuple(np.round(best.candidate.shares, DIGITS).tolist())
+            rounded = self._evaluated(candidate_at, digits, accepted, best)
+            if rounded is not None and rounded.value > best.value - MIN_GAIN:
+                return rounded
         return best
 
     def _solved(
