@@ -105,8 +105,43 @@ class PaperVehicle:
         return []
 
 
+class _Aeroplane:
+    """What follows alike from the keys of an aeroplane, whatever its power is computed from."""
+
+    mass_kg: float
+    airspeed_mps: float
+    max_power_w: float
+    avionics_w: float
+    max_bank_deg: float
+    published_triggers: ClassVar[bool] = False
+
+    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Electrical power in level flight [W]."""
+        raise NotImplementedError
+
+    @cached_property
+    def weight_n(self) -> float:
+        """Weight [N]."""
+        return self.mass_kg * GRAVITY_MPS2
+
+    @property
+    def cruise_power_w(self) -> float:
+        """Motion power in straight level flight at the airspeed held [W]."""
+        return self.level_power_w(self.airspeed_mps)
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest motion power, at full throttle [W]."""
+        return self.max_power_w + self.avionics_w
+
+    @property
+    def turn_radius_m(self) -> float:
+        """Radius of a turn at its greatest bank, without wind [m]."""
+        return turn_radius_m(self.airspeed_mps, math.radians(self.max_bank_deg))
+
+
 @dataclass(frozen=True)
-class FixedWing:
+class FixedWing(_Aeroplane):
     """A small electric aeroplane: a drag polar, a propulsion of one efficiency, and limits of throttle, bank and climb.
 
     The defaults are those of a flying wing of 1.2 m span for surveys: 36 W at 15 m/s, of which the published survey
@@ -167,13 +202,6 @@ class FixedWing:
     altitude_gain_per_s: Rate = 0.5
     """Rate at which climbing corrects an error of altitude [1/s]."""
 
-    published_triggers: ClassVar[bool] = False
-
-    @cached_property
-    def weight_n(self) -> float:
-        """Weight [N]."""
-        return self.mass_kg * GRAVITY_MPS2
-
     @cached_property
     def induced_drag(self) -> float:
         """K of the drag polar."""
@@ -221,21 +249,6 @@ class FixedWing:
         return self.weight_n / self.drag_n(self.glide_mps)
 
     @property
-    def cruise_power_w(self) -> float:
-        """Motion power in straight level flight at the airspeed held [W]."""
-        return self.level_power_w(self.airspeed_mps)
-
-    @property
-    def max_motion_w(self) -> float:
-        """Greatest motion power, at full throttle [W]."""
-        return self.max_power_w + self.avionics_w
-
-    @property
-    def turn_radius_m(self) -> float:
-        """Radius of a turn at its greatest bank, without wind [m]."""
-        return turn_radius_m(self.airspeed_mps, math.radians(self.max_bank_deg))
-
-    @property
     def stall_mps(self) -> float:
         """Airspeed at which the wing stalls in straight flight [m/s]."""
         return math.sqrt(2 * self.weight_n / (self.air_density_kgpm3 * self.wing_area_m2 * self.max_lift_coefficient))
@@ -277,7 +290,7 @@ class FixedWing:
 
 
 @dataclass(frozen=True)
-class PowerCurve:
+class PowerCurve(_Aeroplane):
     """An aeroplane by the power that it draws, as measured or as fitted to a log; it flies as `FixedWing` does.
 
     Drag, (P − P_avionics) η/V, is linear between the points, and constant below and above them.
@@ -325,13 +338,6 @@ class PowerCurve:
     altitude_gain_per_s: Rate = 0.5
     """Rate at which climbing corrects an error of altitude [1/s]."""
 
-    published_triggers: ClassVar[bool] = False
-
-    @cached_property
-    def weight_n(self) -> float:
-        """Weight [N]."""
-        return self.mass_kg * GRAVITY_MPS2
-
     @cached_property
     def drags_n(self) -> tuple[float, ...]:
         """Drag at the points in straight level flight [N]."""
@@ -352,21 +358,6 @@ class PowerCurve:
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of the points [m/s]."""
         return self.points[0][0], self.points[-1][0]
-
-    @property
-    def cruise_power_w(self) -> float:
-        """Motion power in straight level flight at the airspeed held [W]."""
-        return self.level_power_w(self.airspeed_mps)
-
-    @property
-    def max_motion_w(self) -> float:
-        """Greatest motion power, at full throttle [W]."""
-        return self.max_power_w + self.avionics_w
-
-    @property
-    def turn_radius_m(self) -> float:
-        """Radius of a turn at its greatest bank, without wind [m]."""
-        return turn_radius_m(self.airspeed_mps, math.radians(self.max_bank_deg))
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot fly so: its points, or its motor."""
