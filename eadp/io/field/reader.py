@@ -75,7 +75,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     Parameters
     ----------
     text : Text
-        GeoJSON (a Polygon, a MultiPolygon of one, or a Feature, FeatureCollection or GeometryCollection with one), KML
+        GeoJSON (a Polygon, a MultiPolygon, or a Feature, FeatureCollection or GeometryCollection with one), KML
         (a Placemark with a Polygon), or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the
         outline, 1.. the holes), or two columns without names.
     metres : bool, optional

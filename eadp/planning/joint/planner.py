@@ -194,7 +194,7 @@ class JointPlanner(TrackingPlanner):
         return tuple([old if abs(new - old) <= same else new for new, old, same in known])
 
     def _must_turn_back(self, time_s: float, solution: Solution) -> bool:
-        """Whether the plan is infeasible, and home will be at the next re-planning, or is now by less than the plan."""
+        """Whether the plan is infeasible, and home is out of reach by the next re-planning, or short by less."""
         before, spare = self._home_spare, self._forecaster.home_spare(solution)
         self._home_spare = spare
         if spare is None:
