@@ -75,6 +75,26 @@ def jitted(function: F, *helpers: Callable[..., Any]) -> F:
     return _compiled(function, helpers) if _on else function
 
 
+def on_numbers(function: Callable[..., Any], state: list[float], *arguments: Any) -> tuple[Any, list[float]]:
+    """A function's result, and the state that it has changed: both lists of numbers, or arrays in compiled code.
+
+    Parameters
+    ----------
+    function : function
+        As `jitted` returns it; its first argument is the state.
+    state : list of float
+    *arguments
+        Lists among them are arrays in compiled code.
+    """
+    if not _on:
+        return function(state, *arguments), state
+    import numpy as np
+
+    numbers = np.array(state)
+    result = function(numbers, *(np.array(each) if isinstance(each, list) else each for each in arguments))
+    return result, numbers.tolist()
+
+
 @cache
 def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
     import numba

@@ -300,7 +300,7 @@ class Mission:
     the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s]. `turn_radius_m` is the
     least; `returns_home` is whether to fly home where the plan cannot be completed with the reserve kept. `airframe`
     gives the power of climbs and of the stages' airspeeds, None that of level flight alone; `altitude_m` is that of
-    take-off [m].
+    take-off [m]. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
     """
 
     plan: Plan
@@ -319,6 +319,7 @@ class Mission:
     returns_home: bool = False
     airframe: FixedWing | None = None
     altitude_m: float = 0.0
+    live: bool = False
 
 
 class Planner(Protocol):

@@ -220,7 +220,7 @@ class LiveFlight:
             reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
             start = start if start is not None and math.dist(position, start) <= reach_m else position
         assert start is not None
-        mission = replace(mission, start_m=start)
+        mission = replace(mission, start_m=start, live=True)
         self._planner = self._make(mission)
         self._forecast = self._make_forecast(mission)
         executor = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+
+from eadp.core.compiled import jitted, on_numbers
+from eadp.planning.estimation.regressions import Floats, State
 
 MAX_RATIO, PERSISTENT_S = 5.0, 5.0
 """A reading above this multiple of the mean is an outlier, unless readings stay there for this long [s]."""
@@ -23,38 +27,72 @@ class PowerGate:
         Power before the first reading [W]; None where it is not known: the first reading passes then.
     limit_w : float
         Power that the battery and the motor cannot exceed [W]; may be infinite.
-
-    Attributes
-    ----------
-    max_motion_w : float
-        Greatest power of the motion that two successive readings have reached [W].
-    rejects : bool
-        Whether the last reading was false.
     """
 
     def __init__(self, mean_w: float | None, limit_w: float) -> None:
-        self._least_w, self._limit_w = mean_w or 0.0, limit_w
-        self._mean_w = mean_w
-        self._time_s = self._last_w = self.max_motion_w = 0.0
-        self._outlier_since_s: float | None = None
-        self.rejects = False
+        self._bounds = mean_w or 0.0, limit_w
+        self._state: list[float] = [math.nan if mean_w is None else mean_w, 0.0, 0.0, 0.0, math.nan, 0.0]
+
+    @property
+    def max_motion_w(self) -> float:
+        """Greatest power of the motion that two successive readings have reached [W]."""
+        return self._state[MAX_MOTION_W]
+
+    @property
+    def rejects(self) -> bool:
+        """Whether the last reading was false."""
+        return self._state[REJECTS] > 0
 
     def passed(self, time_s: float, power_w: float | None, computing_w: float) -> float | None:
         """The reading [W] at a time [s], or None where it is false; `computing_w` is the computations' part of it."""
-        self.rejects = power_w is not None
-        if power_w is None or not 0.0 <= power_w <= self._limit_w:  # NaN included
+        if power_w is None:
+            self._state[REJECTS] = 0.0
             return None
-        if self._mean_w is None:
-            self._mean_w = power_w
-        if power_w > MAX_RATIO * max(self._mean_w, self._least_w):
-            if self._outlier_since_s is None:
-                self._outlier_since_s = time_s
-            if time_s - self._outlier_since_s < PERSISTENT_S:
-                return None
-            self._mean_w = power_w
-        self._outlier_since_s = None
-        self._mean_w += (1.0 - math.exp((self._time_s - time_s) / MEAN_S)) * (power_w - self._mean_w)
-        motion_w = power_w - computing_w
-        self.max_motion_w = max(self.max_motion_w, min(motion_w, self._last_w))
-        self._time_s, self._last_w, self.rejects = time_s, motion_w, False
-        return power_w
+        passed = _passed(self._state, self._bounds, time_s, power_w, computing_w)
+        return None if math.isnan(passed) else passed
+
+    def passed_batch(self, times_s: Floats, powers_w: Sequence[float | None], computing_w: float) -> list[float | None]:
+        """`passed` of readings in order."""
+        known = [math.nan if power is None else power for power in powers_w]
+        passed, self._state = on_numbers(
+            jitted(_all_passed, _passed), self._state, self._bounds, times_s, known, computing_w
+        )
+        if known[-1] is not powers_w[-1]:
+            self._state[REJECTS] = 0.0
+        return [None if math.isnan(power) else power for power in passed]
+
+
+MEAN_W, READ_S, LAST_W, MAX_MOTION_W, SINCE_S, REJECTS = range(6)
+"""State of `PowerGate`: mean [W], NaN before the first reading; time [s] and motion power [W] of the last reading that
+has passed; the greatest of two in a row; since when readings are outliers [s], or NaN; whether the last was false."""
+
+
+# The functions below keep to what numba compiles, see `eadp.core.compiled`.
+
+
+def _all_passed(
+    s: State, bounds: tuple[float, float], times_s: Floats, powers_w: Floats, computing_w: float
+) -> list[float]:
+    return [_passed(s, bounds, times_s[i], powers_w[i], computing_w) for i in range(len(powers_w))]
+
+
+def _passed(s: State, bounds: tuple[float, float], time_s: float, power_w: float, computing_w: float) -> float:
+    """The reading, or NaN where it is false."""
+    least_w, limit_w = bounds
+    s[REJECTS] = 1.0
+    if not 0.0 <= power_w <= limit_w:  # NaN included
+        return math.nan
+    if math.isnan(s[MEAN_W]):
+        s[MEAN_W] = power_w
+    if power_w > MAX_RATIO * max(s[MEAN_W], least_w):
+        if math.isnan(s[SINCE_S]):
+            s[SINCE_S] = time_s
+        if time_s - s[SINCE_S] < PERSISTENT_S:
+            return math.nan
+        s[MEAN_W] = power_w
+    s[SINCE_S] = math.nan
+    s[MEAN_W] += (1.0 - math.exp((s[READ_S] - time_s) / MEAN_S)) * (power_w - s[MEAN_W])
+    motion_w = power_w - computing_w
+    s[MAX_MOTION_W] = max(s[MAX_MOTION_W], min(motion_w, s[LAST_W]))
+    s[READ_S], s[LAST_W], s[REJECTS] = time_s, motion_w, 0.0
+    return power_w

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 
-import numpy as np
-
+from eadp.core.compiled import jitted, on_numbers
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.stage import Box
+
+Floats = Sequence[float]
+State = MutableSequence[float]
 
 RATIO_STD = 0.02
 """Prior standard deviation of the ratio of flown to forecast time, common to all legs."""
@@ -136,66 +138,48 @@ class MotionPower:
 
     def __init__(self, level_w: float | None, level_share: float = LEVEL_SHARE) -> None:
         level = level_w or 0.0
-        self._prior = np.array([level, TURN_SHARE * level])
-        self._prior_std = np.array([level_share * level, TURN_SHARE * level]) if level_w else np.array(UNKNOWN_W)
-        self._first_noise = WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2
-        self._noise = self._first_noise
-        # sums over windows, weighted by their time: of 1, x, x², y, xy, y²
-        self._sums = np.zeros(6)
-        self._windows = 0.0
-        self._mean = self._prior
-        self._covariance = np.diag(self._prior_std**2)
-        self._energy_j = self._seconds = 0.0
-
-    def reset_window(self) -> None:
-        """Start a window."""
-        self._energy_j = self._seconds = 0.0
+        stds = (level_share * level, TURN_SHARE * level) if level_w else UNKNOWN_W
+        first_noise = WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2
+        self._prior = (level, TURN_SHARE * level, 1 / stds[0] ** 2, 1 / stds[1] ** 2, first_noise)
+        mean, covariance = self._prior[:2], (stds[0] ** 2, 0.0, stds[1] ** 2)
+        self._state: list[float] = [0.0, 0.0, *[0.0] * 6, 0.0, first_noise, *mean, *covariance]
 
     def observe(self, power_w: float, step_s: float, slope: float) -> None:
         """Take a reading of the motion's power [W] over a step [s] on a leg of mean tan² φ `slope`."""
-        self._energy_j += power_w * step_s
-        self._seconds += step_s
-        if self._seconds >= WINDOW_S - 1e-9:
-            self.end_window(slope)
+        _observe_motion(self._state, self._prior, power_w, step_s, slope)
+
+    def observe_batch(self, powers_w: Floats, beside_w: Floats, steps_s: Floats, slope: float) -> None:
+        """Take readings of power in order, less what is beside the motion's [W], see `observe`; NaN is no reading."""
+        observe = jitted(_observe_motions, _observe_motion, _end_window)
+        self._state = on_numbers(observe, self._state, self._prior, powers_w, beside_w, steps_s, slope)[1]
 
     def end_window(self, slope: float) -> None:
         """End a window and update the regression."""
-        seconds = self._seconds
-        if seconds < WINDOW_S / 2:
-            self.reset_window()
-            return
-        mean = self._energy_j / seconds
-        kept = math.exp(-seconds / FADE_S)
-        self._sums = kept * self._sums + seconds * np.array([1, slope, slope**2, mean, slope * mean, mean**2])
-        self._windows = kept * self._windows + 1
-        self.reset_window()
-        n, x, xx, y, xy, yy = self._sums
-        rows, moment = np.array([[n, x], [x, xx]]), np.array([y, xy])
-        first = np.diag(1 / self._prior_std**2)
-        noise = self._noise
-        for _ in range(2):
-            information = first + rows / noise
-            best = np.linalg.solve(information, first @ self._prior + moment / noise)
-            # Σ t (y − a − b x)²
-            squares = max(float(yy - 2 * best @ moment + best @ rows @ best), 0.0)
-            noise = (PRIOR_WINDOWS * self._first_noise + squares * 1.0) / (PRIOR_WINDOWS + self._windows)
-        self._noise = noise
-        self._mean, self._covariance = best, np.linalg.inv(first + rows / noise)
+        _end_window(self._state, self._prior, slope)
 
     @property
     def level_w(self) -> float:
         """a [W]."""
-        return float(self._mean[0])
+        return self._state[LEVEL_W]
 
     @property
     def slope_w(self) -> float:
         """b [W], 0 or more."""
-        return max(float(self._mean[1]), 0.0)
+        return max(self._state[SLOPE_W], 0.0)
 
     def energy_variance_j2(self, seconds: float, bank_s: float) -> float:
         """Predictive variance of the energy over a time [s] with ∫ tan² φ dt [s]."""
-        row = np.array([seconds, bank_s])
-        return float(row @ self._covariance @ row) + self._noise * seconds
+        aa, ab, bb = self._state[LEVEL_W + 2 :]
+        squares = seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb
+        return squares + self._state[WINDOW_NOISE] * seconds
+
+
+ENERGY_J, SECONDS, SUMS, WINDOWS, WINDOW_NOISE, LEVEL_W, SLOPE_W = 0, 1, 2, 8, 9, 10, 11
+"""State of `MotionPower`: energy and time of the window; sums over windows, weighted by their time, of 1, x, x², y, xy
+and y²; weight of the windows; noise; mean of a and b. Their covariance follows: aa, ab, bb."""
+
+_MotionPrior = tuple[float, float, float, float, float]
+"""Means of a and b, their inverse variances, and the noise."""
 
 
 class ChargeFilter:
@@ -216,11 +200,6 @@ class ChargeFilter:
     voltage_fall : float, optional
         By how much the voltage that predicts the drain falls from full to empty, as a share of its mean.
 
-    Attributes
-    ----------
-    believed, rises : bool
-        Whether the gauge is believed; and whether it rose where it was disbelieved.
-
     Source: Kalman filter.
     """
 
@@ -229,25 +208,29 @@ class ChargeFilter:
         # κ is what is stated at half of the charge: when full, it is less by half of s
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
-        self._state: _ChargeState = (math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope)
-        self._noise = self._drained = self._unmeasured = self._total = 0.0
-        self._last: float | None = None
-        self._first = math.nan
-        self._outliers = 0
-        self._count = self._readings = 1
-        self._quantum, self._lost = GAUGE_QUANTUM, 0.0
-        self.believed, self.rises = True, False
-        self._checked = (math.nan, self._state, 0.0)
+        charge = [math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope]
+        gauge = [math.nan, math.nan, 0.0, 1.0, 1.0, GAUGE_QUANTUM, 0.0, 1.0, 0.0]
+        self._state: list[float] = [*charge, 0.0, 0.0, 0.0, 0.0, *gauge, math.nan, 0.0, *charge]
 
     @property
     def soc(self) -> float:
         """b."""
-        return _drained(self._state, self._drained)[0]
+        return _drained(_charge_of(self._state, 0), self._state[DRAINED])[0]
 
     @property
     def variance(self) -> float:
         """Variance of b."""
-        return _drained(self._state, self._drained)[3]
+        return _drained(_charge_of(self._state, 0), self._state[DRAINED])[3]
+
+    @property
+    def believed(self) -> bool:
+        """Whether the gauge is believed."""
+        return self._state[BELIEVED] > 0
+
+    @property
+    def rises(self) -> bool:
+        """Whether the gauge rose where it was disbelieved."""
+        return self._state[RISES] > 0
 
     def use(self, drain: float) -> tuple[float, float]:
         """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
@@ -256,131 +239,67 @@ class ChargeFilter:
 
         Source: b ← b − κ d − ½ s d².
         """
-        now = _drained(self._state, self._drained)
+        now = _drained(_charge_of(self._state, 0), self._state[DRAINED])
         now = (*now[:2], max(now[2], self._min_slope), *now[3:])
         then = _drained(now, drain)
         return now[0] - then[0], then[3]
 
     def gain_std(self, soc: float) -> float:
         """Standard deviation of b at a reading, as a gauge that is not exact counts too much or too little."""
-        return 0.0 if self._noise < EXACT_GAUGE else GAUGE_GAIN_STD * max(self._first - soc, 0.0)
+        state = self._state
+        return 0.0 if state[NOISE] < EXACT_GAUGE else GAUGE_GAIN_STD * max(state[FIRST] - soc, 0.0)
 
     def observe(self, reading: float, drained: float, *, measured: bool = True) -> bool:
         """Take a reading, with the charge drained since the last by prediction; return whether some was lost.
 
         Where its power was not measured, a drain says little of κ.
         """
-        if self._last is None:
-            self._last = self._first = reading
-            self._state = (reading, *self._state[1:])
-            self._checked = (reading, self._state, 0.0)
-            return False
-        self._drained += drained
-        self._unmeasured += 0.0 if measured else drained
-        self._total += drained
-        self._readings += 1
-        fell, self._last = self._last - reading, reading
-        jumped = self._taken(reading, fell) if fell or self._outliers or not drained else False
-        self._check(reading)
-        return jumped
+        return _observe_charge(self._state, reading, drained, measured)
 
-    def _taken(self, reading: float, fell: float) -> bool:
-        """Update with a reading that is another than the last; return whether charge was lost."""
-        self._count += 1
-        since, state = self._drained, _drained(self._state, self._drained)
-        state = (*state[:3], state[3] + (UNMEASURED * self._unmeasured) ** 2, *state[4:])
-        error, variance = reading - state[0], self._bounded(state[3])
-        if self._is_outlier(error, math.sqrt(variance + self._noise), since):
-            self._outliers += 1
-            exact, back = self._noise < EXACT_GAUGE, self.believed and error <= self._lost + MIN_JUMP
-            if (self._outliers > 1 or exact) and (error < 0 or back):
-                self.believed = True
-                self._lost = max(self._lost - error, 0.0)
-                self._state = (reading, *state[1:3], self._noise, 0.0, 0.0, *state[6:])
-                self._drained = self._unmeasured = 0.0
-                self._outliers, self._count, self._readings = 0, 2, 2
-                self._checked = (reading, self._state, self._total)
-                return True
-            return False
-        self._outliers = 0
-        if not self.believed:
-            return False
-        if self._noise >= EXACT_GAUGE:  # a small loss is one of charge, not of capacity
-            variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + self._noise))
-        if not self._unmeasured:
-            change = state[1] * since - fell
-            self._noise += max(NOISE_SHARE, 1 / (self._count - 1)) * (change * change / 2 - self._noise)
-        self._quantum = min(max(self._quantum, fell), MAX_QUANTUM)
-        self._state = _corrected(state, variance, error, self._noise)
-        self._drained = self._unmeasured = 0.0
-        return False
+    def observe_batch(
+        self, power_w: float, powers_w: Floats, charges: Floats, steps_s: Floats, longest_s: float, cell: Cell
+    ) -> tuple[bool, float]:
+        """Take readings in order, with the drain by the power that each comes with; return whether charge was lost.
 
-    def _check(self, reading: float) -> None:
-        """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
-        first, state, total = self._checked
-        drain = self._total - total
-        if drain < max(CHECKED_DRAIN, CHECKED_QUANTA * self._quantum, CHECKED_STDS * math.sqrt(self._noise)):
-            return
-        fell, expected = first - reading, state[1] * drain
-        falls = MIN_FALL * expected <= fell
-        if self.believed and not falls:
-            self.believed, self.rises = False, fell < 0
-            self._state, self._drained = _drained(state, drain), 0.0
-        elif falls and fell <= expected / MIN_FALL:
-            far = max(CHECKED_QUANTA * self._quantum, JUMP_STDS * math.sqrt(self.variance))
-            self.believed = self.believed or reading <= self.soc + far
-        self._checked = (reading, _drained(self._state, self._drained), self._total)
+        Parameters
+        ----------
+        power_w : float
+            The last power known [W].
+        powers_w, charges, steps_s : sequence of float, shape (n,)
+            Readings of power [W], NaN for none, and of the gauge, and times since the last reading [s].
+        longest_s : float
+            Time above which a reading's power says little of the drain [s].
+        cell : tuple of float
+            Voltage when empty and its rise to full [V], resistance [Ω] and k_b/Q_c [1/(A s)].
+
+        Returns
+        -------
+        jumped : bool
+        power_w : float
+            The last power known now [W].
+        """
+        observe = jitted(
+            _observe_charges, *(_observe_charge, _taken, _check, _charge_of, _put_charge, _drained, _corrected)
+        )
+        found: tuple[bool, float]
+        found, self._state = on_numbers(observe, self._state, power_w, powers_w, charges, steps_s, longest_s, cell)
+        return found
 
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the last reading, or a charge not yet taken, may be an outlier: the next reading decides."""
-        return self._outliers > 0 or abs(soc - self.soc) > MIN_JUMP
-
-    def _bounded(self, variance: float) -> float:
-        """A variance of b, at or above that of the mean of the first readings."""
-        return max(variance, self._noise / (self._count - 1)) if self._count <= FIRST_READINGS else variance
-
-    def _is_outlier(self, error: float, std: float, drained: float) -> bool:
-        if self._noise < EXACT_GAUGE and self._readings > 2:
-            return abs(error) > MIN_JUMP + 10 * drained
-        return self._readings > 4 and abs(error) > JUMP and abs(error) > JUMP_STDS * std
+        return self._state[OUTLIERS] > 0 or abs(soc - self.soc) > MIN_JUMP
 
 
-_ChargeState = tuple[float, float, float, float, float, float, float, float, float]
+DRAINED, UNMEASURED_DRAIN, TOTAL_DRAIN, NOISE, LAST, FIRST, OUTLIERS, COUNT, READINGS = range(9, 18)
+QUANTUM, LOST, BELIEVED, RISES, CHECKED_READING, CHECKED_TOTAL, CHECKED = range(18, 25)
+"""State of `ChargeFilter` after b, κ, s and their covariances bb, bκ, bs, κκ, κs, ss: drain since they hold, the part
+of it whose power was not measured, and that of the flight; variance of the gauge; last and first reading; outliers in
+a row; readings that were another than the last, and all; resolution; charge lost; whether the gauge is believed, and
+rose; reading, drain and charge at the last check."""
+
+Cell = tuple[float, float, float, float]
+_Charge = tuple[float, float, float, float, float, float, float, float, float]
 """b, κ, s; their covariances bb, bκ, bs, κκ, κs, ss."""
-
-
-def _drained(state: _ChargeState, d: float) -> _ChargeState:
-    """The state after a predicted drain d."""
-    b, ratio, slope, bb, bk, bs, kk, ks, ss = state
-    h = d * d / 2
-    # F P Fᵀ + Q with F = [[1, −d, −d²/2], [0, 1, d], [0, 0, 1]]
-    row_b, row_k, row_s = bb - d * bk - h * bs, bk - d * kk - h * ks, bs - d * ks - h * ss
-    drift = USE_DRIFT**2 * d
-    return (
-        b - ratio * d - slope * h,
-        ratio + slope * d,
-        slope,
-        row_b - d * row_k - h * row_s + USE_NOISE**2 * d + drift * d * d / 3,
-        row_k + d * row_s - drift * d / 2,
-        row_s,
-        kk + 2 * d * ks + d * d * ss + drift,
-        ks + d * ss,
-        ss,
-    )
-
-
-def _corrected(state: _ChargeState, variance: float, error: float, noise: float) -> _ChargeState:
-    """The state after a reading of b that is off by `error`, of variance `noise`; b's is `variance`."""
-    b, ratio, slope, _, bk, bs, kk, ks, ss = state
-    total = max(variance + noise, 1e-18)
-    gain = variance / total if noise > 1e-12 else 1.0
-    k, s = bk / total, bs / total
-    left = 1.0 - gain
-    ratio = min(max(ratio + k * error, 1 / MAX_USE), MAX_USE)
-    return (
-        *(b + gain * error, ratio, slope + s * error),
-        *(variance * left, bk * left, bs * left, kk - k * bk, ks - k * bs, ss - s * bs),
-    )
 
 
 class ParameterAverages:
@@ -409,3 +328,204 @@ class ParameterAverages:
                     areas[i] += share * duration
                     times[i] += duration
         return times, areas
+
+
+# The functions below keep to what numba compiles, see `eadp.core.compiled`.
+
+
+def _observe_motions(
+    s: State, prior: _MotionPrior, powers_w: Floats, beside_w: Floats, steps_s: Floats, slope: float
+) -> bool:
+    for i in range(len(powers_w)):
+        if steps_s[i] > 0.0 and not math.isnan(powers_w[i]):
+            _observe_motion(s, prior, powers_w[i] - beside_w[i], steps_s[i], slope)
+    return True
+
+
+def _observe_motion(s: State, prior: _MotionPrior, power_w: float, step_s: float, slope: float) -> None:
+    s[ENERGY_J] += power_w * step_s
+    s[SECONDS] += step_s
+    if s[SECONDS] >= WINDOW_S - 1e-9:
+        _end_window(s, prior, slope)
+
+
+def _end_window(s: State, prior: _MotionPrior, slope: float) -> None:
+    """End a window of `MotionPower`: the posterior of two unknowns, in closed form."""
+    seconds, energy_j = s[SECONDS], s[ENERGY_J]
+    s[ENERGY_J] = s[SECONDS] = 0.0
+    if seconds < WINDOW_S / 2:
+        return
+    mean = energy_j / seconds
+    kept = math.exp(-seconds / FADE_S)
+    new = (1.0, slope, slope * slope, mean, slope * mean, mean * mean)
+    for i in range(6):
+        s[SUMS + i] = kept * s[SUMS + i] + seconds * new[i]
+    s[WINDOWS] = kept * s[WINDOWS] + 1
+    n, x, xx, y, xy, yy = s[SUMS], s[SUMS + 1], s[SUMS + 2], s[SUMS + 3], s[SUMS + 4], s[SUMS + 5]
+    level, per_slope, of_level, of_slope, first_noise = prior
+    noise = s[WINDOW_NOISE]
+    a = b = 0.0
+    for _ in range(2):
+        # (P⁻¹ + X'X/v) (a, b) = P⁻¹ prior + X'y/v
+        aa, ab, bb = of_level + n / noise, x / noise, of_slope + xx / noise
+        first, second = of_level * level + y / noise, of_slope * per_slope + xy / noise
+        determinant = aa * bb - ab * ab
+        a, b = (bb * first - ab * second) / determinant, (aa * second - ab * first) / determinant
+        # Σ t (y − a − b x)²
+        squares = max(yy - 2 * (a * y + b * xy) + a * a * n + 2 * a * b * x + b * b * xx, 0.0)
+        noise = (PRIOR_WINDOWS * first_noise + squares) / (PRIOR_WINDOWS + s[WINDOWS])
+    aa, ab, bb = of_level + n / noise, x / noise, of_slope + xx / noise
+    determinant = aa * bb - ab * ab
+    s[WINDOW_NOISE], s[LEVEL_W], s[SLOPE_W] = noise, a, b
+    s[LEVEL_W + 2], s[LEVEL_W + 3], s[LEVEL_W + 4] = bb / determinant, -ab / determinant, aa / determinant
+
+
+def _observe_charges(
+    s: State, power_w: float, powers_w: Floats, charges: Floats, steps_s: Floats, longest_s: float, cell: Cell
+) -> tuple[bool, float]:
+    """See `ChargeFilter.observe_batch`."""
+    empty_v, rise_v, resistance_ohm, per_as = cell
+    jumped = False
+    for i in range(len(charges)):
+        measured = not math.isnan(powers_w[i])
+        if measured:
+            power_w = powers_w[i]
+        drained = 0.0
+        if not math.isnan(s[LAST]):
+            soc = _drained(_charge_of(s, 0), s[DRAINED])[0]
+            volts = empty_v + rise_v * min(max(soc, 0.0), 1.0)
+            # I = 2y/(V + √(V² − 4 R y)): eadp.core.flight.battery.drains_per_s
+            root = math.sqrt(max(volts * volts - 4 * resistance_ohm * power_w, 0.0))
+            drained = per_as * 2 * power_w / (volts + root) * steps_s[i]
+        if _observe_charge(s, charges[i], drained, measured and steps_s[i] <= longest_s):
+            jumped = True
+    return jumped, power_w
+
+
+def _observe_charge(s: State, reading: float, drained: float, measured: bool) -> bool:
+    """See `ChargeFilter.observe`."""
+    if math.isnan(s[LAST]):
+        s[LAST] = s[FIRST] = s[0] = s[CHECKED_READING] = s[CHECKED] = reading
+        return False
+    s[DRAINED] += drained
+    if not measured:
+        s[UNMEASURED_DRAIN] += drained
+    s[TOTAL_DRAIN] += drained
+    s[READINGS] += 1
+    fell = s[LAST] - reading
+    s[LAST] = reading
+    jumped = False
+    if fell != 0.0 or s[OUTLIERS] > 0.0 or drained == 0.0:
+        jumped = _taken(s, reading, fell)
+    _check(s, reading)
+    return jumped
+
+
+def _taken(s: State, reading: float, fell: float) -> bool:
+    """Update with a reading that is another than the last; return whether charge was lost."""
+    s[COUNT] += 1
+    since, exact = s[DRAINED], s[NOISE] < EXACT_GAUGE
+    b, ratio, slope, bb, bk, bs, kk, ks, ss = _drained(_charge_of(s, 0), since)
+    bb += (UNMEASURED * s[UNMEASURED_DRAIN]) ** 2
+    # a variance of b is at or above that of the mean of the first readings
+    error, variance = reading - b, max(bb, s[NOISE] / (s[COUNT] - 1)) if s[COUNT] <= FIRST_READINGS else bb
+    size = abs(error)
+    if exact and s[READINGS] > 2:
+        outlier = size > MIN_JUMP + 10 * since
+    else:
+        outlier = s[READINGS] > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + s[NOISE])
+    if outlier:
+        s[OUTLIERS] += 1
+        back = s[BELIEVED] > 0 and error <= s[LOST] + MIN_JUMP
+        if not ((s[OUTLIERS] > 1 or exact) and (error < 0 or back)):
+            return False
+        s[BELIEVED] = 1.0
+        s[LOST] = max(s[LOST] - error, 0.0)
+        _put_charge(s, 0, (reading, ratio, slope, s[NOISE], 0.0, 0.0, kk, ks, ss))
+        _put_charge(s, CHECKED, _charge_of(s, 0))
+        s[DRAINED] = s[UNMEASURED_DRAIN] = s[OUTLIERS] = 0.0
+        s[COUNT] = s[READINGS] = 2.0
+        s[CHECKED_READING], s[CHECKED_TOTAL] = reading, s[TOTAL_DRAIN]
+        return True
+    s[OUTLIERS] = 0.0
+    if s[BELIEVED] == 0.0:
+        return False
+    if not exact:  # a small loss is one of charge, not of capacity
+        variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + s[NOISE]))
+    if s[UNMEASURED_DRAIN] == 0.0:
+        change = ratio * since - fell
+        s[NOISE] += max(NOISE_SHARE, 1 / (s[COUNT] - 1)) * (change * change / 2 - s[NOISE])
+    s[QUANTUM] = min(max(s[QUANTUM], fell), MAX_QUANTUM)
+    _put_charge(s, 0, _corrected((b, ratio, slope, bb, bk, bs, kk, ks, ss), variance, error, s[NOISE]))
+    s[DRAINED] = s[UNMEASURED_DRAIN] = 0.0
+    return False
+
+
+def _check(s: State, reading: float) -> None:
+    """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
+    drain = s[TOTAL_DRAIN] - s[CHECKED_TOTAL]
+    if drain < max(CHECKED_DRAIN, CHECKED_QUANTA * s[QUANTUM], CHECKED_STDS * math.sqrt(s[NOISE])):
+        return
+    fell, expected = s[CHECKED_READING] - reading, s[CHECKED + 1] * drain
+    falls = MIN_FALL * expected <= fell
+    if s[BELIEVED] > 0 and not falls:
+        s[BELIEVED], s[RISES] = 0.0, 1.0 if fell < 0 else 0.0
+        _put_charge(s, 0, _drained(_charge_of(s, CHECKED), drain))
+        s[DRAINED] = 0.0
+    elif falls and fell <= expected / MIN_FALL:
+        now = _drained(_charge_of(s, 0), s[DRAINED])
+        far = max(CHECKED_QUANTA * s[QUANTUM], JUMP_STDS * math.sqrt(now[3]))
+        if reading <= now[0] + far:
+            s[BELIEVED] = 1.0
+    _put_charge(s, CHECKED, _drained(_charge_of(s, 0), s[DRAINED]))
+    s[CHECKED_READING], s[CHECKED_TOTAL] = reading, s[TOTAL_DRAIN]
+
+
+def _charge_of(s: State, at: int) -> _Charge:
+    return (s[at], s[at + 1], s[at + 2], s[at + 3], s[at + 4], s[at + 5], s[at + 6], s[at + 7], s[at + 8])
+
+
+def _put_charge(s: State, at: int, charge: _Charge) -> None:
+    for i in range(9):
+        s[at + i] = charge[i]
+
+
+def _drained(state: _Charge, d: float) -> _Charge:
+    """The state after a predicted drain d."""
+    b, ratio, slope, bb, bk, bs, kk, ks, ss = state
+    h = d * d / 2
+    # F P Fᵀ + Q with F = [[1, −d, −d²/2], [0, 1, d], [0, 0, 1]]
+    row_b, row_k, row_s = bb - d * bk - h * bs, bk - d * kk - h * ks, bs - d * ks - h * ss
+    drift = USE_DRIFT**2 * d
+    return (
+        b - ratio * d - slope * h,
+        ratio + slope * d,
+        slope,
+        row_b - d * row_k - h * row_s + USE_NOISE**2 * d + drift * d * d / 3,
+        row_k + d * row_s - drift * d / 2,
+        row_s,
+        kk + 2 * d * ks + d * d * ss + drift,
+        ks + d * ss,
+        ss,
+    )
+
+
+def _corrected(state: _Charge, variance: float, error: float, noise: float) -> _Charge:
+    """The state after a reading of b that is off by `error`, of variance `noise`; b's is `variance`."""
+    b, ratio, slope, _, bk, bs, kk, ks, ss = state
+    total = max(variance + noise, 1e-18)
+    gain = variance / total if noise > 1e-12 else 1.0
+    k, s = bk / total, bs / total
+    left = 1.0 - gain
+    ratio = min(max(ratio + k * error, 1 / MAX_USE), MAX_USE)
+    return (
+        b + gain * error,
+        ratio,
+        slope + s * error,
+        variance * left,
+        bk * left,
+        bs * left,
+        kk - k * bk,
+        ks - k * bs,
+        ss - s * bs,
+    )

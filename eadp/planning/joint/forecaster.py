@@ -139,6 +139,30 @@ class Forecast(NamedTuple):
         return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
 
 
+class _Expected(NamedTuple):
+    """What a forecast expects of the flight until the next one, see `Forecaster.surprise`.
+
+    Time and time left of the leg [s]; believed state of charge, the drain predicted to the end, and the state of charge
+    then; the motion's power on the leg [W]; time left [s], ∫ tan² φ over it [s], and power regressed [W]; wind [m/s].
+    """
+
+    route: Route
+    time_s: float
+    leg_s: float
+    leg_left_s: float
+    believed: bool
+    drain: float
+    soc_end: float
+    motion_w: float
+    remaining_s: float
+    bank_s: float
+    level_w: float
+    slope_w: float
+    wind_mps: Point
+    soc_per_j: float
+    mean_w: float
+
+
 class Forecaster:
     """Tracks a flight and forecasts its rest; see the module.
 
@@ -189,6 +213,8 @@ class Forecaster:
         self.gate = PowerGate(mission.motion_w, limit_w)
         self._slope = 0.0
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
+        drain_per_as = 0.0 if battery.prescribed else battery.drain_per_as
+        self._cell = (empty_v, full_v - empty_v, battery.resistance_ohm, drain_per_as)
         self._charge = ChargeFilter((full_v - empty_v) / battery.voltage_at(0.5))
         self._climb = ClimbForecast.of(mission)
         self._flown = ParameterAverages(len(plan.parameters))
@@ -198,6 +224,7 @@ class Forecaster:
         self._routes: dict[Shares, Route | None] = {}
         self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
+        self._expected: _Expected | None = None
         self._time_s = self._stage_since_s = self._charge_s = 0.0
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
@@ -292,20 +319,21 @@ class Forecaster:
         """Update the estimates with a batch of readings, see `observe`; return whether the charge has jumped in any."""
         times = readings.times_s
         durations = [self._duration_s(time_s) for time_s in times]
-        for x, y, duration_s in zip(readings.x_m, readings.y_m, durations, strict=True):
-            self._off_path((x, y), duration_s)
+        self._off_path((readings.x_m[-1], readings.y_m[-1]), sum(durations))
         first = 0 if durations[0] > 0 else 1  # the first reading of a flight has no duration
+        beside_w = [computing_w + self._followed_w(duration_s) for duration_s in durations]
         self._wind.observe_batch(
             readings.vx_mps[first:], readings.vy_mps[first:], readings.headings_rad[first:], durations[first:]
         )
-        jumped = False
-        for time_s, duration_s, power_w, soc in zip(times, durations, readings.powers_w, readings.charges, strict=True):
-            beside_w = computing_w + self._followed_w(duration_s)
-            if power_w is not None and duration_s > 0:
-                self._motion.observe(power_w - beside_w, duration_s, self._slope)
-            jumped |= self._observe_charge(time_s, power_w, soc)
+        powers_w = [math.nan if power_w is None else power_w for power_w in readings.powers_w]
+        self._motion.observe_batch(powers_w, beside_w, durations, self._slope)
         if times[-1] > self._measured_until_s:
             self._measured_wind = None
+        steps_s = [times[0] - self._charge_s, *durations[1:]]
+        self._charge_s = times[-1]
+        jumped, self._power_w = self._charge.observe_batch(
+            self._power_w, powers_w, readings.charges, steps_s, MAX_STEP_S, self._cell
+        )
         return jumped
 
     def is_ambiguous(self, soc: float) -> bool:
@@ -358,18 +386,13 @@ class Forecaster:
         self._charge.observe(soc, 0.0)
 
     def _observe_charge(self, time_s: float, power_w: float | None, soc: float) -> bool:
-        if math.isnan(self._charge.soc):
-            self._charge_s = time_s
-            return self._charge.observe(soc, 0.0)
-        step_s = time_s - self._charge_s
+        """Update the state of charge with a reading; return whether it has jumped."""
+        powers_w, steps_s = [math.nan if power_w is None else power_w], [time_s - self._charge_s]
         self._charge_s = time_s
-        if power_w is not None:
-            self._power_w = power_w
-        b = self._mission.battery
-        volts = b.voltage_at(min(max(self._charge.soc, 0.0), 1.0))
-        drained = 0.0 if b.prescribed else float(b.drain_per_s(self._power_w, volts)) * step_s
-        measured = power_w is not None and step_s <= MAX_STEP_S
-        return self._charge.observe(soc, drained, measured=measured)
+        jumped, self._power_w = self._charge.observe_batch(
+            self._power_w, powers_w, [soc], steps_s, MAX_STEP_S, self._cell
+        )
+        return jumped
 
     def _start_stage(self, o: Observation) -> None:
         """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part.
@@ -424,6 +447,7 @@ class Forecaster:
         self._routes.clear()
         self._times.clear()
         self._evaluated.clear()
+        self._expected = None
 
     def decide(self, parameters: Vector, shares: Shares) -> None:
         """Set the parameters decided."""
@@ -549,16 +573,71 @@ class Forecaster:
             ends=ends,
         )
 
+    def expect(self, solution: Solution) -> None:
+        """Remember what the forecast of a solution expects, for `surprise`."""
+        shares = solution.candidate.shares
+        terms, load = self.terms(shares)
+        whole, turning = self._times[shares]
+        ratio, motion, total_s = self._ratio.ratio, self._motion, float(load.times_s.sum())
+        drain = (
+            self._drain_per_s(float(load.motion_w @ load.times_s) / max(total_s, 1e-9) + self._computing_w) * total_s
+        )
+        self._expected = _Expected(
+            self.route(shares),
+            self._time_s,
+            float(whole[0]) * ratio,
+            float(load.times_s[0]),
+            self.believes_gauge,
+            drain,
+            self.soc - self._charge.use(drain)[0],
+            float(load.motion_w[0]),
+            total_s,
+            float(turning.sum()) * ratio,
+            *(motion.level_w, motion.slope_w, self.wind_mps, terms.soc_per_j, terms.mean_w),
+        )
+
+    def surprise(self, time_s: float, position: Point, computing_w: float) -> float:
+        """By how much the final state of charge is other than expected after the last forecast, to first order.
+
+        From the charge, the battery's use, the place on the leg, the motion's power and the wind, each against what was
+        expected of it; infinite where nothing was.
+
+        Parameters
+        ----------
+        time_s : float
+        position : (float, float)
+            [m].
+        computing_w : float
+            Power of the computations in force [W].
+        """
+        e = self._expected
+        if e is None or e.believed != self.believes_gauge:
+            return math.inf
+        passed_s, motion = time_s - e.time_s, self._motion
+        drained = self._drain_per_s(e.motion_w + computing_w) * passed_s
+        charge = self.soc - self._charge.use(max(e.drain - drained, 0.0))[0] - e.soc_end
+        left_s = e.leg_s * self._left_share(e.route, time_s, position, e.leg_s)
+        late_s = left_s - (e.leg_left_s - passed_s)
+        (wx, wy), (gx, gy) = self.wind_mps, self._sensitivity[1]
+        late_s += e.remaining_s * (gx * (wx - e.wind_mps[0]) + gy * (wy - e.wind_mps[1]))
+        more_j = (motion.level_w - e.level_w) * e.remaining_s + (motion.slope_w - e.slope_w) * e.bank_s
+        return charge - e.soc_per_j * (more_j + e.mean_w * late_s)
+
+    def _drain_per_s(self, power_w: float) -> float:
+        """Predicted rate of discharge at the voltage of now [1/s]."""
+        b = self._mission.battery
+        return float(b.drain_per_s(power_w, b.voltage_at(min(max(self.soc, 0.0), 1.0))))
+
     def _load(self, shares: Shares, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""
-        wind, b = self.wind_mps, self._mission.battery
-        volts = b.voltage_at(min(max(self.soc, 0.0), 1.0))
+        wind = self.wind_mps
         if shares not in self._times:
             self._times[shares] = route.times_s(self._speed, wind)
         whole, turning = self._times[shares]
         if not math.isfinite(whole.sum()):
             return None
-        left, motion = self._left_share(route, float(whole[0])), self._motion
+        left = self._left_share(route, self._time_s, self._position, float(whole[0]) * self._ratio.ratio)
+        motion = self._motion
         times, motion_w, total_s, bank_s = jitted(_remaining_load)(
             whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w
         )
@@ -569,7 +648,7 @@ class Forecaster:
             total_s = max(float(times.sum()), 1e-3)
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(route)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
-        drain = b.drain_per_s(float(motion_w @ times) / total_s + self._computing_w, volts) * total_s
+        drain = self._drain_per_s(float(motion_w @ times) / total_s + self._computing_w) * total_s
         used, charge_var = self._charge.use(drain)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
         peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
@@ -597,15 +676,16 @@ class Forecaster:
             before = reached
         return tuple(ends)
 
-    def _left_share(self, route: Route, whole_s: float) -> float:
-        """Remaining share of the first leg by the position; elapsed time distinguishes the turns of a circle."""
+    def _left_share(self, route: Route, time_s: float, position: Point, leg_s: float) -> float:
+        """Remaining share of the first leg, which takes `leg_s` [s], by the position; elapsed time distinguishes the
+        turns of a circle."""
         leg = route.legs[0]
-        flown = min(1.0, (self._time_s - self._stage_since_s) / max(whole_s * self._ratio.ratio, 1e-9))
+        flown = min(1.0, (time_s - self._stage_since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
         try:
             early_m = self._plan.max_radius_m if self._stages_started > 1 else 0.0
-            return left_m(leg, self._position, flown * leg.distance_m, early_m) / leg.distance_m
+            return left_m(leg, position, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
             return 1.0 - flown
 
@@ -643,7 +723,7 @@ class Forecaster:
 
         The way is a whole turn and a straight line, with the computations of minimum power.
         """
-        home, b = self._mission.home_m, self._mission.battery
+        home = self._mission.home_m
         if home is None:
             return None
         terms, load = self.terms(solution.candidate.shares)
@@ -658,7 +738,7 @@ class Forecaster:
                 return -math.inf
             seconds = distance / speed + 2 * math.pi * HOME_RADII * self._mission.turn_radius_m / self._speed
         power_w = float(load.motion_w.min()) + min(float(envelope.powers_w[0]) for envelope in terms.kinds)
-        drain = float(b.drain_per_s(power_w, b.voltage_at(min(max(self.soc, 0.0), 1.0)))) * seconds
+        drain = self._drain_per_s(power_w) * seconds
         used, charge_var = self._charge.use(drain)
         energy_j2 = self._motion.energy_variance_j2(seconds, 0.0) + power_w**2 * self._ratio.variance_s2(seconds)
         losses = self._own.loss_rate_per_h / 3600 * seconds

@@ -69,6 +69,10 @@ RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
 share of the remaining time: thresholds to rise to it, once more of it for each fall, to stay with it, and to rise at
 most."""
 
+SURPRISE_VALUE, SURPRISE_SHARE = 1e-3, 0.05
+"""The forecast holds while what it is off by is worth less of the objective, and moves the share of the upper
+configuration by less."""
+
 RISE_GAIN = 0.002
 """Least gain of the objective over the remaining time for which computations rise, times one more for each change."""
 
@@ -104,6 +108,8 @@ class JointPlanner(TrackingPlanner):
         self._home_s = 0.0
         self._jumped = False
         self._updated_s, self._ambiguous = 0.0, False
+        self._holds_until_s, self._tolerance, self._steady_s = -math.inf, 0.0, math.inf
+        self._max_interval_s = 0.0 if mission.live else own.max_interval_s
 
     @property
     def next_update_s(self) -> float:
@@ -113,8 +119,8 @@ class JointPlanner(TrackingPlanner):
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the next update responds to a jump of the charge among them."""
-        passed, now_w = self._forecaster.gate.passed, self._computing_w
-        powers_w = [passed(t, power, now_w) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
+        gate, now_w = self._forecaster.gate, self._computing_w
+        powers_w = gate.passed_batch(readings.times_s, readings.powers_w, now_w)
         readings = readings._replace(powers_w=powers_w)
         self._jumped |= self._forecaster.observe_batch(readings, self._computing_w)
         return super().ingest(readings)
@@ -134,7 +140,10 @@ class JointPlanner(TrackingPlanner):
         if self._jumped:
             cause = JUMPED
         elif not cause and o.time_s >= self._next_s - 1e-9:
-            cause = TIME
+            if self._holds(o):
+                self._next_s = next_multiple(o.time_s, self._settings.every_s)
+            else:
+                cause = TIME
         starts_s = WARM_UP_S if cause == JUMPED else self._starts_s
         if cause and o.time_s >= starts_s - 1e-9:
             self._jumped = False
@@ -153,6 +162,12 @@ class JointPlanner(TrackingPlanner):
         self._next_s, self._evaluated_at = self._starts_s, None
 
     # --- decisions
+
+    def _holds(self, o: Observation) -> bool:
+        """Whether the last forecast is still good enough: no re-planning would gain anything to speak of."""
+        if o.time_s >= self._holds_until_s - 1e-9:
+            return False
+        return abs(self._forecaster.surprise(o.time_s, (o.x_m, o.y_m), self._computing_w)) <= self._tolerance
 
     def _replan(self, o: Observation, cause: str) -> None:
         forecaster, report = self._forecaster, self.report
@@ -185,8 +200,25 @@ class JointPlanner(TrackingPlanner):
         if returns_home:
             reason = f"home: {reason}"
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
+        forecaster.expect(solution)
+        self._hold(o.time_s, solution, terms, remaining_s)
         forecaster.decide(chosen, settled)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
+
+    def _hold(self, time_s: float, solution: Solution, terms: KnapsackTerms, remaining_s: float) -> None:
+        """Set until when the forecast holds at most, and how much charge it may be off by.
+
+        A plan that is not feasible, and one with a home to turn back to, is forecast at every re-planning.
+        """
+        self._holds_until_s = time_s
+        if not solution.allocation.feasible or self._home_spare is not None:
+            return
+        self._holds_until_s += min(self._max_interval_s, self._steady_s)
+        powers_w = terms.kinds[terms.kind_of[0]].powers_w
+        step = float(np.diff(powers_w).min(initial=math.inf)) * remaining_s * terms.soc_per_j
+        over = max(solution.candidate.available - solution.allocation.use, 0.0)
+        price = self._program.price(solution)
+        self._tolerance = over + min(SURPRISE_VALUE / max(price, ROUNDING), SURPRISE_SHARE * step)
 
     def _rounded(self, path: Vector) -> Vector:
         """Path parameters, those decided before where the difference is rounding."""
@@ -265,6 +297,7 @@ class JointPlanner(TrackingPlanner):
         After each fall they rise later, in the end where the upper ones last to the end.
         """
         now = list(self._decision.parameters[self._rho :])
+        self._steady_s = math.inf
         if all(box.fixed for box in route.legs[0].stage.sets[self._rho :]):  # none, or none that has a choice here
             return now
         envelope = terms.kinds[terms.kind_of[0]]
@@ -282,6 +315,7 @@ class JointPlanner(TrackingPlanner):
         gain = (values[sustained] - values[held]) * remaining_s
         if sustained > held and gain < RISE_GAIN * (1 + self._changes) and configurations[held].tolist() == now:
             sustained = held
+        self._steady_s = _steady_s(share, remaining_s, FALL if sustained > below else -threshold)
         self._falls += sustained < held
         self._changes += sustained != held
         return list(configurations[sustained].tolist())
@@ -391,6 +425,16 @@ def _sustained_w(terms: KnapsackTerms, solution: Solution, remaining_s: float) -
     # charge left above the most expensive configurations, over the remaining time
     over = solution.candidate.available - solution.allocation.use
     return power + max(over, 0.0) / max(terms.soc_per_j * remaining_s, 1e-12)
+
+
+def _steady_s(share: float, remaining_s: float, threshold: float) -> float:
+    """How long the share of the upper configuration takes to reach a threshold as one of the two is flown [s].
+
+    The upper one is flown, and the share falls, where the threshold is above 0; else it rises towards −threshold.
+    """
+    missing, limit = (1 - share, 1 - threshold) if threshold > 0 else (share, -threshold)
+    # what the mix still has of the configuration not flown stays, over a time that shrinks
+    return remaining_s * (1 - missing / limit) if 0 <= missing < limit else math.inf
 
 
 def _value_and_rest(solution: Solution) -> tuple[float, float]:

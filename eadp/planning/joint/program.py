@@ -216,6 +216,12 @@ class MissionProgram:
             return max(as_good, key=lambda solution: solution.value) if math.isfinite(enough) else best
         return best
 
+    def price(self, solution: Solution) -> float:
+        """What a little more charge is worth in a solution: the multiplier of the charge; 0 where some is left over."""
+        increments, shares = solution.candidate.increments, solution.allocation.shares
+        missing = (shares < 1.0 - MIN_REACH) & (increments.use > 0.0)
+        return float(increments.efficiency[missing].max(initial=0.0))
+
     # --- QPs
 
     def decided(self, candidate_at: CandidateAt, start: Solution, *, movable: bool) -> Solution:
