@@ -62,7 +62,7 @@ class Track(ABC):
     """
 
     def __init__(self, path: PathFunction, end: Point, sense: int) -> None:
-        self._path, self._end, self._sense = path, end, sense
+        self.path, self._end, self._sense = path, end, sense
 
     turn_m: float = math.inf
     """Length of a whole turn [m]; infinite for what does not close."""
@@ -110,7 +110,7 @@ class LineTrack(Track):
         self._line = line_of(path, end, sense)
 
     def nearest(self, point: Point) -> Point:
-        return line_of(self._path, point, self._sense).point_m
+        return line_of(self.path, point, self._sense).point_m
 
     def ahead_m(self, point: Point) -> float:
         return -self._line.progress_m(point)
@@ -123,7 +123,7 @@ class LineTrack(Track):
         return x - APPROACH_M * dx, y - APPROACH_M * dy
 
     def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        line = line_of(self._path, start, self._sense)
+        line = line_of(self.path, start, self._sense)
         (x, y), (dx, dy) = line.point_m, line.direction
         length_m, heading = line.progress_m(self._end) * share, math.atan2(dy, dx)
         for i in range(count + 1):
@@ -140,23 +140,23 @@ class CircleTrack(Track):
 
     def __init__(self, path: PathFunction, end: Point, sense: int) -> None:
         super().__init__(path, end, sense)
-        self._circle = circle_of(path, end, sense)
-        self.turn_m = 2 * math.pi * self._circle.radius_m
+        self.circle = circle_of(path, end, sense)
+        self.turn_m = 2 * math.pi * self.circle.radius_m
 
     def nearest(self, point: Point) -> Point:
-        return self._circle.point_at(self._circle.angle_rad(point))
+        return self.circle.point_at(self.circle.angle_rad(point))
 
     def ahead_m(self, point: Point) -> float:
-        return self._circle.radius_m * self._circle.sweep_rad(point, self._end)
+        return self.circle.radius_m * self.circle.sweep_rad(point, self._end)
 
     def radius_m(self) -> float:
-        return self._circle.radius_m
+        return self.circle.radius_m
 
     def approach(self) -> Point:
-        return self._circle.point_at(self._circle.angle_rad(self._end) - self._circle.turn * math.pi / 2)
+        return self.circle.point_at(self.circle.angle_rad(self._end) - self.circle.turn * math.pi / 2)
 
     def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        circle = self._circle
+        circle = self.circle
         first, sweep = circle.angle_rad(start), distance_m / circle.radius_m
         for i in range(count + 1):
             angle = first + circle.turn * sweep * i / count
@@ -167,7 +167,7 @@ class CircleTrack(Track):
         return ahead_m + self.turn_m * round((guess_m - ahead_m) / self.turn_m)
 
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
-        circle = self._circle
+        circle = self.circle
         sweep = distance_m / circle.radius_m
         count = min(max(2, math.ceil(NODES_PER_QUARTER * sweep / (math.pi / 2))), MAX_NODES)
         at, weights = _gauss(count)
@@ -180,20 +180,20 @@ class CurveTrack(Track):
     """A general curve, followed numerically."""
 
     def nearest(self, point: Point) -> Point:
-        return project(self._path, point)
+        return project(self.path, point)
 
     def ahead_m(self, point: Point) -> float:
-        return curve_length_m(self._path, self.nearest(point), self._end, self._sense)
+        return curve_length_m(self.path, self.nearest(point), self._end, self._sense)
 
     def radius_m(self) -> float:
-        return radius_of_curvature_m(self._path, self.nearest(self._end))
+        return radius_of_curvature_m(self.path, self.nearest(self._end))
 
     def approach(self) -> Point:
-        back = points_along(self._path, self._end, -self._sense, 1.0)
+        back = points_along(self.path, self._end, -self._sense, 1.0)
         return next(itertools.islice(back, int(APPROACH_M), None))
 
     def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        points = points_along(self._path, start, self._sense, distance_m / count or 1.0)
+        points = points_along(self.path, start, self._sense, distance_m / count or 1.0)
         for point in itertools.islice(points, count):
             yield point, self._heading_rad(point)
         last = self.nearest(self._end) if share == 1 else next(points)
@@ -211,7 +211,7 @@ class CurveTrack(Track):
         return Nodes(np.full(count, step_m), np.cos(middle), np.sin(middle), curvature)
 
     def _heading_rad(self, point: Point) -> float:
-        x, y = tangent(self._path, point, self._sense)
+        x, y = tangent(self.path, point, self._sense)
         return math.atan2(y, x)
 
 

@@ -193,6 +193,20 @@ class PlanCursor(NamedTuple):
         base = self.base_m if self.table.live else self._shifted(self.base_m, self.waiting)
         return self._enter(self.segment, 0, self.lap + 1, self.state, base)
 
+    @property
+    def repeats_alike(self) -> bool:
+        """Whether this is the first stage of a lap, and all laps from here are alike but for their shift."""
+        table = self.table
+        alike = table.plan.repeats and not table.live and not table.plan.segments
+        return alike and self.stage.index == 1 and self.waiting == self.decided
+
+    def next_lap(self) -> PlanCursor:
+        """The same stage one lap later, of laps that are alike; raises PathUndefined as `next`."""
+        if self.lap + 1 >= LAP_LIMIT:
+            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+        base = self._shifted(self.base_m, self.waiting)
+        return self._replace(lap=self.lap + 1, offset_m=base, base_m=base)
+
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""
         if self.table.live:

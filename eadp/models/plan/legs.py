@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
-from eadp.core.geometry.tracks import Track
+from eadp.core.geometry.curves import LINE, Circle, Point
+from eadp.core.geometry.tracks import CircleTrack, Track
 from eadp.models.plan.stage import Stage
 from eadp.models.plan.triggers import beyond
 
 END_STEP_M = 1.0
 MIN_BEYOND_M = 1e-9
-MAX_SAMPLES = 5000
+AFTER_M = 1e-6
+"""Distance after a crossing at which it is beyond [m]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Leg:
+class Leg(NamedTuple):
     """One stage of a route: from where it is joined to its trigger.
 
-    `flown_m` is less than `length_m` for the leg on which the plan ends.
+    `track` is its path as travelled to its trigger, in the frame of lap 0. `flown_m` is less than `length_m` for the
+    leg on which the plan ends.
     """
 
     lap: int
     stage: Stage
-    path: PathFunction
+    track: Track
     offset_m: Point
     start_m: Point
     end_m: Point
@@ -35,13 +35,14 @@ class Leg:
     flown_m: float = math.inf
 
     @property
+    def path(self) -> PathFunction:
+        """Its path function, in the frame of lap 0."""
+        return self.track.path
+
+    @property
     def distance_m(self) -> float:
         """The distance flown along the leg [m]."""
         return min(self.length_m, self.flown_m)
-
-    def track(self) -> Track:
-        """Its path as travelled to its trigger, in the frame of lap 0."""
-        return self.stage.track(self.path, (self.end_m[0] - self.offset_m[0], self.end_m[1] - self.offset_m[1]))
 
 
 class TracePoint(NamedTuple):
@@ -69,23 +70,17 @@ def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_
     if leg.stage.kind == LINE:
         return _line_beyond_m(leg, final, shift, radius_m)
     is_over = beyond(final, shift, radius_m)
-    count = max(1, math.ceil(leg.length_m / END_STEP_M))
-    if leg.stage.kind == CIRCLE:
-        if not _circle_reaches(leg, final, shift, radius_m):
-            return None
-        at = _on_circle(leg)
-        count = max(count, math.ceil(leg.length_m / max(radius_m / 4, leg.length_m / MAX_SAMPLES)))
-        found = next((i for i in range(count + 1) if is_over(*at(leg.length_m * i / count))), None)
-    else:
-        points = [(point.x_m, point.y_m) for point in leg_points(leg, END_STEP_M)]
-        count = len(points) - 1
+    if isinstance(leg.track, CircleTrack):
+        return _circle_beyond_m(leg, leg.track.circle, final, shift, radius_m)
+    points = [(point.x_m, point.y_m) for point in leg_points(leg, END_STEP_M)]
+    count = len(points) - 1
 
-        def at(along_m: float) -> Point:
-            i, share = divmod(along_m / leg.length_m * count, 1.0)
-            (ax, ay), (bx, by) = points[int(i)], points[min(int(i) + 1, count)]
-            return ax + share * (bx - ax), ay + share * (by - ay)
+    def at(along_m: float) -> Point:
+        i, share = divmod(along_m / leg.length_m * count, 1.0)
+        (ax, ay), (bx, by) = points[int(i)], points[min(int(i) + 1, count)]
+        return ax + share * (bx - ax), ay + share * (by - ay)
 
-        found = next((i for i, point in enumerate(points) if is_over(*point)), None)
+    found = next((i for i, point in enumerate(points) if is_over(*point)), None)
     if not found:
         return None if found is None else 0.0
     low, high = leg.length_m * (found - 1) / count, leg.length_m * found / count
@@ -95,31 +90,29 @@ def first_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float, slack_
     return high
 
 
-def _circle_reaches(leg: Leg, final: Point, shift: Point, radius_m: float) -> bool:
-    """Whether the whole circle of a leg has any point that could be beyond: by the square round it."""
-    circle = circle_of(leg.path, (leg.end_m[0] - leg.offset_m[0], leg.end_m[1] - leg.offset_m[1]), leg.stage.sense)
-    for centre, offset, to, d in zip(circle.centre_m, leg.offset_m, final, shift, strict=True):
-        middle, r = centre + offset, circle.radius_m
-        if abs(d) < 1e-9:
-            if abs(middle - to) > radius_m + r:
-                return False
-        elif (middle - to) * math.copysign(1.0, d) + r <= 0:
-            return False
-    return True
-
-
-def _on_circle(leg: Leg) -> Callable[[float], Point]:
-    """The point of a circular leg some way along it [m]."""
-    ox, oy = leg.offset_m
-    circle = circle_of(leg.path, (leg.end_m[0] - ox, leg.end_m[1] - oy), leg.stage.sense)
-    (cx, cy), radius = circle.centre_m, circle.radius_m
+def _circle_beyond_m(leg: Leg, circle: Circle, final: Point, shift: Point, radius_m: float) -> float | None:
+    """`first_beyond_m` on a circle: at its start, or just after it has crossed a bound of either axis."""
+    (ox, oy), (cx, cy), r = leg.offset_m, circle.centre_m, circle.radius_m
     first = circle.angle_rad((leg.start_m[0] - ox, leg.start_m[1] - oy))
-
-    def at(along_m: float) -> Point:
-        angle = first + circle.turn * along_m / radius
-        return ox + cx + radius * math.cos(angle), oy + cy + radius * math.sin(angle)
-
-    return at
+    crossings = [0.0]
+    for centre, to, d, quarter in zip((ox + cx, oy + cy), final, shift, (0.0, math.pi / 2), strict=True):
+        for bound in (to,) if abs(d) >= 1e-9 else (to - radius_m, to + radius_m):
+            if abs(bound - centre) <= r:
+                # on the axis at `quarter`, a bound is crossed at ± the arc cosine
+                half = math.acos((bound - centre) / r)
+                for angle in (quarter + half, quarter - half):
+                    turned = (angle - first) * circle.turn % (2 * math.pi)
+                    crossings += [turned * r, (turned - 2 * math.pi) * r]
+            elif (centre - bound) * d < 0:
+                return None  # the whole circle is short of it
+    is_over = beyond(final, shift, radius_m)
+    for along_m in sorted(crossings):
+        after_m = min(along_m + AFTER_M, leg.length_m)
+        if -AFTER_M <= along_m <= leg.length_m and after_m >= 0:
+            angle = first + circle.turn * after_m / r
+            if is_over(ox + cx + r * math.cos(angle), oy + cy + r * math.sin(angle)):
+                return max(along_m, 0.0)
+    return None
 
 
 def _line_beyond_m(leg: Leg, final: Point, shift: Point, radius_m: float) -> float | None:
@@ -150,7 +143,7 @@ def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
     start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
     share = leg.distance_m / leg.length_m if leg.length_m else 1.0
     count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
-    for (x, y), heading in leg.track().points(start, leg.distance_m, share, count):
+    for (x, y), heading in leg.track.points(start, leg.distance_m, share, count):
         yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
 
 
@@ -167,5 +160,5 @@ def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> f
     """
     local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
     cut_m = leg.length_m - leg.distance_m
-    left = leg.track().remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
+    left = leg.track.remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
     return min(max(left, 0.0), leg.distance_m + early_m)

@@ -16,10 +16,9 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import jitted
-from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.tracks import Nodes
+from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg, first_beyond_m
@@ -167,6 +166,7 @@ class RoutePredictor:
 
     def __init__(self) -> None:
         self._shapes: dict[object, _Shape] = {}
+        self._laps: dict[object, list[_LapLeg]] = {}
 
     def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0, later: Vector | None = None) -> Route:
         """The rest of the plan from the start of the stage being flown.
@@ -196,10 +196,20 @@ class RoutePredictor:
         following: PlanCursor | None = cursor
         while following is not None:
             cursor = following
+            lap = self._lap(cursor, start) if cursor.repeats_alike else []
+            while lap and cursor.end() is None:
+                ox, oy = cursor.offset_m
+                for stage, shape, own in lap:
+                    goal = (shape.end[0] + ox, shape.end[1] + oy)
+                    legs.append(Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m))
+                    values.append(own)
+                    nodes.append(shape.nodes)
+                    start = goal
+                cursor = cursor.next_lap()
             (ox, oy), stage = cursor.offset_m, cursor.stage
             shape = self._shape(cursor, (start[0] - ox, start[1] - oy))
             goal = (shape.end[0] + ox, shape.end[1] + oy)
-            leg = Leg(cursor.lap, stage, shape.path, cursor.offset_m, start, goal, shape.length_m)
+            leg = Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m)
             values.append(cursor.parameters)
             end = cursor.end()
             if end is not None and not end.at_trigger:
@@ -215,9 +225,9 @@ class RoutePredictor:
                 if certain_m is not None:
                     flown_m = over_m(0.0) if margin_m > 0 else certain_m
                     assert flown_m is not None
-                    legs.append(replace(leg, flown_m=flown_m))
+                    legs.append(leg._replace(flown_m=flown_m))
                     share = legs[-1].distance_m / leg.length_m if leg.length_m else 1.0
-                    nodes.append(leg.track().nodes((start[0] - ox, start[1] - oy), legs[-1].distance_m, share))
+                    nodes.append(leg.track.nodes((start[0] - ox, start[1] - oy), legs[-1].distance_m, share))
                     break
             legs.append(leg)
             nodes.append(shape.nodes)
@@ -226,18 +236,38 @@ class RoutePredictor:
                 following, later = cursor.decide(later).next(), None
         return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets)
 
+    def _lap(self, cursor: PlanCursor, start: Point) -> list[_LapLeg]:
+        """A lap of those that are alike; none where its legs, or their parameters, are not the same in every lap."""
+        (ox, oy), rho = cursor.offset_m, cursor.table.plan.path_count
+        local = (start[0] - ox, start[1] - oy)
+        key = (cursor.decided, _grid(local))
+        if key not in self._laps:
+            legs, following, at = list[_LapLeg](), cursor, local
+            try:
+                for _ in cursor.table.plan.stages:
+                    here = following
+                    shape = self._shape(here, at)
+                    legs.append(_LapLeg(here.stage, shape, here.parameters))
+                    following = here.next() or here
+                    (x, y), (ox, oy), (px, py) = shape.end, here.offset_m, following.offset_m
+                    at = (x + ox - px, y + oy - py)
+                alike = _grid(at) == key[1] and all(leg.own[:rho] == legs[0].own[:rho] for leg in legs)
+            except PathUndefined:  # the plan may end before
+                alike = False
+            self._laps[key] = legs if alike else []
+        return self._laps[key]
+
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
         """A leg in the frame of lap 0."""
         stage, rho = cursor.stage, cursor.table.plan.path_count
-        grid = (round(start[0] / SAME_POINT_M), round(start[1] / SAME_POINT_M))
-        key = (stage.index, cursor.parameters[:rho], cursor.state, grid)
+        key = (stage.index, cursor.parameters[:rho], cursor.state, _grid(start))
         if key not in self._shapes:
             path, trigger = cursor.path(), cursor.local_trigger_m()
             track = stage.track(path, trigger)
             length_m = abs(track.ahead_m(start))
             if not math.isfinite(length_m):
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
-            self._shapes[key] = _Shape(path, trigger, length_m, track.nodes(start, length_m, 1.0))
+            self._shapes[key] = _Shape(track, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
 
 
@@ -257,11 +287,22 @@ def _clearance_m(over_m: Callable[[float], float | None], margin_m: float, lengt
     return low
 
 
+def _grid(point: Point) -> tuple[int, int]:
+    """A point's cell: points of one cell are the same."""
+    return round(point[0] / SAME_POINT_M), round(point[1] / SAME_POINT_M)
+
+
 class _Shape(NamedTuple):
-    path: PathFunction
+    track: Track
     end: Point
     length_m: float
     nodes: Nodes
+
+
+class _LapLeg(NamedTuple):
+    stage: Stage
+    shape: _Shape
+    own: Vector
 
 
 def _times_s(

@@ -86,12 +86,12 @@ def _laps(plan: Plan, parameters: Sequence[float]) -> list[tuple[PlanCursor | No
 
 def _leg(cursor: PlanCursor, start: Point) -> Leg:
     """The whole of a stage from where it is joined."""
-    (ox, oy), path, goal = cursor.offset_m, cursor.path(), cursor.trigger_m()
-    track = cursor.stage.track(path, cursor.local_trigger_m())
+    (ox, oy), goal = cursor.offset_m, cursor.trigger_m()
+    track = cursor.stage.track(cursor.path(), cursor.local_trigger_m())
     length_m = abs(track.ahead_m((start[0] - ox, start[1] - oy)))
     if not math.isfinite(length_m):
         raise PathUndefined(f"the path of stage {cursor.stage.index} does not lead to its trigger")
-    return Leg(cursor.lap, cursor.stage, path, cursor.offset_m, start, goal, length_m)
+    return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
