@@ -200,12 +200,23 @@ class PlanCursor(NamedTuple):
         alike = table.plan.repeats and not table.live and not table.plan.segments
         return alike and self.stage.index == 1 and self.waiting == self.decided
 
-    def next_lap(self) -> PlanCursor:
-        """The same stage one lap later, of laps that are alike; raises PathUndefined as `next`."""
-        if self.lap + 1 >= LAP_LIMIT:
-            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
-        base = self._shifted(self.base_m, self.waiting)
-        return self._replace(lap=self.lap + 1, offset_m=base, base_m=base)
+    def laps_before_end(self) -> tuple[list[Point], PlanCursor]:
+        """Offsets of the laps from this one on that do not reach the plan's end, and the first one that does.
+
+        Of laps that are alike; raises PathUndefined as `next`.
+        """
+        table = self.table
+        offsets: list[Point] = []
+        if table.rules.box_triggers:
+            return offsets, self
+        final, shift, (x, y) = table.ends_at(self.parameters)
+        (ox, oy), (dx, dy) = self.offset_m, table.shift_at(self.waiting)
+        while not reaches((x + ox, y + oy), final, shift, table.plan.final_radius_m):
+            offsets.append((ox, oy))
+            ox, oy = ox + dx, oy + dy
+            if self.lap + len(offsets) >= LAP_LIMIT:
+                raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+        return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""

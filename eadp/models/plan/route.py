@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -43,26 +43,44 @@ class UncertainEnd(NamedTuple):
         Distance flown along it to the end [m].
     clearance_m : float
         How far the leg passes the end [m]; negative where it misses it.
+    length_m : float
+        Length of the leg [m].
     """
 
     leg: int
     flown_m: float
     clearance_m: float
+    length_m: float
 
 
 @dataclass(frozen=True)
 class Route:
     """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
 
-    `parameters` holds for each leg the parameters in force on it; computations there mean nothing. `ends` are those
-    before the last leg's, in the order of their clearance. `quality_sets` are those of the plan's stages, see `Plan`.
+    `of_legs` holds the stage of each leg, `parameters` the parameters in force on it; computations there mean nothing.
+    `ends` are those before the last leg's, in the order of their clearance. `quality_sets` are those of the plan's
+    stages, see `Plan`. `pieces` are the legs, those of laps that are alike together.
     """
 
-    legs: tuple[Leg, ...]
+    of_legs: tuple[Stage, ...]
     parameters: tuple[Vector, ...]
     nodes: tuple[Nodes, ...]
-    ends: tuple[UncertainEnd, ...] = ()
-    quality_sets: tuple[tuple[Box, ...], ...] = ()
+    ends: tuple[UncertainEnd, ...]
+    quality_sets: tuple[tuple[Box, ...], ...]
+    pieces: tuple[Leg | AlikeLaps, ...]
+
+    @cached_property
+    def legs(self) -> tuple[Leg, ...]:
+        """The legs with their places."""
+        legs: list[Leg] = []
+        for piece in self.pieces:
+            legs += [piece] if isinstance(piece, Leg) else piece.legs()
+        return tuple(legs)
+
+    @property
+    def first(self) -> Leg:
+        """The first leg."""
+        return self.pieces[0] if isinstance(self.pieces[0], Leg) else self.legs[0]
 
     @cached_property
     def _flat(self) -> tuple[Nodes, IntArray, IntArray]:
@@ -76,18 +94,18 @@ class Route:
     @cached_property
     def _own_airspeeds(self) -> FloatArray | None:
         """Airspeed that the stage of each node of `_flat` commands [m/s], NaN for none; None where no stage does."""
-        if all(leg.stage.airspeed_mps is None for leg in self.legs):
+        if all(stage.airspeed_mps is None for stage in self.of_legs):
             return None
         _, of_node, order = self._flat
         own = np.full(order.max() + 1, math.nan)
-        own[order] = [leg.stage.airspeed_mps or math.nan for leg in self.legs]
+        own[order] = [stage.airspeed_mps or math.nan for stage in self.of_legs]
         return own[of_node]
 
     @cached_property
     def _kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
         index: dict[tuple[int, Vector], int] = {}
-        keys = [(leg.stage.index, own) for leg, own in zip(self.legs, self.parameters, strict=True)]
+        keys = list(zip(self.shape, self.parameters, strict=True))
         order = np.array([index.setdefault(key, len(index)) for key in keys])
         return [keys.index(key) for key in index], order
 
@@ -108,7 +126,7 @@ class Route:
 
         Source: ∫ ds/v over each leg, v from the wind triangle.
         """
-        if not self.legs:
+        if not self.of_legs:
             return np.zeros(0), np.zeros(0)
         nodes, of_node, order = self._flat
         own = self._own_airspeeds
@@ -134,13 +152,13 @@ class Route:
         return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
 
     def _sets(self, leg: int) -> tuple[Box, ...]:
-        return self.quality_sets[self.legs[leg].stage.index - 1]
+        return self.quality_sets[self.of_legs[leg].index - 1]
 
     def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
         """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
         firsts, order = self._kinds
         index: dict[object, int] = {}
-        keys = [key(self.legs[i].stage, self.parameters[i]) for i in firsts]
+        keys = [key(self.of_legs[i], self.parameters[i]) for i in firsts]
         of_leg = np.array([index.setdefault(each, len(index)) for each in keys])[order]
         members = [np.nonzero(of_leg == group)[0] for group in index.values()]
         return [(int(legs[0]), legs) for legs in members]
@@ -148,12 +166,13 @@ class Route:
     def after(self) -> Route:
         """The same without its first leg."""
         ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
-        return replace(self, legs=self.legs[1:], parameters=self.parameters[1:], nodes=self.nodes[1:], ends=ends)
+        pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
+        return Route(self.of_legs[1:], self.parameters[1:], self.nodes[1:], ends, self.quality_sets, pieces)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """Indices of its stages: routes of one shape lie on one step of the staircase."""
-        return tuple(leg.stage.index for leg in self.legs)
+        return tuple([stage.index for stage in self.of_legs])
 
     @cached_property
     def stages(self) -> IntArray:
@@ -166,7 +185,7 @@ class RoutePredictor:
 
     def __init__(self) -> None:
         self._shapes: dict[object, _Shape] = {}
-        self._laps: dict[object, list[_LapLeg]] = {}
+        self._laps: dict[object, _Lap | None] = {}
 
     def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0, later: Vector | None = None) -> Route:
         """The rest of the plan from the start of the stage being flown.
@@ -188,7 +207,8 @@ class RoutePredictor:
         PathUndefined
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
-        legs: list[Leg] = []
+        pieces: list[Leg | AlikeLaps] = []
+        stages: list[Stage] = []
         values: list[Vector] = []
         nodes: list[Nodes] = []
         ends: list[UncertainEnd] = []
@@ -196,20 +216,20 @@ class RoutePredictor:
         following: PlanCursor | None = cursor
         while following is not None:
             cursor = following
-            lap = self._lap(cursor, start) if cursor.repeats_alike else []
-            while lap and cursor.end() is None:
-                ox, oy = cursor.offset_m
-                for stage, shape, own in lap:
-                    goal = (shape.end[0] + ox, shape.end[1] + oy)
-                    legs.append(Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m))
-                    values.append(own)
-                    nodes.append(shape.nodes)
-                    start = goal
-                cursor = cursor.next_lap()
+            lap = self._lap(cursor, start) if cursor.repeats_alike else None
+            if lap is not None:
+                offsets, after = cursor.laps_before_end()
+                if offsets:
+                    pieces.append(AlikeLaps(lap, cursor.lap, offsets, start))
+                    stages += lap.stages * len(offsets)
+                    values += lap.parameters * len(offsets)
+                    nodes += lap.nodes * len(offsets)
+                    start, cursor = pieces[-1].end_m, after
             (ox, oy), stage = cursor.offset_m, cursor.stage
             shape = self._shape(cursor, (start[0] - ox, start[1] - oy))
             goal = (shape.end[0] + ox, shape.end[1] + oy)
             leg = Leg(cursor.lap, stage, shape.track, cursor.offset_m, start, goal, shape.length_m)
+            stages.append(stage)
             values.append(cursor.parameters)
             end = cursor.end()
             if end is not None and not end.at_trigger:
@@ -221,40 +241,42 @@ class RoutePredictor:
                     if clearance_m is not None and all(before.clearance_m < clearance_m for before in ends):
                         flown_m = over_m(max(0.0, -clearance_m))
                         assert flown_m is not None
-                        ends.append(UncertainEnd(len(legs), flown_m, clearance_m))
+                        ends.append(UncertainEnd(len(nodes), flown_m, clearance_m, leg.length_m))
                 if certain_m is not None:
                     flown_m = over_m(0.0) if margin_m > 0 else certain_m
                     assert flown_m is not None
-                    legs.append(leg._replace(flown_m=flown_m))
-                    share = legs[-1].distance_m / leg.length_m if leg.length_m else 1.0
-                    nodes.append(leg.track.nodes((start[0] - ox, start[1] - oy), legs[-1].distance_m, share))
+                    leg = leg._replace(flown_m=flown_m)
+                    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
+                    pieces.append(leg)
+                    nodes.append(leg.track.nodes((start[0] - ox, start[1] - oy), leg.distance_m, share))
                     break
-            legs.append(leg)
+            pieces.append(leg)
             nodes.append(shape.nodes)
             following, start = cursor.next(), goal
             if later is not None and cursor.repeats and (following is None or following.segment != cursor.segment):
                 following, later = cursor.decide(later).next(), None
-        return Route(tuple(legs), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets)
+        return Route(tuple(stages), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets, tuple(pieces))
 
-    def _lap(self, cursor: PlanCursor, start: Point) -> list[_LapLeg]:
-        """A lap of those that are alike; none where its legs, or their parameters, are not the same in every lap."""
+    def _lap(self, cursor: PlanCursor, start: Point) -> _Lap | None:
+        """A lap of those that are alike; None where its legs, or their parameters, are not the same in every lap."""
         (ox, oy), rho = cursor.offset_m, cursor.table.plan.path_count
         local = (start[0] - ox, start[1] - oy)
         key = (cursor.decided, _grid(local))
         if key not in self._laps:
-            legs, following, at = list[_LapLeg](), cursor, local
+            shapes, values, following, at = list[_Shape](), list[Vector](), cursor, local
             try:
                 for _ in cursor.table.plan.stages:
                     here = following
-                    shape = self._shape(here, at)
-                    legs.append(_LapLeg(here.stage, shape, here.parameters))
+                    shapes.append(self._shape(here, at))
+                    values.append(here.parameters)
                     following = here.next() or here
-                    (x, y), (ox, oy), (px, py) = shape.end, here.offset_m, following.offset_m
+                    (x, y), (ox, oy), (px, py) = shapes[-1].end, here.offset_m, following.offset_m
                     at = (x + ox - px, y + oy - py)
-                alike = _grid(at) == key[1] and all(leg.own[:rho] == legs[0].own[:rho] for leg in legs)
+                alike = _grid(at) == key[1] and all(own[:rho] == values[0][:rho] for own in values)
             except PathUndefined:  # the plan may end before
                 alike = False
-            self._laps[key] = legs if alike else []
+            nodes = [shape.nodes for shape in shapes]
+            self._laps[key] = _Lap([*cursor.table.plan.stages], shapes, values, nodes) if alike else None
         return self._laps[key]
 
     def _shape(self, cursor: PlanCursor, start: Point) -> _Shape:
@@ -299,10 +321,39 @@ class _Shape(NamedTuple):
     nodes: Nodes
 
 
-class _LapLeg(NamedTuple):
-    stage: Stage
-    shape: _Shape
-    own: Vector
+class _Lap(NamedTuple):
+    """Legs of a lap, and the parameters in force on each."""
+
+    stages: list[Stage]
+    shapes: list[_Shape]
+    parameters: list[Vector]
+    nodes: list[Nodes]
+
+
+class AlikeLaps(NamedTuple):
+    """Laps that are alike but for their offsets [m], the number of the first, and where it starts [m]."""
+
+    lap: _Lap
+    number: int
+    offsets_m: list[Point]
+    start_m: Point
+
+    @property
+    def end_m(self) -> Point:
+        """Where the last one ends [m]."""
+        (x, y), (ox, oy) = self.lap.shapes[-1].end, self.offsets_m[-1]
+        return x + ox, y + oy
+
+    def legs(self) -> list[Leg]:
+        """The legs with their places."""
+        legs: list[Leg] = []
+        start = self.start_m
+        for number, offset in enumerate(self.offsets_m, self.number):
+            for stage, shape in zip(self.lap.stages, self.lap.shapes, strict=True):
+                end = (shape.end[0] + offset[0], shape.end[1] + offset[1])
+                legs.append(Leg(number, stage, shape.track, offset, start, end, shape.length_m))
+                start = end
+        return legs
 
 
 def _times_s(

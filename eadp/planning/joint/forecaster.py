@@ -366,9 +366,9 @@ class Forecaster:
         """
         self._position = position
         route = self._routes.get(self.shares)
-        if route is None or not route.legs or step_s <= 0:
+        if route is None or not route.of_legs or step_s <= 0:
             return
-        leg = route.legs[0]
+        leg = route.first
         try:
             phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):
@@ -417,14 +417,14 @@ class Forecaster:
         if (
             route is not None
             and next_leg
-            and len(route.legs) > 1
-            and route.legs[1].stage.index == o.stage
+            and len(route.of_legs) > 1
+            and route.of_legs[1].index == o.stage
             and route.parameters[1][:rho] == o.parameters[:rho]
         ):
             self._routes[self.shares] = route.after()
         self.before_latch = self._cursor.accepts_changes()
         route = self._route(self.shares)
-        if route is not None and route.legs:
+        if route is not None and route.of_legs:
             times, turning = route.times_s(self._speed, self.wind_mps)
             self._slope = float(turning[0] / times[0]) if 0 < times[0] < math.inf else 0.0
 
@@ -520,7 +520,7 @@ class Forecaster:
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
             route = self._route(shares)
-            load = self._load(shares, route) if route is not None and route.legs else None
+            load = self._load(shares, route) if route is not None and route.of_legs else None
             self._evaluated[shares] = None
             if route is not None and load is not None:
                 past = FlownShares(*self._flown.until(self._time_s))
@@ -663,12 +663,11 @@ class Forecaster:
         reach = NormalDist(0.0, self._navigation_std_m)
         before, ends = 0.0, []
         for end in route.ends:
-            leg = route.legs[end.leg]
-            ahead_m = leg.distance_m * (left if end.leg == 0 else 1.0)
-            unflown_m = leg.distance_m - end.flown_m
+            ahead_m = end.length_m * (left if end.leg == 0 else 1.0)
+            unflown_m = end.length_m - end.flown_m
             if ahead_m - unflown_m < -PASSED_S * self._speed:
                 continue
-            unflown = np.zeros(len(route.legs))
+            unflown = np.zeros(len(route.of_legs))
             unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, MIN_STD))
             unflown[end.leg + 1 :] = 1.0
             reached = reach.cdf(end.clearance_m)
@@ -679,7 +678,7 @@ class Forecaster:
     def _left_share(self, route: Route, time_s: float, position: Point, leg_s: float) -> float:
         """Remaining share of the first leg, which takes `leg_s` [s], by the position; elapsed time distinguishes the
         turns of a circle."""
-        leg = route.legs[0]
+        leg = route.first
         flown = min(1.0, (time_s - self._stage_since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0

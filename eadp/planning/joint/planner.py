@@ -298,7 +298,7 @@ class JointPlanner(TrackingPlanner):
         """
         now = list(self._decision.parameters[self._rho :])
         self._steady_s = math.inf
-        if all(box.fixed for box in route.legs[0].stage.sets[self._rho :]):  # none, or none that has a choice here
+        if all(box.fixed for box in route.of_legs[0].sets[self._rho :]):  # none, or none that has a choice here
             return now
         envelope = terms.kinds[terms.kind_of[0]]
         if not solution.allocation.feasible:
@@ -322,7 +322,7 @@ class JointPlanner(TrackingPlanner):
 
     def _power_of(self, values: list[float], route: Route) -> float:
         own = (*route.parameters[0][: self._rho], *values)
-        boxes = route.legs[0].stage.sets
+        boxes = route.of_legs[0].sets
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
         return self._mission.computing.power_w(clipped, boxes)
 

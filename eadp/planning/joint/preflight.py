@@ -91,7 +91,7 @@ def _mean_configuration(forecaster: Forecaster, solution: Solution) -> list[floa
         configurations[segment] += share * (envelope[level + 1] - envelope[level])
     means = []
     for k in range(count):
-        runs = np.array([not leg.stage.sets[rho + k].inhibited for leg in route.legs])
+        runs = np.array([not stage.sets[rho + k].inhibited for stage in route.of_legs])
         weights = load.times_s * runs
         total = float(weights.sum())
         means.append(float(configurations[:, k] @ weights) / total if total > 0 else 0.0)

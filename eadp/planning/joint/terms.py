@@ -179,7 +179,7 @@ class TermBuilder:
         max_w, base_w = np.zeros(len(times)), np.zeros(len(times))
         alike = route.grouped(lambda stage, own: self._key(stage.sets, own))
         for first, members in alike:
-            powers = self.configurations(route.legs[first].stage.sets, route.parameters[first])[1]
+            powers = self.configurations(route.of_legs[first].sets, route.parameters[first])[1]
             base_w[members], max_w[members] = powers[0], powers[-1]
         # the reserve bounds the state of charge from below on the whole route
         power_limits = jitted(_power_limits, drains_per_s, max_power_w, min_voltage_v)
@@ -194,7 +194,7 @@ class TermBuilder:
         base_use = energy_j = 0.0
         increments_of = jitted(_increments, drains_per_s)
         for first, members in alike:
-            sets, own = route.legs[first].stage.sets, route.parameters[first]
+            sets, own = route.of_legs[first].sets, route.parameters[first]
             powers = self.configurations(sets, own)[1]
             allowed = np.maximum(np.searchsorted(powers, room[members], side="right"), 1)
             for count in sorted({*allowed.tolist()}):

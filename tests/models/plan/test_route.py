@@ -490,7 +490,7 @@ def test_free_and_shares_by_leg():
 
 
 def test_a_course_of_no_legs_takes_no_time():
-    times, turning = Route((), (), ()).times_s(15.0, (0.0, 0.0))
+    times, turning = Route((), (), (), (), (), ()).times_s(15.0, (0.0, 0.0))
     assert len(times) == len(turning) == 0
 
 
