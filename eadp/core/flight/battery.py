@@ -43,6 +43,12 @@ def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
     return 2 * power_w / (voltage_v + math.sqrt(discriminant))
 
 
+def drain_per_s(power_w: float, voltage_v: float, resistance_ohm: float, per_as: float) -> float:
+    """`drains_per_s` of one power [W] at one voltage [V], without arrays; may be compiled."""
+    root = math.sqrt(max(voltage_v * voltage_v - 4 * resistance_ohm * power_w, 0.0))
+    return per_as * 2 * power_w / (voltage_v + root)
+
+
 def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
     """Rate of discharge under powers, without an error beyond the deliverable power: for forecasts.
 

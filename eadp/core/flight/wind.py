@@ -28,9 +28,6 @@ INITIAL_GUST_MPS, MIN_GUST_MPS = 1.0, 0.02
 BEND = 10.0
 """Weight of the linearisation error of a reading without a heading as noise: it does not average out."""
 
-MIN_AIR_MPS = 1e-6
-"""Airspeed below which the direction of flight is not known [m/s]."""
-
 FORGET_S = 60.0
 """Averaging time of the gusts' variance."""
 
@@ -191,7 +188,7 @@ def _updated(
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
     ax, ay = vx - wx, vy - wy
     air = math.sqrt(ax * ax + ay * ay)
-    if air < max(0.1 * airspeed_mps, MIN_AIR_MPS):
+    if air < 0.1 * airspeed_mps:
         return wx, wy, pxx, pyy, pxy, gusts, seen_s
     # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; second order across it: ½ d⊥²/‖v − w‖ of the error's component across
     hx, hy = -ax / air, -ay / air

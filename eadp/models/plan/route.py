@@ -102,7 +102,7 @@ class Route:
         return own[of_node]
 
     @cached_property
-    def _kinds(self) -> tuple[list[int], IntArray]:
+    def kinds(self) -> tuple[list[int], IntArray]:
         """The first leg of each stage with the same parameters in force, and which of them each leg is like."""
         index: dict[tuple[int, Vector], int] = {}
         keys = list(zip(self.shape, self.parameters, strict=True))
@@ -136,14 +136,14 @@ class Route:
     @cached_property
     def free(self) -> FloatArray:
         """1 where a parameter has a choice on a leg that depends on it, else 0, shape (parameters, legs)."""
-        count, (firsts, order) = len(self.parameters[0]), self._kinds
+        count, (firsts, order) = len(self.parameters[0]), self.kinds
         free = [[not box.fixed for box in self._sets(i)] or [False] * count for i in firsts]
         return np.ascontiguousarray(np.array(free, dtype=float).T[:, order])
 
     @cached_property
     def shares(self) -> FloatArray:
         """Share of its set that each parameter has on each leg, shape (parameters, legs); 0 where it has no choice."""
-        firsts, order = self._kinds
+        firsts, order = self.kinds
         shares = []
         for i in firsts:
             sets, own = self._sets(i), self.parameters[i]
@@ -153,15 +153,6 @@ class Route:
 
     def _sets(self, leg: int) -> tuple[Box, ...]:
         return self.quality_sets[self.of_legs[leg].index - 1]
-
-    def grouped(self, key: Callable[[Stage, Vector], object]) -> list[tuple[int, IntArray]]:
-        """Legs whose stage and parameters in force have the same key: the first of them, and all of them."""
-        firsts, order = self._kinds
-        index: dict[object, int] = {}
-        keys = [key(self.of_legs[i], self.parameters[i]) for i in firsts]
-        of_leg = np.array([index.setdefault(each, len(index)) for each in keys])[order]
-        members = [np.nonzero(of_leg == group)[0] for group in index.values()]
-        return [(int(legs[0]), legs) for legs in members]
 
     def after(self) -> Route:
         """The same without its first leg."""

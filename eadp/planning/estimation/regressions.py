@@ -6,6 +6,7 @@ import math
 from collections.abc import MutableSequence, Sequence
 
 from eadp.core.compiled import jitted, on_numbers
+from eadp.core.flight.battery import drain_per_s
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.stage import Box
 
@@ -279,7 +280,9 @@ class ChargeFilter:
             The last power known now [W].
         """
         observe = jitted(
-            _observe_charges, *(_observe_charge, _taken, _check, _charge_of, _put_charge, _drained, _corrected)
+            _observe_charges,
+            drain_per_s,
+            *(_observe_charge, _taken, _check, _charge_of, _put_charge, _drained, _corrected),
         )
         found: tuple[bool, float]
         found, self._state = on_numbers(observe, self._state, power_w, powers_w, charges, steps_s, longest_s, cell)
@@ -394,9 +397,7 @@ def _observe_charges(
         if not math.isnan(s[LAST]):
             soc = _drained(_charge_of(s, 0), s[DRAINED])[0]
             volts = empty_v + rise_v * min(max(soc, 0.0), 1.0)
-            # I = 2y/(V + √(V² − 4 R y)): eadp.core.flight.battery.drains_per_s
-            root = math.sqrt(max(volts * volts - 4 * resistance_ohm * power_w, 0.0))
-            drained = per_as * 2 * power_w / (volts + root) * steps_s[i]
+            drained = drain_per_s(power_w, volts, resistance_ohm, per_as) * steps_s[i]
         if _observe_charge(s, charges[i], drained, measured and steps_s[i] <= longest_s):
             jumped = True
     return jumped, power_w

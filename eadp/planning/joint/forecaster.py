@@ -17,6 +17,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.compiled import jitted
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
@@ -56,6 +57,9 @@ PASSED_S = 3.0
 
 MAX_STEP_S = 10.0
 """Time between readings above which the power in it is not measured [s]."""
+
+MAX_AIRSPEEDS = 5.0
+"""Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
 
 MEASURED_WIND_S = 60.0
 """How long a measured wind is used [s]."""
@@ -349,13 +353,14 @@ class Forecaster:
     def _followed_w(self, step_s: float, airspeed_mps: float | None = None) -> float:
         """Power that climbing and the stage's airspeed added over a step [s], which ends now [W].
 
-        The wind is estimated with the airspeed measured [m/s], else the one commanded.
+        The wind is estimated with the airspeed measured [m/s] where it can be, else with the one commanded.
         """
         power_w, commanded_mps = 0.0, self._speed
         if self._climb is not None:
             self._climb.follow(self._cursor.stage, step_s)
             power_w, commanded_mps = self._climb.power_w, self._climb.level_mps
-        self._wind.airspeed_mps = airspeed_mps or commanded_mps
+        measured = airspeed_mps is not None and 1 / MAX_AIRSPEEDS < airspeed_mps / self._speed < MAX_AIRSPEEDS
+        self._wind.airspeed_mps = airspeed_mps if airspeed_mps is not None and measured else commanded_mps
         return power_w
 
     def _off_path(self, position: Point, step_s: float) -> None:
@@ -625,8 +630,9 @@ class Forecaster:
 
     def _drain_per_s(self, power_w: float) -> float:
         """Predicted rate of discharge at the voltage of now [1/s]."""
-        b = self._mission.battery
-        return float(b.drain_per_s(power_w, b.voltage_at(min(max(self.soc, 0.0), 1.0))))
+        empty_v, rise_v, resistance_ohm, _ = self._cell
+        volts = empty_v + rise_v * min(max(self.soc, 0.0), 1.0)
+        return drain_per_s(power_w, volts, resistance_ohm, self._mission.battery.drain_per_as)
 
     def _load(self, shares: Shares, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""
@@ -638,20 +644,19 @@ class Forecaster:
             return None
         left = self._left_share(route, self._time_s, self._position, float(whole[0]) * self._ratio.ratio)
         motion = self._motion
-        times, motion_w, total_s, bank_s = jitted(_remaining_load)(
-            whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w
+        max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
+        times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load)(
+            whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w, self._ripple_w, max_w
         )
-        climb_w = motion_w
         if self._climb is not None:
             whole = whole * self._ratio.ratio
             times, motion_w, climb_w = self._climb.loaded(route, whole, times, motion_w)
-            total_s = max(float(times.sum()), 1e-3)
+            total_s, motion_j = max(float(times.sum()), 1e-3), float(motion_w @ times)
+            peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(route)
         energy_var = self._motion.energy_variance_j2(total_s, bank_s)
-        drain = self._drain_per_s(float(motion_w @ times) / total_s + self._computing_w) * total_s
+        drain = self._drain_per_s(motion_j / total_s + self._computing_w) * total_s
         used, charge_var = self._charge.use(drain)
-        max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
         stds = math.sqrt(time_var), math.sqrt(energy_var)
         use = used / max(drain, MIN_STD), math.sqrt(charge_var)
         return RouteLoad(times, motion_w, peak_w, *stds, *use, self._ends(route, left))
@@ -748,9 +753,16 @@ class Forecaster:
 
 
 def _remaining_load(
-    whole_s: FloatArray, turning_s: FloatArray, left: float, ratio: float, level_w: float, slope_w: float
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Times [s] and motion powers [W] of legs, the first only in part; total time and ∫ tan² φ [s].
+    whole_s: FloatArray,
+    turning_s: FloatArray,
+    left: float,
+    ratio: float,
+    level_w: float,
+    slope_w: float,
+    ripple_w: float,
+    max_w: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
+    """Times [s], motion powers and their maxima [W] of legs, the first only in part; time, ∫ tan² φ [s], energy [J].
 
     Keeps to what numba compiles, see `eadp.core.compiled`.
     """
@@ -758,7 +770,9 @@ def _remaining_load(
     times_s[0] *= left
     bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio
     slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
-    return times_s, np.maximum(level_w + slope_w * slopes, 0.0), max(times_s.sum(), 1e-3), bank_s
+    motion_w = np.maximum(level_w + slope_w * slopes, 0.0)
+    peak_w = np.maximum(np.minimum(motion_w + ripple_w, max_w), motion_w)
+    return times_s, motion_w, peak_w, max(times_s.sum(), 1e-3), bank_s, (motion_w * times_s).sum()
 
 
 def _shares_of(load: RouteLoad) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import jitted
 from eadp.core.envelope import upper_envelope
 
 FULL = 1e-9
@@ -119,19 +120,24 @@ def fill_greedy(increments: Increments, available: float) -> Allocation:
 
     Source: Dantzig 1957; concavity keeps each segment's increments in order.
     """
-    shares = np.zeros(len(increments.use))
     spare = available - increments.base_use
     if spare < -FULL:
-        return Allocation(shares, increments.base_use, increments.base_value, feasible=False)
-    order = np.argsort(-increments.efficiency, kind="stable")
-    after = np.cumsum(increments.use[order])
-    whole = int(np.searchsorted(after, max(spare, 0.0) + FULL, side="right"))
+        none = np.zeros(len(increments.use))
+        return Allocation(none, increments.base_use, increments.base_value, feasible=False)
+    return allocation_of(increments, jitted(_filled)(increments.use, increments.gain, spare))
+
+
+def _filled(use: FloatArray, gain: FloatArray, spare: float) -> FloatArray:
+    """Share of each increment that is taken; keeps to what numba compiles, see `eadp.core.compiled`."""
+    shares = np.zeros(len(use))
+    order = np.argsort(-np.where(use > 0.0, gain / np.maximum(use, 1e-300), np.inf), kind="mergesort")
+    after = np.cumsum(use[order])
+    whole = np.searchsorted(after, max(spare, 0.0) + FULL, side="right")
     shares[order[:whole]] = 1.0
     if whole < len(order):
-        before = float(after[whole - 1]) if whole else 0.0
-        step = order[whole]
-        shares[step] = min(1.0, max(0.0, (spare - before) / float(increments.use[step])))
-    return allocation_of(increments, shares)
+        before = after[whole - 1] if whole else 0.0
+        shares[order[whole]] = min(1.0, max(0.0, (spare - before) / use[order[whole]]))
+    return shares
 
 
 def allocation_of(increments: Increments, shares: FloatArray) -> Allocation:

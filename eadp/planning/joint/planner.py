@@ -43,8 +43,9 @@ from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 
-UPDATE_EVERY_S = 1.0
-"""Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans."""
+UPDATE_EVERY_S = 3.0
+"""Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans; and the
+time between looks whether the forecast holds."""
 
 GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
 """Warning in the reason of a decision."""
@@ -61,7 +62,7 @@ FULL_SHARE = 1 - 1e-6
 WARM_UP_S = 5.0
 """No decision before this time [s]: the variance of wind and power is still large."""
 
-REEVALUATE_SOC, REEVALUATE_VALUE = 0.002, 0.002
+REEVALUATE_SOC, REEVALUATE_VALUE = 0.005, 0.005
 """Minimum change of the charge left by the best plan, or of its value, before path parameters are optimised again."""
 
 RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
@@ -141,14 +142,14 @@ class JointPlanner(TrackingPlanner):
             cause = JUMPED
         elif not cause and o.time_s >= self._next_s - 1e-9:
             if self._holds(o):
-                self._next_s = next_multiple(o.time_s, self._settings.every_s)
+                self._next_s = self._next_look_s(o.time_s)
             else:
                 cause = TIME
         starts_s = WARM_UP_S if cause == JUMPED else self._starts_s
         if cause and o.time_s >= starts_s - 1e-9:
             self._jumped = False
-            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._starts_s)
             self._replan(o, cause)
+            self._next_s = max(self._next_look_s(o.time_s), self._starts_s)
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:
@@ -168,6 +169,11 @@ class JointPlanner(TrackingPlanner):
         if o.time_s >= self._holds_until_s - 1e-9:
             return False
         return abs(self._forecaster.surprise(o.time_s, (o.x_m, o.y_m), self._computing_w)) <= self._tolerance
+
+    def _next_look_s(self, time_s: float) -> float:
+        """When to re-plan, or to look whether the forecast holds, next [s]."""
+        soon_s = next_multiple(time_s, self._settings.every_s)
+        return max(soon_s, min(time_s + UPDATE_EVERY_S, self._holds_until_s))
 
     def _replan(self, o: Observation, cause: str) -> None:
         forecaster, report = self._forecaster, self.report

@@ -176,49 +176,61 @@ class TermBuilder:
         expected_s = load.expected_s
         value_rates, base_value = self._value_rates(route, expected_s, past)
         b = self._battery
-        max_w, base_w = np.zeros(len(times)), np.zeros(len(times))
-        alike = route.grouped(lambda stage, own: self._key(stage.sets, own))
-        for first, members in alike:
-            powers = self.configurations(route.of_legs[first].sets, route.parameters[first])[1]
-            base_w[members], max_w[members] = powers[0], powers[-1]
-        # the reserve bounds the state of charge from below on the whole route
-        power_limits = jitted(_power_limits, drains_per_s, max_power_w, min_voltage_v)
+        groups, group_of = self._groups(route)
+        extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in groups])
         per_as = b.drain_per_as * load.use_ratio
         cell = (*self._cell[:3], per_as, *self._cell[4:])
-        volts, room, by_letter, beyond, letter_soc, delivered_soc = power_limits(
-            times, load.motion_w, load.peak_w, base_w, max_w, soc, min(reserve_soc, soc), cell
+        # the reserve bounds the state of charge from below on the whole route
+        volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = jitted(
+            _power_limits, drains_per_s, max_power_w, min_voltage_v
+        )(times, load.motion_w, load.peak_w, extremes_w, group_of, soc, min(reserve_soc, soc), cell)
+        kinds, kind_of = self._kinds(groups, group_of, room if truncated.any() else None, value_rates)
+        ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
+        segment, level, use, gain, base_use, own_value, energy_j = jitted(_all_increments, _increments, drains_per_s)(
+            *(kind_of, ends, *_joined(kinds), times, expected_s, load.motion_w, volts, cell)
         )
-        kinds: list[ConcaveEnvelope] = []
-        found: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = []
-        kind_of = np.zeros(len(times), dtype=np.intp)
-        base_use = energy_j = 0.0
-        increments_of = jitted(_increments, drains_per_s)
-        for first, members in alike:
-            sets, own = route.of_legs[first].sets, route.parameters[first]
-            powers = self.configurations(sets, own)[1]
-            allowed = np.maximum(np.searchsorted(powers, room[members], side="right"), 1)
-            for count in sorted({*allowed.tolist()}):
-                index = members[allowed == count]
-                envelope = self._envelope(sets, own, count, value_rates)
-                seconds, expected, own_use, segment, level, use, gain = increments_of(
-                    index, times, expected_s, load.motion_w, volts, envelope.powers_w, envelope.values, cell
-                )
-                kind_of[index] = len(kinds)
-                kinds.append(envelope)
-                found.append((segment, level, use, gain))
-                energy_j += seconds * float(envelope.powers_w[0] + envelope.powers_w[-1]) / 2
-                base_use += own_use
-                base_value += expected * float(envelope.values[0])
-        segment, level, use, gain = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        mean_w = (float(load.motion_w @ times) + energy_j) / max(total_s, 1e-9)
+        mean_w = energy_j / max(total_s, 1e-9)
         voltage = float(volts.mean())
         discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
         slope = per_as / math.sqrt(discriminant)
-        increments = Increments(segment, level, use, gain, base_use, base_value)
+        increments = Increments(segment, level, use, gain, base_use, base_value + own_value)
         return KnapsackTerms(
             *(increments, tuple(kinds), kind_of, slope, mean_w, beyond, letter_soc, delivered_soc),
-            *(volts, max_w > room, by_letter),
+            *(volts, truncated, by_letter),
         )
+
+    # --- kinds of segments
+
+    def _groups(self, route: Route) -> tuple[list[_Group], IntArray]:
+        """Configurations that legs of a route have, and which of them each leg has."""
+        index: dict[tuple[object, ...], int] = {}
+        groups: list[_Group] = []
+        of_kind = []
+        firsts, order = route.kinds
+        for first in firsts:
+            sets, own = route.of_legs[first].sets, route.parameters[first]
+            key = self._key(sets, own)
+            if key not in index:
+                index[key] = len(groups)
+                groups.append(_Group(sets, own, self.configurations(sets, own)[1]))
+            of_kind.append(index[key])
+        return groups, np.array(of_kind)[order]
+
+    def _kinds(
+        self, groups: Sequence[_Group], group_of: IntArray, room: FloatArray | None, value_rates: FloatArray
+    ) -> tuple[list[ConcaveEnvelope], IntArray]:
+        """Envelopes, and which each segment has: of the configurations for which there is room [W], or of all."""
+        if room is None:
+            return [self._envelope(*group, len(group.powers_w), value_rates) for group in groups], group_of
+        kinds: list[ConcaveEnvelope] = []
+        kind_of = np.zeros(len(group_of), dtype=np.intp)
+        for number, group in enumerate(groups):
+            members = np.nonzero(group_of == number)[0]
+            allowed = np.maximum(np.searchsorted(group.powers_w, room[members], side="right"), 1)
+            for count in sorted({*allowed.tolist()}):
+                kind_of[members[allowed == count]] = len(kinds)
+                kinds.append(self._envelope(*group, count, value_rates))
+        return kinds, kind_of
 
     # --- values
 
@@ -238,17 +250,19 @@ class TermBuilder:
 
     # --- envelopes
 
-    def _envelope(self, sets: Sequence[Box], own: Vector, allowed: int, value_rates: FloatArray) -> ConcaveEnvelope:
-        """Envelope of the first `allowed` configurations of a stage in ascending order of power."""
+    def _envelope(
+        self, sets: Sequence[Box], own: Vector, powers_w: FloatArray, allowed: int, value_rates: FloatArray
+    ) -> ConcaveEnvelope:
+        """Envelope of the first `allowed` configurations of a stage, of powers [W] in ascending order."""
         rates = value_rates[self._rho :]
         scale = float(rates.max(initial=0.0))
         # cached for a largest rate of 1
         relative = rates / scale if scale > 0 else rates
         key = (self._key(sets, own), allowed, tuple(np.round(relative, 4).tolist()))
         if key not in self._envelopes:
-            configurations, powers = self.configurations(sets, own)
+            configurations = self.configurations(sets, own)[0]
             values = self._values_of(configurations[:allowed], sets, relative)
-            self._envelopes[key] = concave_envelope(powers[:allowed], values, configurations[:allowed])
+            self._envelopes[key] = concave_envelope(powers_w[:allowed], values, configurations[:allowed])
         return self._envelopes[key].scaled(scale)
 
     def _values_of(self, configurations: FloatArray, sets: Sequence[Box], rates: FloatArray) -> FloatArray:
@@ -301,6 +315,22 @@ class TermBuilder:
         return np.array(rows, dtype=float).reshape(len(rows), len(levels))[order], np.array(powers)[order]
 
 
+class _Group(NamedTuple):
+    """Segments of the same configurations: sets and parameters in force of one, and powers [W] in ascending order."""
+
+    sets: Sequence[Box]
+    own: Vector
+    powers_w: FloatArray
+
+
+def _joined(kinds: Sequence[ConcaveEnvelope]) -> tuple[FloatArray, FloatArray]:
+    """Powers and values of envelopes, one after the other."""
+    if len(kinds) == 1:
+        return kinds[0].powers_w, kinds[0].values
+    return np.concatenate([kind.powers_w for kind in kinds]), np.concatenate([kind.values for kind in kinds])
+
+
+_AllIncrements = tuple[IntArray, IntArray, FloatArray, FloatArray, float, float, float]
 _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
 _Cell = tuple[float, float, float, float, float, float, float]
 """Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
@@ -334,18 +364,21 @@ def _power_limits(
     times_s: FloatArray,
     motion_w: FloatArray,
     peak_w: FloatArray,
-    base_w: FloatArray,
-    max_w: FloatArray,
+    extremes_w: FloatArray,
+    group_of: IntArray,
     soc: float,
     floor: float,
     cell: _Cell,
-) -> tuple[FloatArray, FloatArray, BoolArray, float, float, float]:
-    """Voltage of each segment, limit of its computations [W], and attributes of `KnapsackTerms` from `by_letter` on.
+) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, float, float, float]:
+    """Voltage of each segment, limit of its computations [W], and attributes of `KnapsackTerms` from `truncated` on.
+
+    `extremes_w` holds the least and the greatest power of each group of configurations.
 
     The state of charge falls as computations of maximum power drain it, but not below `floor`, nor below what the
     minimum power requires at the end of the route.
     """
     empty_v, rise_v, resistance_ohm, per_as, per_soc_w, max_current_a, cutoff_v = cell
+    base_w, max_w = extremes_w[:, 0][group_of], extremes_w[:, 1][group_of]
     required = np.zeros(len(times_s))
     if rise_v > 0.0:
         required = (min_voltage_v(peak_w + base_w, resistance_ohm, max_current_a, cutoff_v) - empty_v) / rise_v
@@ -367,7 +400,47 @@ def _power_limits(
     base_use = times_s * drains_per_s(motion_w + base_w, volts, resistance_ohm, per_as)
     later_use = base_use.sum() - np.cumsum(base_use)
     letter_soc, delivered_soc = ((peak_w + base_w) / per_soc_w - later_use).max(), (required - later_use).max()
-    return volts, allowed - peak_w, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
+    room = allowed - peak_w
+    return volts, room, max_w > room, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
+
+
+def _all_increments(
+    kind_of: IntArray,
+    ends: IntArray,
+    powers_w: FloatArray,
+    values: FloatArray,
+    times_s: FloatArray,
+    expected_s: FloatArray,
+    motion_w: FloatArray,
+    volts: FloatArray,
+    cell: _Cell,
+) -> _AllIncrements:
+    """Increments of all segments, one kind of envelope after the other: segment, level, use and gain.
+
+    After them use and value with every segment at minimum power, and the energy with computations half way [J]. The
+    powers and values of kind k end at `ends[k]`.
+    """
+    size = 0
+    for k in range(len(ends)):
+        size += (kind_of == k).sum() * (ends[k] - (ends[k - 1] if k else 0) - 1)
+    segment, level = np.zeros(size, dtype=np.intp), np.zeros(size, dtype=np.intp)
+    use, gain = np.zeros(size), np.zeros(size)
+    base_use = base_value = 0.0
+    energy_j = (motion_w * times_s).sum()
+    at = first = 0
+    for k in range(len(ends)):
+        own_w, own_values = powers_w[first : ends[k]], values[first : ends[k]]
+        index = np.nonzero(kind_of == k)[0]
+        seconds, expected, least, own_segment, own_level, own_use, own_gain = _increments(
+            index, times_s, expected_s, motion_w, volts, own_w, own_values, cell
+        )
+        end = at + len(own_use)
+        segment[at:end], level[at:end], use[at:end], gain[at:end] = own_segment, own_level, own_use, own_gain
+        base_use += least
+        base_value += expected * own_values[0]
+        energy_j += seconds * (own_w[0] + own_w[-1]) / 2
+        at, first = end, ends[k]
+    return segment, level, use, gain, base_use, base_value, energy_j
 
 
 def _increments(
