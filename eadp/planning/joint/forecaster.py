@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
 from typing import NamedTuple
@@ -143,28 +144,42 @@ class Forecast(NamedTuple):
         return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
 
 
-class _Expected(NamedTuple):
+@dataclass
+class _Expected:
     """What a forecast expects of the flight until the next one, see `Forecaster.surprise`.
 
-    Time and time left of the leg [s]; believed state of charge, the drain predicted to the end, and the state of charge
-    then; the motion's power on the leg [W]; time left [s], ∫ tan² φ over it [s], and power regressed [W]; wind [m/s].
+    Route, time [s], whole time and time left of each leg [s] and its motion power [W]; the ratio of times; whether the
+    gauge is believed, the drain predicted to the end, and the state of charge then; ∫ tan² φ over the time left [s],
+    and power regressed [W]; wind [m/s]; soc_per_j and mean_w of the terms. And of the flight since: which leg is flown,
+    since when [s], and the motion's energy on those before it [J].
     """
 
     route: Route
     time_s: float
-    leg_s: float
-    leg_left_s: float
+    whole_s: FloatArray
+    times_s: FloatArray
+    motion_w: FloatArray
+    ratio: float
     believed: bool
     drain: float
     soc_end: float
-    motion_w: float
-    remaining_s: float
     bank_s: float
     level_w: float
     slope_w: float
     wind_mps: Point
     soc_per_j: float
     mean_w: float
+    leg: int = 0
+    leg_since_s: float = 0.0
+    before_j: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.leg_since_s = self.time_s
+
+    def start_leg(self, time_s: float, route: Route) -> None:
+        """Go on with the next leg."""
+        self.before_j += float(self.motion_w[self.leg]) * (time_s - self.leg_since_s)
+        self.route, self.leg, self.leg_since_s = route, self.leg + 1, time_s
 
 
 class Forecaster:
@@ -417,6 +432,7 @@ class Forecaster:
         self._margin_m = max(MARGIN_M, NAVIGATION_STDS * self._navigation_std_m)
         next_leg, self._stages_started = o.stages_started == self._stages_started + 1, o.stages_started
         self._cursor, self._joined = o.cursor, o.joined_m
+        expected = self._expected
         self._clear_routes()
         rho = self._plan.path_count
         if (
@@ -426,7 +442,10 @@ class Forecaster:
             and route.of_legs[1].index == o.stage
             and route.parameters[1][:rho] == o.parameters[:rho]
         ):
-            self._routes[self.shares] = route.after()
+            self._routes[self.shares] = after = route.after()
+            if expected is not None and expected.route is route:
+                expected.start_leg(o.time_s, after)
+                self._expected = expected
         self.before_latch = self._cursor.accepts_changes()
         route = self._route(self.shares)
         if route is not None and route.of_legs:
@@ -590,13 +609,13 @@ class Forecaster:
         self._expected = _Expected(
             self.route(shares),
             self._time_s,
-            float(whole[0]) * ratio,
-            float(load.times_s[0]),
+            whole * ratio,
+            load.times_s,
+            load.motion_w,
+            ratio,
             self.believes_gauge,
             drain,
             self.soc - self._charge.use(drain)[0],
-            float(load.motion_w[0]),
-            total_s,
             float(turning.sum()) * ratio,
             *(motion.level_w, motion.slope_w, self.wind_mps, terms.soc_per_j, terms.mean_w),
         )
@@ -618,14 +637,18 @@ class Forecaster:
         e = self._expected
         if e is None or e.believed != self.believes_gauge:
             return math.inf
-        passed_s, motion = time_s - e.time_s, self._motion
-        drained = self._drain_per_s(e.motion_w + computing_w) * passed_s
+        motion, leg = self._motion, e.leg
+        passed_j = e.before_j + float(e.motion_w[leg]) * (time_s - e.leg_since_s)
+        passed_s = max(time_s - e.time_s, MIN_STD)
+        drained = self._drain_per_s(passed_j / passed_s + computing_w) * passed_s
         charge = self.soc - self._charge.use(max(e.drain - drained, 0.0))[0] - e.soc_end
-        left_s = e.leg_s * self._left_share(e.route, time_s, position, e.leg_s)
-        late_s = left_s - (e.leg_left_s - passed_s)
+        later_s = float(e.times_s[leg + 1 :].sum())
+        leg_s = float(e.whole_s[leg])
+        left_s = leg_s * self._left_share(e.route, time_s, position, leg_s) + later_s
+        late_s = time_s + left_s - e.time_s - float(e.times_s.sum())
         (wx, wy), (gx, gy) = self.wind_mps, self._sensitivity[1]
-        late_s += e.remaining_s * (gx * (wx - e.wind_mps[0]) + gy * (wy - e.wind_mps[1]))
-        more_j = (motion.level_w - e.level_w) * e.remaining_s + (motion.slope_w - e.slope_w) * e.bank_s
+        late_s += left_s * (gx * (wx - e.wind_mps[0]) + gy * (wy - e.wind_mps[1]) + self._ratio.ratio / e.ratio - 1)
+        more_j = (motion.level_w - e.level_w) * left_s + (motion.slope_w - e.slope_w) * e.bank_s
         return charge - e.soc_per_j * (more_j + e.mean_w * late_s)
 
     def _drain_per_s(self, power_w: float) -> float:

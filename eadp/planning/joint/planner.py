@@ -110,6 +110,7 @@ class JointPlanner(TrackingPlanner):
         self._jumped = False
         self._updated_s, self._ambiguous = 0.0, False
         self._holds_until_s, self._tolerance, self._steady_s = -math.inf, 0.0, math.inf
+        self._held_stages, self._held_sets = 0, mission.plan.stages[0].sets
         self._max_interval_s = 0.0 if mission.live else own.max_interval_s
 
     @property
@@ -140,11 +141,11 @@ class JointPlanner(TrackingPlanner):
         self._updated_s, self._ambiguous = o.time_s, forecaster.is_ambiguous(o.soc)
         if self._jumped:
             cause = JUMPED
-        elif not cause and o.time_s >= self._next_s - 1e-9:
+        elif cause or o.time_s >= self._next_s - 1e-9:
             if self._holds(o):
-                self._next_s = self._next_look_s(o.time_s)
+                cause, self._next_s = "", self._next_look_s(o.time_s)
             else:
-                cause = TIME
+                cause = cause or TIME
         starts_s = WARM_UP_S if cause == JUMPED else self._starts_s
         if cause and o.time_s >= starts_s - 1e-9:
             self._jumped = False
@@ -166,8 +167,12 @@ class JointPlanner(TrackingPlanner):
 
     def _holds(self, o: Observation) -> bool:
         """Whether the last forecast is still good enough: no re-planning would gain anything to speak of."""
-        if o.time_s >= self._holds_until_s - 1e-9:
+        if o.time_s >= self._holds_until_s - 1e-9 or o.cursor.stage.sets != self._held_sets:
             return False
+        if o.stages_started != self._held_stages:
+            self._held_stages = o.stages_started
+            if self._forecaster.open and self._forecaster.before_latch:
+                return False
         return abs(self._forecaster.surprise(o.time_s, (o.x_m, o.y_m), self._computing_w)) <= self._tolerance
 
     def _next_look_s(self, time_s: float) -> float:
@@ -207,16 +212,17 @@ class JointPlanner(TrackingPlanner):
             reason = f"home: {reason}"
         record = self._record(o, cause, chosen, solution, reason, report.calls - calls)
         forecaster.expect(solution)
-        self._hold(o.time_s, solution, terms, remaining_s)
+        self._hold(o, solution, terms, remaining_s)
         forecaster.decide(chosen, settled)
         self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
 
-    def _hold(self, time_s: float, solution: Solution, terms: KnapsackTerms, remaining_s: float) -> None:
+    def _hold(self, o: Observation, solution: Solution, terms: KnapsackTerms, remaining_s: float) -> None:
         """Set until when the forecast holds at most, and how much charge it may be off by.
 
         A plan that is not feasible, and one with a home to turn back to, is forecast at every re-planning.
         """
-        self._holds_until_s = time_s
+        self._holds_until_s = o.time_s
+        self._held_stages, self._held_sets = o.stages_started, o.cursor.stage.sets
         if not solution.allocation.feasible or self._home_spare is not None:
             return
         self._holds_until_s += min(self._max_interval_s, self._steady_s)
