@@ -68,6 +68,9 @@ MEASURED_WIND_S = 60.0
 GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
 """Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
 
+BOUND_SLACK = 0.9
+"""Times at values between the ends of a parameter's set lie between those at the ends, up to this factor."""
+
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
@@ -214,6 +217,9 @@ class Forecaster:
         self._settings, self._mission, self._plan = settings, mission, plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed]
+        self._choices = [
+            {sets[j] for sets in plan.quality_sets if sets and not sets[j].fixed} for j in range(len(plan.names))
+        ]
         self.term_builder = TermBuilder(mission, settings, own)
         self._own = own
         self._speed = mission.cruise_mps
@@ -243,6 +249,7 @@ class Forecaster:
         self._routes: dict[Shares, Route | None] = {}
         self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
+        self._ahead: tuple[list[float], list[float], list[float]] | None = None
         self._expected: _Expected | None = None
         self._time_s = self._stage_since_s = self._charge_s = 0.0
         self._last_s: float | None = None
@@ -534,6 +541,7 @@ class Forecaster:
         """
         self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
         self._evaluated.clear()
+        self._ahead = None
 
     def terms(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad]:
         """Knapsack terms and load of the route at shares that `candidate` has evaluated."""
@@ -570,6 +578,50 @@ class Forecaster:
             excess_j = terms.beyond_w * float(load.times_s.sum())
             available = min(available, terms.increments.base_use) - excess_j * terms.soc_per_j
         return Candidate(shares, self.route(shares).shape, terms.increments, available, ALIKE_STDS * ends.std)
+
+    def bound(self, shares: Shares) -> float:
+        """The greatest value of the objective at shares, if the computations were the highest on the whole route.
+
+        Infinite for the total, which grows with the time. U is the mean of each parameter's average over flown time
+        and time ahead; the latter is taken to lie between those at the ends of the sets, or a tenth beyond.
+        """
+        ahead = self._known_ahead()
+        if ahead is None:
+            return math.inf
+        times_s, areas_s = self._flown.until(self._time_s)
+        weights, greatest, total = self._settings.weights, 0.0, 0.0
+        count, (least_s, most_s, before_s) = len(self.open), ahead
+        values = (self._with_path(shares[:count]), self._with_path(shares[-count:]))
+        for j, (name, boxes) in enumerate(zip(self._plan.names, self._choices, strict=True)):
+            weight = weights.get(name, 0.0) if weights else 1.0
+            if weight <= 0 or times_s[j] + most_s[j] <= 0:
+                continue
+            share, area_s = 1.0, areas_s[j]
+            if j < self._plan.path_count:
+                share = max(box.share(box.clip(own[j])) or 0.0 for box in boxes for own in values)
+                area_s += before_s[j]
+            averages = [(area_s + share * t) / max(times_s[j] + t, MIN_STD) for t in (least_s[j], most_s[j])]
+            total, greatest = total + weight, greatest + weight * min(max(averages), 1.0)
+        return greatest / total if total else math.inf
+
+    def _known_ahead(self) -> tuple[list[float], list[float], list[float]] | None:
+        """Least and greatest time ahead in which each parameter has a choice, and ∫ share dt at shares of 0 [s].
+
+        The latter is of path parameters in force until others take effect. None where the ends cannot be flown.
+        """
+        if self._ahead is None and self._own.objective != TOTAL:
+            found = []
+            for share in (0.0, 1.0):
+                shares = (share,) * len(self.shares)
+                evaluated = self._evaluate(shares)
+                if evaluated is None:
+                    return None
+                route, expected_s = self.route(shares), evaluated[1].expected_s
+                found.append((route.free @ expected_s, route.shares @ expected_s))
+            (low_s, before_s), (high_s, _) = found
+            least_s, most_s = BOUND_SLACK * np.minimum(low_s, high_s), np.maximum(low_s, high_s) / BOUND_SLACK
+            self._ahead = least_s.tolist(), most_s.tolist(), (before_s / BOUND_SLACK).tolist()
+        return self._ahead
 
     def forecast(self, solution: Solution) -> Forecast:
         """Forecast of the rest of the mission as planned."""

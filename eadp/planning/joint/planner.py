@@ -281,7 +281,11 @@ class JointPlanner(TrackingPlanner):
             best = flown
         else:
             best = self._program.scanned(
-                forecaster.candidate, forecaster.shares, threshold, by_blocks=forecaster.by_blocks
+                forecaster.candidate,
+                forecaster.shares,
+                threshold,
+                by_blocks=forecaster.by_blocks,
+                bound=forecaster.bound,
             )
             if flown is not None and (not best.allocation.feasible or best.value <= threshold):
                 best = flown

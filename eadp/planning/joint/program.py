@@ -117,6 +117,14 @@ class Solution:
 CandidateAt = Callable[[Shares], Candidate | None]
 """Candidate at path parameters; None where the plan cannot be flown at them."""
 
+Bound = Callable[[Shares], float]
+"""Value that no computations exceed at path parameters. Between two values of one parameter it is at most the greater
+of theirs."""
+
+
+def _unbounded(_: Shares) -> float:
+    return math.inf
+
 
 class _NoSlope(Exception):
     """A step is too narrow for finite differences, and the climb ends."""
@@ -159,14 +167,26 @@ class MissionProgram:
         self._last: _Allocated | None = None
 
     def solve(
-        self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf, *, by_blocks: bool = False
+        self,
+        candidate_at: CandidateAt,
+        warm: Shares,
+        threshold: float = -math.inf,
+        *,
+        by_blocks: bool = False,
+        bound: Bound = _unbounded,
     ) -> Solution:
         """The optimal path parameters and computations: `scanned`, then `decided`."""
-        start = self.scanned(candidate_at, warm, threshold, by_blocks=by_blocks)
+        start = self.scanned(candidate_at, warm, threshold, by_blocks=by_blocks, bound=bound)
         return self.decided(candidate_at, start, movable=True)
 
     def scanned(
-        self, candidate_at: CandidateAt, warm: Shares, threshold: float = -math.inf, *, by_blocks: bool = False
+        self,
+        candidate_at: CandidateAt,
+        warm: Shares,
+        threshold: float = -math.inf,
+        *,
+        by_blocks: bool = False,
+        bound: Bound = _unbounded,
     ) -> Solution:
         """The best point of the scan, with computations in closed form.
 
@@ -179,6 +199,8 @@ class MissionProgram:
             Value that a solution needs to be of use: the scan of one parameter skips steps whose bound is lower.
         by_blocks : bool
             Whether the shares are of one parameter by blocks: first one value for all is sought, then each alone.
+        bound : function, optional
+            Places whose bound is no better than what is known are not looked at.
 
         Raises
         ------
@@ -193,21 +215,22 @@ class MissionProgram:
                 known[shares] = None if candidate is None else best_at(candidate)
             return known[shares]
 
-        best = _better(evaluate(warm), None)
+        best, scan = _better(evaluate(warm), None), _Scan(evaluate, bound, threshold)
         if by_blocks:
-            best = _scan(lambda shares: evaluate(shares[:1] * 2), best, warm, 0, threshold)
+            both = _Scan(lambda shares: evaluate(shares[:1] * 2), lambda shares: bound(shares[:1] * 2), threshold)
+            best = both.best(best, warm, 0)
             # wider laps save less and less: extremes in turn may be better than a mean
             for share in (0.0, 1.0):
                 own = evaluate((share, warm[1]))
-                best = _better(_scan(evaluate, own, (share, warm[1]), 1, threshold), best)
+                best = _better(scan.best(own, (share, warm[1]), 1), best)
             for axis in (0, 1):
-                best = _scan(evaluate, best, warm, axis, threshold)
+                best = scan.best(best, warm, axis)
         elif self.dimensions in GRIDS:
             best = _grid_search(evaluate, best, self.dimensions)
         else:
             for _ in range(2 if self.dimensions > 1 else 1):
                 for axis in range(self.dimensions):
-                    best = _scan(evaluate, best, warm, axis, threshold)
+                    best = scan.best(best, warm, axis)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
         if not best.allocation.feasible:
@@ -477,47 +500,69 @@ def _grid_search(
     return best
 
 
-def _scan(
-    evaluate: Callable[[Shares], Solution | None], best: Solution | None, warm: Shares, axis: int, threshold: float
-) -> Solution | None:
-    """The best along one path parameter: over its set, then towards the edges of steps that could be better.
+class _Scan(NamedTuple):
+    """Scans along one path parameter: over its set, then towards the edges of steps that could be better.
 
-    Branch and bound: cells whose bound is below `threshold` are skipped.
+    Branch and bound: points and cells whose bound is no better than the best known, or than `threshold`, are skipped.
     """
-    base = best.candidate.shares if best is not None else warm
 
-    def at(share: float) -> Solution | None:
-        return evaluate((*base[:axis], share, *base[axis + 1 :]))
+    evaluate: Callable[[Shares], Solution | None]
+    bound: Bound
+    threshold: float
 
-    points = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
-    found = [at(share) for share in points]
-    for solution in found:
-        best = _better(solution, best)
-    if best is None:
-        return None
-    cells = list(itertools.pairwise(zip(points, found, strict=True)))
-    rises = [
-        abs(b.value - a.value) / (high - low)
-        for (low, a), (high, b) in cells
-        if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
-    ]
-    slope = max(rises, default=1.0)
-    queue = [
-        (-_upper_bound(low, high, slope), i, low, high) for i, (low, high) in enumerate(cells) if _broken(low, high)
-    ]
-    heapq.heapify(queue)
-    for count in range(len(cells), len(cells) + MAX_HALVINGS):
-        if not queue or -queue[0][0] <= max(best.value + MIN_BOUND_GAIN, threshold):
-            break
-        _, _, low, high = heapq.heappop(queue)
-        share = (low[0] + high[0]) / 2
-        middle = share, at(share)
-        best = _better(middle[1], best)
-        assert best is not None
-        for left, right in ((low, middle), (middle, high)):
-            if right[0] - left[0] > MIN_REACH and _broken(left, right):
-                heapq.heappush(queue, (-_upper_bound(left, right, slope), 2 * count + (left is middle), left, right))
-    return best
+    def best(self, best: Solution | None, warm: Shares, axis: int) -> Solution | None:
+        """The better of a solution and the best along one parameter through it, or through `warm`."""
+        base = best.candidate.shares if best is not None else warm
+
+        def at(share: float) -> Solution | None:
+            return self.evaluate((*base[:axis], share, *base[axis + 1 :]))
+
+        points = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
+        bounds = [self.bound((*base[:axis], share, *base[axis + 1 :])) for share in points]
+        cells = list(itertools.pairwise(range(len(points))))
+        found: dict[int, Solution | None] = {}
+        # the cells that promise most come first: what they hold rules others out
+        for cell in sorted(cells, key=lambda cell: -max(bounds[i] for i in cell)):
+            if max(bounds[i] for i in cell) <= self._limit(best):
+                break
+            for i in cell:
+                if i not in found:
+                    found[i] = at(points[i])
+                    best = _better(found[i], best)
+        if best is None:
+            return None
+        looked = [((points[i], found[i]), (points[j], found[j])) for i, j in cells if i in found and j in found]
+        rises = [
+            abs(b.value - a.value) / (high - low)
+            for (low, a), (high, b) in looked
+            if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
+        ]
+        slope = max(rises, default=1.0)
+        queue = [
+            (-_upper_bound(low, high, slope), i, low, high)
+            for i, (low, high) in enumerate(looked)
+            if _broken(low, high)
+        ]
+        heapq.heapify(queue)
+        for count in range(len(looked), len(looked) + MAX_HALVINGS):
+            if not queue or -queue[0][0] <= max(best.value + MIN_BOUND_GAIN, self.threshold):
+                break
+            _, _, low, high = heapq.heappop(queue)
+            share = (low[0] + high[0]) / 2
+            middle = share, at(share)
+            best = _better(middle[1], best)
+            assert best is not None
+            for left, right in ((low, middle), (middle, high)):
+                if right[0] - left[0] > MIN_REACH and _broken(left, right):
+                    entry = (-_upper_bound(left, right, slope), 2 * count + (left is middle), left, right)
+                    heapq.heappush(queue, entry)
+        return best
+
+    def _limit(self, best: Solution | None) -> float:
+        """Value that a place has to exceed to be looked at."""
+        if best is None or not best.allocation.feasible:
+            return -math.inf
+        return max(best.value, self.threshold)
 
 
 _Point = tuple[float, Solution | None]
