@@ -22,6 +22,7 @@ from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg, first_beyond_m
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Stage
 
 SAME_POINT_M = 1e-6
@@ -58,15 +59,16 @@ class Route:
     """The rest of a plan at some path parameters: legs, and nodes along them to integrate over.
 
     `of_legs` holds the stage of each leg, `parameters` the parameters in force on it; computations there mean nothing.
-    `ends` are those before the last leg's, in the order of their clearance. `quality_sets` are those of the plan's
-    stages, see `Plan`. `pieces` are the legs, those of laps that are alike together.
+    `ends` are those before the last leg's, in the order of their clearance. `choices` are lower ends and widths of the
+    plan's `quality_sets`, shape (stages, parameters), 0 wide for none. `pieces` are the legs, those of laps that are
+    alike together.
     """
 
     of_legs: tuple[Stage, ...]
     parameters: tuple[Vector, ...]
     nodes: tuple[Nodes, ...]
     ends: tuple[UncertainEnd, ...]
-    quality_sets: tuple[tuple[Box, ...], ...]
+    choices: tuple[FloatArray, FloatArray]
     pieces: tuple[Leg | AlikeLaps, ...]
 
     @cached_property
@@ -136,29 +138,23 @@ class Route:
     @cached_property
     def free(self) -> FloatArray:
         """1 where a parameter has a choice on a leg that depends on it, else 0, shape (parameters, legs)."""
-        count, (firsts, order) = len(self.parameters[0]), self.kinds
-        free = [[not box.fixed for box in self._sets(i)] or [False] * count for i in firsts]
-        return np.ascontiguousarray(np.array(free, dtype=float).T[:, order])
+        firsts, order = self.kinds
+        return np.ascontiguousarray((self.choices[1][self.stages[firsts] - 1] > 0).astype(float)[order].T)
 
     @cached_property
     def shares(self) -> FloatArray:
         """Share of its set that each parameter has on each leg, shape (parameters, legs); 0 where it has no choice."""
         firsts, order = self.kinds
-        shares = []
-        for i in firsts:
-            sets, own = self._sets(i), self.parameters[i]
-            known = zip(sets, own, strict=True) if sets else ()
-            shares.append([box.share(value) or 0.0 for box, value in known] or [0.0] * len(own))
-        return np.ascontiguousarray(np.array(shares, dtype=float).T[:, order])
-
-    def _sets(self, leg: int) -> tuple[Box, ...]:
-        return self.quality_sets[self.of_legs[leg].index - 1]
+        low, width = (array[self.stages[firsts] - 1] for array in self.choices)
+        above = np.array([self.parameters[i] for i in firsts]).reshape(low.shape) - low
+        shares = np.divide(np.minimum(np.maximum(above, 0.0), width), width, out=np.zeros(low.shape), where=width > 0)
+        return np.ascontiguousarray(shares[order].T)
 
     def after(self) -> Route:
         """The same without its first leg."""
         ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
         pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
-        return Route(self.of_legs[1:], self.parameters[1:], self.nodes[1:], ends, self.quality_sets, pieces)
+        return Route(self.of_legs[1:], self.parameters[1:], self.nodes[1:], ends, self.choices, pieces)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -177,6 +173,7 @@ class RoutePredictor:
     def __init__(self) -> None:
         self._shapes: dict[object, _Shape] = {}
         self._laps: dict[object, _Lap | None] = {}
+        self._choices: tuple[FloatArray, FloatArray] | None = None
 
     def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0, later: Vector | None = None) -> Route:
         """The rest of the plan from the start of the stage being flown.
@@ -204,6 +201,8 @@ class RoutePredictor:
         nodes: list[Nodes] = []
         ends: list[UncertainEnd] = []
         plan, start = cursor.table.plan, joined_m
+        if self._choices is None:
+            self._choices = _choices(plan)
         following: PlanCursor | None = cursor
         while following is not None:
             cursor = following
@@ -246,7 +245,7 @@ class RoutePredictor:
             following, start = cursor.next(), goal
             if later is not None and cursor.repeats and (following is None or following.segment != cursor.segment):
                 following, later = cursor.decide(later).next(), None
-        return Route(tuple(stages), tuple(values), tuple(nodes), tuple(ends), plan.quality_sets, tuple(pieces))
+        return Route(tuple(stages), tuple(values), tuple(nodes), tuple(ends), self._choices, tuple(pieces))
 
     def _lap(self, cursor: PlanCursor, start: Point) -> _Lap | None:
         """A lap of those that are alike; None where its legs, or their parameters, are not the same in every lap."""
@@ -282,6 +281,14 @@ class RoutePredictor:
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
             self._shapes[key] = _Shape(track, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
+
+
+def _choices(plan: Plan) -> tuple[FloatArray, FloatArray]:
+    """Lower ends and widths of a plan's `quality_sets`, see `Route`."""
+    sets = [own or (Box(0.0, 0.0),) * len(plan.names) for own in plan.quality_sets]
+    shape = len(plan.stages), len(plan.names)
+    low = np.array([[box.lo for box in own] for own in sets]).reshape(shape)
+    return low, np.array([[box.hi for box in own] for own in sets]).reshape(shape) - low
 
 
 def _clearance_m(over_m: Callable[[float], float | None], margin_m: float, length_m: float) -> float | None:

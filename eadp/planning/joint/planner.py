@@ -70,6 +70,9 @@ RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
 share of the remaining time: thresholds to rise to it, once more of it for each fall, to stay with it, and to rise at
 most."""
 
+HELD_SHARE = 0.1
+"""Longest time between re-plannings as a share of the time that is left."""
+
 SURPRISE_VALUE, SURPRISE_SHARE = 1e-3, 0.05
 """The forecast holds while what it is off by is worth less of the objective, and moves the share of the upper
 configuration by less."""
@@ -225,7 +228,7 @@ class JointPlanner(TrackingPlanner):
         self._held_stages, self._held_sets = o.stages_started, o.cursor.stage.sets
         if not solution.allocation.feasible or self._home_spare is not None:
             return
-        self._holds_until_s += min(self._max_interval_s, self._steady_s)
+        self._holds_until_s += min(self._max_interval_s, HELD_SHARE * remaining_s, self._steady_s)
         powers_w = terms.kinds[terms.kind_of[0]].powers_w
         step = float(np.diff(powers_w).min(initial=math.inf)) * remaining_s * terms.soc_per_j
         over = max(solution.candidate.available - solution.allocation.use, 0.0)

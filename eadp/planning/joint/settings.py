@@ -30,7 +30,7 @@ class JointSettings:
     loss_rate_per_h: NotNegative = 0.0
     """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
 
-    max_interval_s: NotNegative = 10.0
+    max_interval_s: NotNegative = 30.0
     """Longest time between re-plannings while the flight goes as forecast [s]; the shortest is `planner.every_s`, which
     `eadp replan` keeps to."""
 
