@@ -482,11 +482,10 @@ def test_free_and_shares_by_leg():
             assert course.free[j, i] == (box.lo < box.hi)
             expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
             assert course.shares[j, i] == pytest.approx(expected)
-    groups = course.grouped(lambda stage, _: stage.sets)
-    for first, members in groups:
-        assert {course.legs[i].stage.sets for i in members} == {course.legs[first].stage.sets}
-    assert len({course.legs[first].stage.sets for first, _ in groups}) == len(groups) > 1
-    assert sorted(i for _, members in groups for i in members) == list(range(len(course.legs)))
+    firsts, order = course.kinds
+    kinds = [(leg.stage.index, own) for leg, own in zip(course.legs, course.parameters, strict=True)]
+    assert [kinds[firsts[i]] for i in order] == kinds
+    assert len(firsts) == len(set(kinds)) > 1
 
 
 def test_a_course_of_no_legs_takes_no_time():
