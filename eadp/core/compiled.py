@@ -62,7 +62,7 @@ def enabled() -> bool:
     return _on
 
 
-def jitted(function: F, *helpers: Callable[..., Any]) -> F:
+def jitted(function: F, *helpers: Callable[..., Any], makes_arrays: bool = True) -> F:
     """The compiled form of a function where compiled code is enabled, else the function.
 
     Parameters
@@ -71,33 +71,37 @@ def jitted(function: F, *helpers: Callable[..., Any]) -> F:
         Its arguments are numbers, arrays, None and other types that numba supports.
     *helpers : function
         All functions of this package that it calls, directly or indirectly.
+    makes_arrays : bool
+        Whether any of them makes an array. Where none does, numba counts no references to arrays, which takes as long
+        as half the flight loop.
     """
-    return _compiled(function, helpers) if _on else function
+    return _compiled(function, helpers, makes_arrays) if _on else function
 
 
 @cache
-def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
+def _compiled(function: F, helpers: tuple[Callable[..., Any], ...], makes_arrays: bool) -> F:
     import numba
     from numba.extending import register_jitable
 
     for helper in helpers:
-        _registered(register_jitable, helper)
+        _registered(register_jitable, helper, makes_arrays)
+    # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
+    options = {"error_model": "numpy", "_nrt": makes_arrays}
     before = numba.config.CACHE_DIR
     try:
         numba.config.CACHE_DIR = str(_folder((function, *helpers)))
-        # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
-        result: F = numba.njit(cache=True, error_model="numpy")(function)
+        result: F = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no home, or no writable cache: compiled in every process
-        result = numba.njit(error_model="numpy")(function)
+        result = numba.njit(**options)(function)
     finally:
         numba.config.CACHE_DIR = before
     return result
 
 
 @cache
-def _registered(register: Callable[..., Any], helper: Callable[..., Any]) -> None:
+def _registered(register: Callable[..., Any], helper: Callable[..., Any], makes_arrays: bool) -> None:
     """Register a helper once, inlined into its callers: calls that pass arrays cost a quarter of the flight loop."""
-    register(forceinline=True)(helper)
+    register(forceinline=True, _nrt=makes_arrays)(helper)
 
 
 @cache
