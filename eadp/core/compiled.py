@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _on = False
+_in_loops: dict[Callable[..., Any], Callable[..., Any]] = {}
 MEMORY_BYTES = 1 << 30
 """Least address space: the compiler ends a process that has no memory left."""
 
@@ -75,16 +76,19 @@ def jitted(function: F, *helpers: Callable[..., Any], makes_arrays: bool = True)
         Whether any of them makes an array. Where none does, numba counts no references to arrays, which takes as long
         as half the flight loop.
     """
-    return _compiled(function, helpers, makes_arrays) if _on else function
+    return _compiled(_in_loops.get(function, function), helpers, makes_arrays) if _on else function
 
 
 @cache
 def _compiled(function: F, helpers: tuple[Callable[..., Any], ...], makes_arrays: bool) -> F:
     import numba
-    from numba.extending import register_jitable
+    from numba.extending import overload, register_jitable
 
     for helper in helpers:
-        _registered(register_jitable, helper, makes_arrays)
+        if helper in _in_loops:
+            _replaced(overload, helper)
+        else:
+            _registered(register_jitable, helper, makes_arrays)
     # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
     options = {"error_model": "numpy", "_nrt": makes_arrays}
     before = numba.config.CACHE_DIR
@@ -102,6 +106,21 @@ def _compiled(function: F, helpers: tuple[Callable[..., Any], ...], makes_arrays
 def _registered(register: Callable[..., Any], helper: Callable[..., Any], makes_arrays: bool) -> None:
     """Register a helper once, inlined into its callers: calls that pass arrays cost a quarter of the flight loop."""
     register(forceinline=True, _nrt=makes_arrays)(helper)
+
+
+def in_loops(loops: Callable[..., Any]) -> Callable[[F], F]:
+    """Compile `loops` in place of the function decorated, whose arrays are fast without numba but slow to compile."""
+
+    def decorate(function: F) -> F:
+        _in_loops[function] = loops
+        return function
+
+    return decorate
+
+
+@cache
+def _replaced(overload: Callable[..., Any], helper: Callable[..., Any]) -> None:
+    overload(helper, strict=False)(lambda *_: _in_loops[helper])
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eadp.core import compiled
-from eadp.core.signals import disturbance, riccati
+from eadp.core.signals import disturbance, kalman, riccati
 
 SAME = 1e-9
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -67,13 +67,19 @@ def symmetric(rng, n):
 
 @fast
 @pytest.mark.parametrize("n", [2, 5, 9])
-def test_a_covariance_goes_through_a_map_alike(n, switched_on):
+def test_a_covariance_moves_alike(n, switched_on):
     rng = np.random.default_rng(n)
-    step = riccati.CovarianceMap(rng.standard_normal((n, n)), symmetric(rng, n), symmetric(rng, n))
-    covariance = 10 * symmetric(rng, n)
-    jitted = step.apply(covariance)
-    compiled.enable(False)
-    assert jitted == pytest.approx(step.apply(covariance), rel=SAME, abs=SAME)
+    step, then = ([rng.standard_normal((n, n)), symmetric(rng, n), symmetric(rng, n)] for _ in range(2))
+    state, covariance, reading = rng.standard_normal(n), 10 * symmetric(rng, n), (rng.standard_normal(n), 1.7, 0.3)
+    for function, arguments, helpers in (
+        (riccati.applied, (np.array(step), covariance), riccati.MAPPING),
+        (riccati.composed, (np.array(step), np.array(then)), riccati.MAPPING),
+        (kalman.predict, (state, covariance, step[0], step[1]), (kalman.product,)),
+        (kalman.update, (state, covariance, *reading), ()),
+    ):
+        for one, other in zip(compiled.jitted(function, *helpers)(*arguments), function(*arguments), strict=True):
+            assert one == pytest.approx(other, rel=SAME, abs=SAME)
+    jitted = compiled.jitted(riccati.applied, *riccati.MAPPING)(np.array(step), covariance)
     assert (jitted == jitted.T).all()
 
 
