@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import in_loops
+from eadp.core.compiled import in_loops, jitted
 from eadp.core.signals.kalman import product
 
 
@@ -120,7 +120,8 @@ def step_map(
     """
     nothing, identity = np.zeros_like(transition), np.eye(len(output))
     predicted = np.array([transition, nothing, process_noise])
-    return composed(predicted, np.array([identity, np.outer(output, output) / noise_variance, nothing]))
+    read = np.array([identity, np.outer(output, output) / noise_variance, nothing])
+    return jitted(composed, *MAPPING)(predicted, read)
 
 
 MAPPING = (product, _solve)

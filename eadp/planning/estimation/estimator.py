@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import deque
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +19,7 @@ from annotated_types import Ge, Le
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance
+from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
@@ -185,7 +185,7 @@ class ExactEstimator:
         self._time_s: float | None = None
         self._learn_from_s = 0.0
         self._lap_marks_s: list[float] = []
-        self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
+        self._readings = array("d"), array("d")  # times [s] and powers [W]
         self._learn_at_s = math.inf
 
     @property
@@ -230,7 +230,7 @@ class ExactEstimator:
         else:
             expected = self._gated(step_s, motion_w)
         if self._settings.learn_noise:
-            self._readings.append((time_s, motion_w))
+            self._keep([time_s], [motion_w])
             if time_s >= self._learn_at_s:
                 self._learn(time_s)
         return expected
@@ -251,9 +251,15 @@ class ExactEstimator:
                 expected = self._filter.follow_batch(self._time_s, times_s[n:end], readings)
                 self._time_s = times_s[end - 1]
                 if self._settings.learn_noise:
-                    self._readings.extend(zip(times_s[n:end], readings, strict=True))
+                    self._keep(times_s[n:end], readings)
             n = end
         return expected
+
+    def _keep(self, times_s: Sequence[float], motion_w: Sequence[float]) -> None:
+        """Keep readings for the noise estimate."""
+        for numbers, more in zip(self._readings, (times_s, motion_w), strict=True):
+            numbers.extend(more)
+            del numbers[:-READINGS_KEPT]
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading."""
@@ -332,7 +338,7 @@ class ExactEstimator:
 
     def _learn_from(self, time_s: float) -> None:
         """Restart the noise estimate: flight before the laps has other statistics."""
-        self._readings.clear()
+        self._readings = array("d"), array("d")
         self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
@@ -340,9 +346,11 @@ class ExactEstimator:
         """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
-        times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
-        times, power = times[times > time_s - window_s], power[times > time_s - window_s]
+        first = bisect.bisect_right(self._readings[0], time_s - window_s)
+        times, power = (np.array(numbers[first:]) for numbers in self._readings)
+        keep = subsampled(len(times), LEARN_SAMPLES)
+        times, power = times[keep], power[keep]
         angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
