@@ -134,9 +134,21 @@ def _sources() -> bytes:
 
 def _folder(functions: tuple[Callable[..., Any], ...]) -> Path:
     """Cache folder of the machine code of functions: under NUMBA_CACHE_DIR if set, else in the user's cache."""
-    digest = hashlib.sha256(_sources())
+    digest = hashlib.sha256()
     for name in sorted({inspect.getfile(function) for function in functions}):
         digest.update(Path(name).read_bytes())
+    return _home() / digest.hexdigest()[:16]
+
+
+def _home() -> Path:
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "eadp" / digest.hexdigest()[:16]
+    return home / "eadp" / _sources().hex()[:16]
+
+
+def kept() -> bool:
+    """Whether machine code of these sources is kept, from another process or this one."""
+    try:
+        return any(_home().rglob("*.nbi"))
+    except (OSError, RuntimeError):  # no home, or none that can be read
+        return False
