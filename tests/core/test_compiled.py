@@ -11,6 +11,7 @@ import pytest
 
 from eadp.core import compiled
 from eadp.core.signals import disturbance, kalman, riccati
+from eadp.planning.estimation.estimator import EstimatorSettings, PublishedEstimator
 
 SAME = 1e-9
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -96,6 +97,24 @@ def test_a_disturbance_is_learned_alike(seed, switched_on):
     plain = disturbance.fit_disturbance(time_s, power_w, columns=columns, samples=128)
     for name in ("std_w", "time_s", "noise_w", "log_likelihood"):
         assert getattr(jitted, name) == pytest.approx(getattr(plain, name), rel=SAME)
+
+
+@fast
+@pytest.mark.parametrize("every_s", [0.01, 0.1])
+def test_the_published_filter_takes_batches_alike(every_s, switched_on):
+    times = np.arange(1, 2000) * every_s
+    power_w = 35 + 3 * np.sin(times / 7) + np.random.default_rng(0).standard_normal(len(times))
+    found = []
+    for on in (True, False):
+        compiled.enable(on)
+        estimator = PublishedEstimator(EstimatorSettings(kind="published", order=3, every_s=every_s))
+        expected = []
+        for n in range(0, len(times), 7):
+            expected.append(estimator.observe_batch(times[n : n + 7].tolist(), power_w[n : n + 7].tolist()))
+            if n == 700:
+                estimator.lap(float(times[n + 6]))
+        found.append([*expected, *estimator.state_w, estimator.period_s])
+    assert found[0] == pytest.approx(found[1], rel=SAME, abs=SAME)
 
 
 @fast

@@ -18,6 +18,7 @@ from annotated_types import Ge, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
+from eadp.core.compiled import enabled, jitted
 from eadp.core.signals import forecasting
 from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
@@ -450,7 +451,12 @@ class PublishedEstimator:
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
         """One step each; see `ExactEstimator.observe_batch`."""
-        return _one_by_one(self, times_s, motion_w)
+        if not enabled() or None in motion_w:
+            return _one_by_one(self, times_s, motion_w)
+        state, clock = np.array(self._state), (self._lap_started_s, self._lap_s, self._time_s)
+        self._lap_s, expected = jitted(_published)(state, *clock, np.array(times_s), np.array(motion_w, dtype=float))
+        self._state, self.period_s, self._time_s = state.tolist(), self._lap_s, times_s[-1]
+        return expected
 
     def _published_gain(self, turn: float) -> list[float]:
         # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
@@ -480,6 +486,34 @@ class PublishedEstimator:
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+def _published(
+    state: FloatArray, started_s: float, lap_s: float, time_s: float, times_s: FloatArray, motion_w: FloatArray
+) -> tuple[float, float]:
+    """`PublishedEstimator.observe` for compiled code; the state is changed. Returns the lap's time and the forecast."""
+    expected = 0.0
+    for n in range(len(times_s)):
+        lap_s, step_s, time_s = max(lap_s, times_s[n] - started_s), times_s[n] - time_s, times_s[n]
+        step_s = math.floor(step_s * 1e9 + 0.5) / 1e9
+        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+        turn = 2 * math.pi / lap_s * (step_s / steps)
+        expected = state[0]
+        total, count = 1.0, 1.0
+        for i in range(1, len(state), 2):
+            j = (i + 1) // 2
+            for _ in range(steps):
+                state[i], state[i + 1] = state[i] + turn * j * state[i + 1], state[i + 1] - turn * j * state[i]
+            expected += state[i]
+            total, count = total + 1 + turn * j, count + 1
+        # see `_published_gain`: the row C has a 1 for the level and for each harmonic's first part
+        scale, error = total * total + count * count + 1.0, motion_w[n] - expected
+        state[0] += (total + count) / scale * error
+        for i in range(1, len(state), 2):
+            j = (i + 1) // 2
+            state[i] += ((1 + turn * j) * total + count) / scale * error
+            state[i + 1] += ((1 - turn * j) * total + count) / scale * error
+    return lap_s, expected
 
 
 Estimator = ExactEstimator | PublishedEstimator
