@@ -42,6 +42,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
+
+# isort: split
 import numpy as np
 
 from eadp.core import compiled

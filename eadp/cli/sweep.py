@@ -182,9 +182,13 @@ def _make(
     resumable: bool,
 ) -> None:
     """Make the runs that are missing, with the progress on stderr."""
+    from eadp.core import compiled
     from eadp.io.sweep.run import missing_runs
 
     with missing_runs(sweep, indices, results, jobs, scheduler, keep) as (missing, workers, made):
+        if missing and scheduler is None and not compiled.kept() and compiled.available():
+            sys.stderr.write("sweep: compiling for this machine first, for some seconds; later sweeps start at once\n")
+            sys.stderr.flush()
         progress = _SweepProgress(missing, workers)
         try:
             for _, result in made:

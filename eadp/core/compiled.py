@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _on = False
+_in_loops: dict[Callable[..., Any], Callable[..., Any]] = {}
 MEMORY_BYTES = 1 << 30
 """Least address space: the compiler ends a process that has no memory left."""
 
@@ -62,7 +63,7 @@ def enabled() -> bool:
     return _on
 
 
-def jitted(function: F, *helpers: Callable[..., Any]) -> F:
+def jitted(function: F, *helpers: Callable[..., Any], makes_arrays: bool = True) -> F:
     """The compiled form of a function where compiled code is enabled, else the function.
 
     Parameters
@@ -71,8 +72,11 @@ def jitted(function: F, *helpers: Callable[..., Any]) -> F:
         Its arguments are numbers, arrays, None and other types that numba supports.
     *helpers : function
         All functions of this package that it calls, directly or indirectly.
+    makes_arrays : bool
+        Whether any of them makes an array. Where none does, numba counts no references to arrays, which takes as long
+        as half the flight loop.
     """
-    return _compiled(function, helpers) if _on else function
+    return _compiled(_in_loops.get(function, function), helpers, makes_arrays) if _on else function
 
 
 def on_numbers(function: Callable[..., Any], state: list[float], *arguments: Any) -> tuple[Any, list[float]]:
@@ -96,28 +100,47 @@ def on_numbers(function: Callable[..., Any], state: list[float], *arguments: Any
 
 
 @cache
-def _compiled(function: F, helpers: tuple[Callable[..., Any], ...]) -> F:
+def _compiled(function: F, helpers: tuple[Callable[..., Any], ...], makes_arrays: bool) -> F:
     import numba
-    from numba.extending import register_jitable
+    from numba.extending import overload, register_jitable
 
     for helper in helpers:
-        _registered(register_jitable, helper)
+        if helper in _in_loops:
+            _replaced(overload, helper)
+        else:
+            _registered(register_jitable, helper, makes_arrays)
+    # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
+    options = {"error_model": "numpy", "_nrt": makes_arrays}
     before = numba.config.CACHE_DIR
     try:
         numba.config.CACHE_DIR = str(_folder((function, *helpers)))
-        # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
-        result: F = numba.njit(cache=True, error_model="numpy")(function)
+        result: F = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no home, or no writable cache: compiled in every process
-        result = numba.njit(error_model="numpy")(function)
+        result = numba.njit(**options)(function)
     finally:
         numba.config.CACHE_DIR = before
     return result
 
 
 @cache
-def _registered(register: Callable[..., Any], helper: Callable[..., Any]) -> None:
+def _registered(register: Callable[..., Any], helper: Callable[..., Any], makes_arrays: bool) -> None:
     """Register a helper once, inlined into its callers: calls that pass arrays cost a quarter of the flight loop."""
-    register(forceinline=True)(helper)
+    register(forceinline=True, _nrt=makes_arrays)(helper)
+
+
+def in_loops(loops: Callable[..., Any]) -> Callable[[F], F]:
+    """Compile `loops` in place of the function decorated, whose arrays are fast without numba but slow to compile."""
+
+    def decorate(function: F) -> F:
+        _in_loops[function] = loops
+        return function
+
+    return decorate
+
+
+@cache
+def _replaced(overload: Callable[..., Any], helper: Callable[..., Any]) -> None:
+    overload(helper, strict=False)(lambda *_: _in_loops[helper])
 
 
 @cache
@@ -131,9 +154,21 @@ def _sources() -> bytes:
 
 def _folder(functions: tuple[Callable[..., Any], ...]) -> Path:
     """Cache folder of the machine code of functions: under NUMBA_CACHE_DIR if set, else in the user's cache."""
-    digest = hashlib.sha256(_sources())
+    digest = hashlib.sha256()
     for name in sorted({inspect.getfile(function) for function in functions}):
         digest.update(Path(name).read_bytes())
+    return _home() / digest.hexdigest()[:16]
+
+
+def _home() -> Path:
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "eadp" / digest.hexdigest()[:16]
+    return home / "eadp" / _sources().hex()[:16]
+
+
+def kept() -> bool:
+    """Whether machine code of these sources is kept, from another process or this one."""
+    try:
+        return any(_home().rglob("*.nbi"))
+    except (OSError, RuntimeError):  # no home, or none that can be read
+        return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import itertools
 import math
 from collections.abc import Mapping
@@ -13,7 +12,14 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.bounds import Efficiency, Seconds, Share
-from eadp.core.flight.battery import current_a, drains_per_s, max_power_w, soc_rate_per_s, undeliverable
+from eadp.core.flight.battery import (
+    current_a,
+    drains_per_s,
+    max_power_w,
+    replayed_soc,
+    soc_rate_per_s,
+    undeliverable,
+)
 
 LETTER, CURRENT, CUT_OFF, DELIVERABLE = "letter", "current", "cut-off voltage", "deliverable power"
 LIMITS = {
@@ -202,15 +208,12 @@ class Battery:
 
     def prescribed_soc(self, time_s: float) -> float:
         """The replayed state of charge: linear between points, the last of two at one time, held at the ends."""
-        points = self.prescribed
-        after = bisect.bisect_right(points, time_s, key=lambda point: point[0])
-        if after == 0:
-            return points[0][1]
-        t0, b0 = points[after - 1]
-        if after == len(points):
-            return b0
-        t1, b1 = points[after]
-        return b0 + (b1 - b0) * (time_s - t0) / (t1 - t0)
+        return replayed_soc(self.replay, time_s)
+
+    @property
+    def replay(self) -> list[float]:
+        """The trace as `replayed_soc` takes it."""
+        return [float(number) for point in self.prescribed for number in point]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,20 +2,20 @@
 
 Aircraft, guidance, gusts, charge, triggers and sums, until a planner, a row of the log, a fault or a new stage is due.
 One function runs in plain Python on lists, or compiled on arrays (`eadp.core.compiled`), with identical results. It is
-compiled for lines and circles and a drained charge; for a general curve or a replayed charge it runs in plain Python on
-the same variables.
+compiled for lines and circles; for a general curve it runs in plain Python on the same variables.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import MutableSequence, Sequence
 from typing import Any
 
 import numpy as np
 
 from eadp.core import compiled
 from eadp.core.expressions.derivatives import Jet, PathFunction
+from eadp.core.flight.battery import replayed_soc
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import WATCHING, CurveProgress, watched
@@ -81,13 +81,13 @@ def run_steps(
     w: MutableSequence[float],
     c: Constants,
     noise: Sequence[float],
+    replay: Sequence[float],
     late: MutableSequence[float],
     readings: MutableSequence[float],
     k: int,
     end: int,
     path: PathFunction | None,
     curve: CurveProgress | None,
-    replay: Callable[[float], float] | None,
 ) -> tuple[int, int]:
     """Fly from step `k` to step `end` or the next event; return the last step and the events.
 
@@ -97,14 +97,14 @@ def run_steps(
         State and variables of the triggers, which are changed, and constants.
     noise
         Normal random numbers for gusts.
+    replay
+        See `replayed_soc`; empty where the charge is drained.
     late
         Ring buffer of the measured variables of the last `LATE` + 1 steps.
     readings
         Readings of the sensors, appended to.
     path, curve
         Of a stage whose path is a general curve.
-    replay : function of time [s]
-        The state of charge if it is replayed.
     """
     while k < end:
         k += 1
@@ -143,7 +143,7 @@ def run_steps(
     return k, 0
 
 
-def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[float], float] | None) -> int:
+def drain(s: State, c: Constants, power_w: float, k: int, replay: Sequence[float]) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
     # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c: eadp.core.flight.battery
     volts = c[EMPTY_V] + c[RISE_V] * s[SOC]
@@ -153,8 +153,8 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Callable[[floa
     twice_v = volts + math.sqrt(discriminant)  # at the terminals
     if twice_v < 2 * c[CUTOFF_V] or 2 * power_w > c[MAX_A] * twice_v:
         return SAGS
-    if replay is not None:
-        s[SOC] = replay(k * c[STEP_S])
+    if len(replay) > 0:
+        s[SOC] = replayed_soc(replay, k * c[STEP_S])
     else:
         s[SOC] -= c[DRAIN] * power_w / twice_v
         if k == c[FAULT_AT]:
@@ -193,9 +193,9 @@ class InnerLoop:
     """State and constants of one flight, and the function that runs its steps."""
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
-        self._compiled = compiled.enabled() and not battery.prescribed
-        self._fly = compiled.jitted(run_steps, drain, _sense, *FLYING, *WATCHING) if self._compiled else run_steps
-        self._replay = battery.prescribed_soc if battery.prescribed else None
+        self._compiled = compiled.enabled()
+        self._fly = compiled.jitted(run_steps, drain, replayed_soc, _sense, *FLYING, *WATCHING, makes_arrays=False)
+        self._replay = self._numbers(battery.replay)
         self._rng = rng
         first = rng.standard_normal(2)
         own, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
@@ -252,23 +252,24 @@ class InnerLoop:
         """
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
-                self._noise = self._numbers(self._rng.standard_normal(NOISE).tolist())
+                noise = self._rng.standard_normal(NOISE)
+                self._noise = noise if self._compiled else noise.tolist()
                 self._s[NOISE_LEFT] = NOISE
             end = min(end, k + int(self._s[NOISE_LEFT]) // 2)
         room = MAX_READINGS - int(self._s[READINGS])
         end = min(end, k + room * int(self._c[READ_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
             return self._run_uncompiled(k, end)
-        state = (self._s, self._watch, self._c, self._noise, self._late, self._readings)
-        k, events = self._fly(*state, k, end, self._path, self._curve, self._replay)
+        state = (self._s, self._watch, self._c, self._noise, self._replay, self._late, self._readings)
+        k, events = self._fly(*state, k, end, self._path, self._curve)
         return k, events
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
         arrays = (self._s, self._watch, self._late, self._readings)
         s, w, late, readings = (array.tolist() for array in arrays)
-        c, noise = self._c.tolist(), self._noise.tolist()
-        k, events = run_steps(s, w, c, noise, late, readings, k, end, self._path, self._curve, None)
+        c, noise, replay = self._c.tolist(), self._noise.tolist(), self._replay.tolist()
+        k, events = run_steps(s, w, c, noise, replay, late, readings, k, end, self._path, self._curve)
         for array, values in zip(arrays, (s, w, late, readings), strict=True):
             array[:] = values
         return k, events

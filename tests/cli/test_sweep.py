@@ -17,6 +17,7 @@ import pytest
 from common.answers import refused
 from common.processes import hear_interrupts
 
+from eadp.core import compiled
 from eadp.io.sweep.sweep_file import read_sweep
 from eadp.io.text.streams import read_text
 
@@ -134,6 +135,15 @@ def test_every_run_made_is_exit_0_whether_it_completes_or_not(eadp, folder):
     answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "csv", *short)
     assert answer.code == 0
     assert {row["completed"] for row in table_of(answer.out)} == {"false"}
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_it_says_that_it_compiles_where_no_machine_code_is_kept(eadp, folder, monkeypatch, kept):
+    monkeypatch.setattr(compiled, "available", lambda: True)
+    monkeypatch.setattr(compiled, "kept", lambda: kept)
+    monkeypatch.setattr("eadp.io.sweep.run.enable", lambda _on: False)
+    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
+    assert answer.err.count("compiling") == (not kept)
 
 
 def test_the_whole_summary(eadp, folder):

@@ -6,6 +6,7 @@ Source: letter, Sec. III-C, Eq. 22 and App. C.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,29 @@ def soc_rate_per_s(
     Source: letter, Lem. III.3, ḃ = −k_b I(y)/Q_c; a perfect battery has k_b = 1/3600 per second.
     """
     return -k_b_per_s * current_a(power_w, voltage_v, resistance_ohm) / capacity_ah
+
+
+def replayed_soc(trace: Sequence[float], time_s: float) -> float:
+    """State of charge of a trace at a time [s]: linear between its points, held beyond them.
+
+    Parameters
+    ----------
+    trace : sequence of float
+        Time [s] and charge of each point in turn, times in order; of two at one time the last counts from there on.
+    """
+    low, high = 0, len(trace) // 2
+    while low < high:  # after the last point that is not later
+        middle = (low + high) // 2
+        if trace[2 * middle] <= time_s:
+            low = middle + 1
+        else:
+            high = middle
+    if low == 0:
+        return trace[1]
+    t0, b0 = trace[2 * low - 2], trace[2 * low - 1]
+    if 2 * low == len(trace):
+        return b0
+    return b0 + (trace[2 * low + 1] - b0) * (time_s - t0) / (trace[2 * low] - t0)
 
 
 def undeliverable(power_w: float, voltage_v: float, resistance_ohm: float) -> str:

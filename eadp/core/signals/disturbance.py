@@ -140,7 +140,7 @@ def fit_disturbance(
     times = np.asarray(time_s, dtype=float)
     power = np.asarray(residual_w, dtype=float)
     table = np.empty((len(times), 0)) if columns is None else np.asarray(columns, dtype=float)
-    keep = _subsampled(len(times), samples)
+    keep = subsampled(len(times), samples)
     times, series = times[keep], _orthonormal(table[keep], power[keep])
     least = max((1e-7 * float(np.max(np.abs(power), initial=0.0))) ** 2, 1e-300)
     white = _white(series, least)
@@ -156,7 +156,7 @@ def fit_disturbance(
     )
 
 
-def _subsampled(count: int, most: int) -> IntArray:
+def subsampled(count: int, most: int) -> IntArray:
     """Indices of at most `most` of `count` samples: half of them evenly, half in runs; fewer where the two meet."""
     if count <= most:
         return np.arange(count)
@@ -197,8 +197,8 @@ def _likelihoods(
 ) -> tuple[FloatArray, FloatArray]:
     """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
     if enabled():
-        gram, log_spread = jitted(_grams)(_scaled_transitions(steps_s, time_s), series, share)
-        return _restricted(gram, log_spread, len(series), least)
+        gram, log_spread = jitted(_grams)(*_turns(steps_s, time_s), series, share)
+        return _restricted(np.ascontiguousarray(gram.transpose(2, 0, 1)), log_spread, len(series), least)
     innovations, spread = _innovations(steps_s, series, time_s, share)
     root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
     gram = root.transpose(0, 2, 1) @ root
@@ -240,7 +240,7 @@ def _innovations(
     recursion carries the reduction Δ = P∞ − P of their covariance: Δ ← Φ Δ Φᵀ needs no process noise.
     """
     size = series.shape[1]
-    phi = _scaled_transitions(steps_s, time_s)
+    phi = _scaled_transitions(*_turns(steps_s, time_s))
     # `carried` is the state of every series, then Δ; a row of `left` is y − C x of each, then P Cᵀ = P∞ Cᵀ − Δ Cᵀ
     carried = np.zeros((len(time_s), 2, size + 2))
     left = np.zeros((len(series), len(time_s), size + 2))
@@ -258,47 +258,67 @@ def _innovations(
     return left[:, :, :size], left[:, :, size] + noise
 
 
-def _grams(phi: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Σ e eᵀ/S of every candidate, shape (k, p + 1, p + 1), and Σ ln S: `_innovations` one candidate after the other.
+def _grams(turns: FloatArray, fade: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Σ e eᵀ/S of every candidate, shape (p + 1, p + 1, k), and Σ ln S: `_innovations` and its sums in one pass.
 
-    Fast when compiled; `_innovations` vectorises over candidates, which is fast without numba.
+    `turns` λΔt and `fade` e^{−λΔt} have the shape (steps, k). Fast when compiled, as the innermost loops are over the
+    candidates; `_innovations` is fast without numba.
     """
     count, size = series.shape
-    gram = np.zeros((len(share), size, size))
-    log_spread = np.zeros(len(share))
-    x, row = np.zeros((2, size + 2)), np.zeros(size + 2)
-    for j in range(len(share)):
-        x[:] = 0.0
-        noise = 1 - share[j] + _MIN_NOISE
-        for n in range(count):
-            if n:
-                a, b, c, d = phi[n - 1, j, 0, 0], phi[n - 1, j, 0, 1], phi[n - 1, j, 1, 0], phi[n - 1, j, 1, 1]
-                for i in range(size + 2):
-                    x[0, i], x[1, i] = a * x[0, i] + b * x[1, i], c * x[0, i] + d * x[1, i]
-                for i in range(2):
-                    u, v = x[i, size], x[i, size + 1]
-                    x[i, size], x[i, size + 1] = u * a + v * b, u * c + v * d
-            for i in range(size):
-                row[i] = series[n, i] - x[0, i]
-            row[size], row[size + 1] = share[j] - x[0, size], -x[0, size + 1]
-            spread = row[size] + noise
-            log_spread[j] += math.log(spread)
-            for i in range(size):
-                for m in range(i + 1):
-                    gram[j, i, m] += row[i] * row[m] / spread
-            first, second = row[size] / spread, row[size + 1] / spread
+    candidates = len(share)
+    gram, log_spread = np.zeros((size, size, candidates)), np.zeros(candidates)
+    x, row, volume = np.zeros((2, size + 2, candidates)), np.zeros((size + 2, candidates)), np.ones(candidates)
+    moves, gain, scaled = np.zeros((4, candidates)), np.zeros((3, candidates)), np.zeros(candidates)
+    for n in range(count):
+        if n:
+            for j in range(candidates):
+                t, f = turns[n - 1, j], fade[n - 1, j]
+                moves[0, j], moves[1, j], moves[2, j], moves[3, j] = (1 + t) * f, t * f, -t * f, (1 - t) * f
             for i in range(size + 2):
-                x[0, i] += first * row[i]
-                x[1, i] += second * row[i]
+                for j in range(candidates):
+                    u, v = x[0, i, j], x[1, i, j]
+                    x[0, i, j], x[1, i, j] = moves[0, j] * u + moves[1, j] * v, moves[2, j] * u + moves[3, j] * v
+            for i in range(2):
+                for j in range(candidates):
+                    u, v = x[i, size, j], x[i, size + 1, j]
+                    x[i, size, j] = u * moves[0, j] + v * moves[1, j]
+                    x[i, size + 1, j] = u * moves[2, j] + v * moves[3, j]
         for i in range(size):
-            for m in range(i):
-                gram[j, m, i] = gram[j, i, m]
+            for j in range(candidates):
+                row[i, j] = series[n, i] - x[0, i, j]
+        for j in range(candidates):
+            row[size, j], row[size + 1, j] = share[j] - x[0, size, j], -x[0, size + 1, j]
+            spread = row[size, j] + (1 - share[j] + _MIN_NOISE)
+            volume[j] *= spread
+            gain[0, j], gain[1, j], gain[2, j] = row[size, j] / spread, row[size + 1, j] / spread, 1 / spread
+        if n % 16 == 15 or n == count - 1:  # a logarithm takes as long as a row
+            for j in range(candidates):
+                log_spread[j] += math.log(volume[j])
+                volume[j] = 1.0
+        for i in range(size + 2):
+            for j in range(candidates):
+                x[0, i, j] += gain[0, j] * row[i, j]
+                x[1, i, j] += gain[1, j] * row[i, j]
+        for i in range(size):
+            for j in range(candidates):
+                scaled[j] = row[i, j] * gain[2, j]
+            for m in range(i + 1):
+                for j in range(candidates):
+                    gram[i, m, j] += scaled[j] * row[m, j]
+    for i in range(size):
+        for m in range(i):
+            for j in range(candidates):
+                gram[m, i, j] = gram[i, m, j]
     return gram, log_spread
 
 
-def _scaled_transitions(steps_s: FloatArray, time_s: FloatArray) -> FloatArray:
+def _scaled_transitions(turns: FloatArray, fade: FloatArray) -> FloatArray:
     """e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)."""
-    turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
-    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow
     matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
     return matrix.reshape(*turns.shape, 2, 2)
+
+
+def _turns(steps_s: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """λΔt and e^{−λΔt} for every step and time constant, shape (steps, k)."""
+    turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
+    return turns, np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow

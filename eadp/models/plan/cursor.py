@@ -20,6 +20,7 @@ from eadp.models.plan.segments import Segment, State
 from eadp.models.plan.stage import COMPUTATION, Stage, point_at
 
 LAP_LIMIT = 10_000
+KEPT_LAYOUTS = 1_000
 Vector = tuple[float, ...]
 LATCHED, LIVE = "latched", "live"
 
@@ -117,11 +118,11 @@ class PlanCursor(NamedTuple):
         PathUndefined
             If it has no value at the parameters in force.
         """
-        return self.stage.path_at(self.parameters, self.state)
+        return self.table.laid_out(self.stage, self.parameters, self.state)[0]
 
     def local_trigger_m(self) -> Point:
         """The stage's trigger in the frame of lap 0 [m]; raises PathUndefined as `path`."""
-        return self.stage.trigger_at(self.parameters, self.state)
+        return self.table.laid_out(self.stage, self.parameters, self.state)[1]
 
     def trigger_m(self) -> Point:
         """The stage's trigger [m]; raises PathUndefined as `path`."""
@@ -300,6 +301,7 @@ class _Table:
         ]
         self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
         self._shifts: dict[Vector, Point] = {}
+        self._laid_out: dict[tuple[int, Vector, State], tuple[PathFunction, Point]] = {}
 
     def is_last(self, index: int) -> bool:
         """Whether a stage (from 0) is the last one of a lap of a plan that repeats."""
@@ -312,6 +314,15 @@ class _Table:
             final = point_at(self.plan.final_point, parameters, "the final point")
             self._ends[key] = final, shift_at(self.plan, parameters), self.plan.stages[-1].trigger_at(parameters)
         return self._ends[key]
+
+    def laid_out(self, stage: Stage, parameters: Vector, state: State) -> tuple[PathFunction, Point]:
+        """Path function and trigger [m] of a stage in the frame of lap 0; laps mostly repeat those of the last one."""
+        key = stage.index, parameters, state
+        if key not in self._laid_out:
+            if len(self._laid_out) >= KEPT_LAYOUTS:
+                self._laid_out.clear()
+            self._laid_out[key] = stage.path_at(parameters, state), stage.trigger_at(parameters, state)
+        return self._laid_out[key]
 
     def shift_at(self, waiting: Vector) -> Point:
         """The shift [m] at parameters clipped to the sets of the stages whose paths they change."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import deque
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,8 +18,9 @@ from annotated_types import Ge, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
+from eadp.core.compiled import enabled, jitted
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance
+from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
@@ -185,7 +186,7 @@ class ExactEstimator:
         self._time_s: float | None = None
         self._learn_from_s = 0.0
         self._lap_marks_s: list[float] = []
-        self._readings: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
+        self._readings = array("d"), array("d")  # times [s] and powers [W]
         self._learn_at_s = math.inf
 
     @property
@@ -230,7 +231,7 @@ class ExactEstimator:
         else:
             expected = self._gated(step_s, motion_w)
         if self._settings.learn_noise:
-            self._readings.append((time_s, motion_w))
+            self._keep([time_s], [motion_w])
             if time_s >= self._learn_at_s:
                 self._learn(time_s)
         return expected
@@ -251,9 +252,15 @@ class ExactEstimator:
                 expected = self._filter.follow_batch(self._time_s, times_s[n:end], readings)
                 self._time_s = times_s[end - 1]
                 if self._settings.learn_noise:
-                    self._readings.extend(zip(times_s[n:end], readings, strict=True))
+                    self._keep(times_s[n:end], readings)
             n = end
         return expected
+
+    def _keep(self, times_s: Sequence[float], motion_w: Sequence[float]) -> None:
+        """Keep readings for the noise estimate."""
+        for numbers, more in zip(self._readings, (times_s, motion_w), strict=True):
+            numbers.extend(more)
+            del numbers[:-READINGS_KEPT]
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading."""
@@ -332,7 +339,7 @@ class ExactEstimator:
 
     def _learn_from(self, time_s: float) -> None:
         """Restart the noise estimate: flight before the laps has other statistics."""
-        self._readings.clear()
+        self._readings = array("d"), array("d")
         self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
@@ -340,9 +347,11 @@ class ExactEstimator:
         """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
-        times, power = np.array(self._readings).T
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
-        times, power = times[times > time_s - window_s], power[times > time_s - window_s]
+        first = bisect.bisect_right(self._readings[0], time_s - window_s)
+        times, power = (np.array(numbers[first:]) for numbers in self._readings)
+        keep = subsampled(len(times), LEARN_SAMPLES)
+        times, power = times[keep], power[keep]
         angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
@@ -442,7 +451,12 @@ class PublishedEstimator:
 
     def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
         """One step each; see `ExactEstimator.observe_batch`."""
-        return _one_by_one(self, times_s, motion_w)
+        if not enabled() or None in motion_w:
+            return _one_by_one(self, times_s, motion_w)
+        state, clock = np.array(self._state), (self._lap_started_s, self._lap_s, self._time_s)
+        self._lap_s, expected = jitted(_published)(state, *clock, np.array(times_s), np.array(motion_w, dtype=float))
+        self._state, self.period_s, self._time_s = state.tolist(), self._lap_s, times_s[-1]
+        return expected
 
     def _published_gain(self, turn: float) -> list[float]:
         # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
@@ -472,6 +486,34 @@ class PublishedEstimator:
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+def _published(
+    state: FloatArray, started_s: float, lap_s: float, time_s: float, times_s: FloatArray, motion_w: FloatArray
+) -> tuple[float, float]:
+    """`PublishedEstimator.observe` for compiled code; the state is changed. Returns the lap's time and the forecast."""
+    expected = 0.0
+    for n in range(len(times_s)):
+        lap_s, step_s, time_s = max(lap_s, times_s[n] - started_s), times_s[n] - time_s, times_s[n]
+        step_s = math.floor(step_s * 1e9 + 0.5) / 1e9
+        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+        turn = 2 * math.pi / lap_s * (step_s / steps)
+        expected = state[0]
+        total, count = 1.0, 1.0
+        for i in range(1, len(state), 2):
+            j = (i + 1) // 2
+            for _ in range(steps):
+                state[i], state[i + 1] = state[i] + turn * j * state[i + 1], state[i + 1] - turn * j * state[i]
+            expected += state[i]
+            total, count = total + 1 + turn * j, count + 1
+        # see `_published_gain`: the row C has a 1 for the level and for each harmonic's first part
+        scale, error = total * total + count * count + 1.0, motion_w[n] - expected
+        state[0] += (total + count) / scale * error
+        for i in range(1, len(state), 2):
+            j = (i + 1) // 2
+            state[i] += ((1 + turn * j) * total + count) / scale * error
+            state[i + 1] += ((1 - turn * j) * total + count) / scale * error
+    return lap_s, expected
 
 
 Estimator = ExactEstimator | PublishedEstimator

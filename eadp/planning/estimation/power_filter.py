@@ -8,17 +8,16 @@ processed step by step.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import jitted
+from eadp.core.compiled import in_loops, jitted
 from eadp.core.signals import forecasting
-from eadp.core.signals.kalman import predict, update
-from eadp.core.signals.riccati import CovarianceMap, step_map
+from eadp.core.signals.kalman import predict, product, update
+from eadp.core.signals.riccati import MAPPING, applied, composed, step_map
 
 BLOCK_DOUBLINGS = 4
 BLOCK = 2**BLOCK_DOUBLINGS
@@ -28,6 +27,7 @@ SETTLED = 2e-4
 """Change of the correlation of any state with a reading, from one reading to the next, at which the gain is held."""
 
 SAME_STEP_S = 1e-9
+STEPPING = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +65,8 @@ class EnergyFilter:
         self._transition = np.eye(len(state))
         self._noise = np.zeros_like(covariance)
         self._gain = np.zeros(len(state))
-        self._maps: tuple[CovarianceMap, ...] = ()
-        self._held = 0
+        self._maps: tuple[FloatArray, ...] = ()
+        self._held = STEPPING
 
     @property
     def covariance(self) -> FloatArray:
@@ -110,47 +110,51 @@ class EnergyFilter:
         """Update with a reading."""
         self._step_by_step()
         variance = self._dynamics.noise_w**2
-        self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
+        self.state, self._covariance = jitted(update)(self.state, self._covariance, self._output, measured_w, variance)
 
     def follow(self, step_s: float, measured_w: float) -> float:
         """Predict over a step, update with a reading, and return its forecast [W]."""
-        if self._maps and abs(step_s - self._step_s) < SAME_STEP_S:
-            return self._follow_held(np.array([measured_w]))
-        same = abs(step_s - self._step_s) < SAME_STEP_S
-        self.predict(step_s)
-        expected = self.expected_w()
-        self.correct(measured_w)
-        before, self._gain = self._gain, self._gain_now()
-        if same and self._change(before) < SETTLED:
-            self._hold()
-        return expected
+        return self.follow_batch(0.0, [step_s], [measured_w])
 
     def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
         """`follow` readings at some times [s], the first after `before_s`; return the forecast of the last [W]."""
-        steps = [after - before for before, after in itertools.pairwise((before_s, *times_s))]
+        steps, measured = np.diff(np.array([before_s, *times_s])), np.array(measured_w)
         expected, n, count = 0.0, 0, len(steps)
         while n < count:
-            end = n + 1
-            if self._maps:
-                while end < min(count, n + BLOCK - self._held) and abs(steps[end] - self._step_s) < SAME_STEP_S:
-                    end += 1
-            if self._maps and abs(steps[n] - self._step_s) < SAME_STEP_S:
-                expected = self._follow_held(np.array(measured_w[n:end]))
-                n = end
-            else:
-                expected = self.follow(steps[n], measured_w[n])
-                n += 1
+            other = abs(steps[n] - self._step_s) >= SAME_STEP_S
+            if other:
+                self._step_by_step()
+                self._prepare(float(steps[n]))
+            irregular = np.flatnonzero(np.abs(steps[n:] - self._step_s) >= SAME_STEP_S)
+            end = n + int(irregular[0]) if len(irregular) else count
+            expected = self._follow_evenly(measured[n:end], settling=not other)
+            n = end
         return expected
 
-    def _follow_held(self, measured_w: FloatArray) -> float:
-        """Take readings of one block, the gain held; return the forecast of the last [W]."""
-        held = jitted(_held)
-        self.state, expected = held(self._transition, self._output, self._gain, self.state, measured_w)
-        self._held += len(measured_w)
-        if self._held == BLOCK:
-            self._catch_up()
-            self._gain = self._gain_now()
+    def _follow_evenly(self, measured_w: FloatArray, *, settling: bool) -> float:
+        """Take evenly spaced readings, the first of them as far from the one before it if `settling`."""
+        expected, n = 0.0, 0
+        while self._held == STEPPING and n < len(measured_w):
+            expected = self._take(float(measured_w[n]))
+            n += 1
+            before, self._gain = self._gain, self._gain_now()
+            if (settling or n > 1) and self._change(before) < SETTLED:
+                self._hold()
+        if n < len(measured_w):
+            blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
+            moving = self.state, self._covariance, self._gain, self._held
+            model = self._transition, self._output, self._dynamics.noise_w**2, self._maps[-1]
+            self.state, self._covariance, self._gain, self._held, expected = blocks(*moving, *model, measured_w[n:])
         return float(expected)
+
+    def _take(self, measured_w: float) -> float:
+        """Predict and correct with a reading; return its forecast [W]."""
+        self.state, self._covariance = jitted(predict, product)(
+            self.state, self._covariance, self._transition, self._noise
+        )
+        expected = self.expected_w()
+        self.correct(measured_w)
+        return expected
 
     def _prepare(self, step_s: float) -> None:
         if abs(step_s - self._step_s) >= SAME_STEP_S:
@@ -158,8 +162,7 @@ class EnergyFilter:
             self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
 
     def _gain_now(self) -> FloatArray:
-        # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
-        return self._covariance @ self._output / self._dynamics.noise_w**2
+        return _gain(self._covariance, self._output, self._dynamics.noise_w**2)
 
     def _change(self, before: FloatArray) -> float:
         """Largest change of the correlation of a state with a reading."""
@@ -170,26 +173,86 @@ class EnergyFilter:
         """Hold the gain, and compose the maps of 1, 2, 4, … steps."""
         maps = [step_map(self._transition, self._noise, self._output, self._dynamics.noise_w**2)]
         for _ in range(BLOCK_DOUBLINGS):
-            maps.append(maps[-1].then(maps[-1]))
+            maps.append(jitted(composed, *MAPPING)(maps[-1], maps[-1]))
         self._maps, self._held = tuple(maps), 0
 
     def _catch_up(self) -> None:
         """Update the covariance for the readings that the state has already taken."""
         for k, powers in enumerate(self._maps):
-            if self._held >> k & 1:
-                self._covariance = powers.apply(self._covariance)
-        self._held = 0
+            if self._held > 0 and self._held >> k & 1:
+                self._covariance = jitted(applied, *MAPPING)(powers, self._covariance)
+        self._held = min(self._held, 0)
 
     def _step_by_step(self) -> None:
-        if self._maps:
-            self._catch_up()
-            self._maps = ()
+        self._catch_up()
+        self._held = STEPPING
 
 
+def _in_blocks(
+    state: FloatArray,
+    covariance: FloatArray,
+    gain: FloatArray,
+    held: int,
+    transition: FloatArray,
+    output: FloatArray,
+    variance: float,
+    block: FloatArray,
+    measured_w: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, int, float]:
+    """Take evenly spaced readings with the gain held, `block` the map of one; return what changes, and the forecast.
+
+    `held` is how many readings of its block the covariance has still to pass. The forecast is that of the last reading.
+    """
+    expected, n, count = 0.0, 0, len(measured_w)
+    while n < count:
+        end = min(count, n + BLOCK - held)
+        state, expected = _held(transition, output, gain, state, measured_w[n:end])
+        held, n = held + end - n, end
+        if held == BLOCK:
+            covariance, held = applied(block, covariance), 0
+            gain = _gain(covariance, output, variance)
+    return state, covariance, gain, held, expected
+
+
+def _gain_in_loops(covariance: FloatArray, output: FloatArray, variance: float) -> FloatArray:
+    gain = np.zeros(len(output))
+    for i in range(len(output)):
+        for k in range(len(output)):
+            gain[i] += covariance[i, k] * output[k]
+        gain[i] /= variance
+    return gain
+
+
+@in_loops(_gain_in_loops)
+def _gain(covariance: FloatArray, output: FloatArray, variance: float) -> FloatArray:
+    # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
+    return covariance @ output / variance
+
+
+def _held_in_loops(
+    transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
+) -> tuple[FloatArray, float]:
+    """`_held` for a transition of one number and blocks of two, which is what `EnergyDynamics` has."""
+    now, expected = state.copy(), 0.0
+    for value in measured_w:
+        now[0] *= transition[0, 0]
+        expected = output[0] * now[0]
+        for i in range(1, len(now), 2):
+            a, b = now[i], now[i + 1]
+            now[i] = transition[i, i] * a + transition[i, i + 1] * b
+            now[i + 1] = transition[i + 1, i] * a + transition[i + 1, i + 1] * b
+            expected += output[i] * now[i] + output[i + 1] * now[i + 1]
+        error = value - expected
+        for i in range(len(now)):
+            now[i] += gain[i] * error
+    return now, expected
+
+
+@in_loops(_held_in_loops)
 def _held(
     transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
 ) -> tuple[FloatArray, float]:
-    """The state after readings, and the forecast of the last one [W]."""
+    """The state after readings with the gain held, and the forecast of the last one [W]."""
     expected = 0.0
     for value in measured_w:
         state = transition @ state

@@ -15,10 +15,10 @@ from eadp.core.signals.disturbance import (
     MIN_FREE_SAMPLES,
     DisturbanceFit,
     _innovations,
-    _subsampled,
     fit_disturbance,
     process_noise,
     stationary_covariance,
+    subsampled,
     transition,
 )
 
@@ -203,7 +203,7 @@ def test_coefficients_fitted_beside_do_not_make_the_noise_look_less():
 
 
 def test_of_many_samples_both_ends_of_the_scale_are_looked_at():
-    kept = _subsampled(36_000, 1024)
+    kept = subsampled(36_000, 1024)
     assert len(kept) <= 1024
     assert kept[0] == 0
     assert kept[-1] == 35_999
@@ -211,7 +211,7 @@ def test_of_many_samples_both_ends_of_the_scale_are_looked_at():
     assert (gaps > 0).all()
     assert (gaps == 1).sum() >= 400, "runs of consecutive samples"
     assert gaps.max() < 36_000 / 400, "and none far from any"
-    assert _subsampled(7, 1024).tolist() == list(range(7))
+    assert subsampled(7, 1024).tolist() == list(range(7))
 
 
 def test_thinned_samples_tell_the_same():

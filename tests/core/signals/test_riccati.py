@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from eadp.core.signals.kalman import predict, update
-from eadp.core.signals.riccati import step_map
+from eadp.core.signals.riccati import applied, composed, step_map
 
 unhurried = settings(deadline=None)
 SIZE = 4
@@ -41,7 +41,7 @@ def stepped(covariance, steps, transition, noise, output, variance):
 def test_one_step_is_a_prediction_and_a_reading(seed, variance):
     transition, noise, output, covariance = system(seed)
     wanted = stepped(covariance, 1, transition, noise, output, variance)
-    got = step_map(transition, noise, output, variance).apply(covariance)
+    got = applied(step_map(transition, noise, output, variance), covariance)
     assert got == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
     assert (got == got.T).all()
 
@@ -52,25 +52,25 @@ def test_doubled_maps_are_the_steps_one_after_the_other(seed, variance, doubling
     transition, noise, output, covariance = system(seed)
     many = step_map(transition, noise, output, variance)
     for _ in range(doublings):
-        many = many.then(many)
+        many = composed(many, many)
     wanted = stepped(covariance, 2**doublings, transition, noise, output, variance)
-    assert many.apply(covariance) == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
+    assert applied(many, covariance) == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
 
 
 @unhurried
 @given(seeds, seeds, noises)
 def test_two_different_steps(seed, other, variance):
     first, then = system(seed), system(other)
-    both = step_map(*first[:3], variance).then(step_map(*then[:3], 2.0))
+    both = composed(step_map(*first[:3], variance), step_map(*then[:3], 2.0))
     wanted = stepped(stepped(first[3], 1, *first[:3], variance), 1, *then[:3], 2.0)
-    assert both.apply(first[3]) == pytest.approx(wanted, abs=SAME * np.abs(first[3]).max())
+    assert applied(both, first[3]) == pytest.approx(wanted, abs=SAME * np.abs(first[3]).max())
 
 
 def test_for_ever_is_the_riccati_equations_answer():
     transition, noise, output, covariance = system(3)
     many = step_map(transition, noise, output, 0.5)
     for _ in range(20):
-        many = many.then(many)
+        many = composed(many, many)
     before = solve_discrete_are(transition.T, output[:, None], noise, np.array([[0.5]]))
     wanted = update(np.zeros(SIZE), before, output, 0.0, 0.5)[1]
-    assert many.apply(covariance) == pytest.approx(wanted, abs=SAME)
+    assert applied(many, covariance) == pytest.approx(wanted, abs=SAME)

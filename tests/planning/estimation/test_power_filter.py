@@ -9,7 +9,7 @@ import pytest
 
 from eadp.core.signals import forecasting
 from eadp.core.signals.kalman import predict, update
-from eadp.planning.estimation.power_filter import BLOCK, EnergyDynamics, EnergyFilter
+from eadp.planning.estimation.power_filter import BLOCK, STEPPING, EnergyDynamics, EnergyFilter
 
 SAME = 1e-8
 DYNAMICS = EnergyDynamics(2, 46.0, np.array([1e-3, 1e-3, 1e-3]), 0.5, 4.0, 0.3)
@@ -33,7 +33,7 @@ def settled():
     tracker = EnergyFilter(np.zeros(7), FIRST, DYNAMICS)
     for count in range(1, 10_000):
         tracker.follow(STEP_S, 0.0)
-        if tracker._maps:
+        if tracker._held != STEPPING:
             return tracker, count
     raise AssertionError("never held")
 
@@ -54,7 +54,7 @@ def test_a_drop_out_within_a_block():
     for _ in range(6):
         tracker.follow(STEP_S, 0.0)
     tracker.predict(STEP_S)
-    assert not tracker._maps
+    assert tracker._held == STEPPING
     tracker.follow(STEP_S, 0.0)
     wanted = by_steps(by_steps(by_steps(FIRST, count + 6), 1, read=False), 1)
     assert tracker.covariance == pytest.approx(wanted, abs=SAME)
