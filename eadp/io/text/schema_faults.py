@@ -50,7 +50,7 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 def schema_of(model: Any) -> dict[str, Any]:
     """JSON Schema of a dataclass or model, the docstrings of a dataclass's attributes as descriptions.
 
-    Validation needs none of them: to read them in the sources takes longer than all the rest of its start.
+    Validation does without: to read them in the sources takes longer than all the rest of its start.
     """
     STRICT["use_attribute_docstrings"] = True
     try:

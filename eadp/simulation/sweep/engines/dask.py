@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
@@ -14,6 +15,9 @@ from eadp.simulation.sweep.engines.base import EngineOptions, Make, QueueEngine,
 
 CLUSTER_WAIT_S = 10
 """Longest time for a Dask scheduler to answer [s]."""
+
+WORKERS_S = 1.0
+"""Time between two questions for the number of its workers [s]."""
 
 
 class DaskEngine(QueueEngine):
@@ -36,6 +40,7 @@ class DaskEngine(QueueEngine):
             what = f"no scheduler answers: {first_line(error)}"
             raise InputError.at("--scheduler", 1, 1, what, "the address of a running dask scheduler", address) from None
         self._address = address
+        self._threads, self._asked_s = 0, -WORKERS_S
         with self._connection_errors():
             # the result of a task and not scattered data: computed anew where the worker that holds it is lost
             self._make = self._client.submit(_same, make, pure=False)
@@ -47,9 +52,12 @@ class DaskEngine(QueueEngine):
 
     @property
     def workers(self) -> int:  # type: ignore[override]
-        """The number of threads of all workers that the scheduler has now, 1 or more."""
-        with self._connection_errors():
-            return max(1, int(sum(self._client.nthreads().values())))
+        """The number of threads of all workers that the scheduler has, 1 or more; not older than `WORKERS_S`."""
+        if time.monotonic() >= self._asked_s + WORKERS_S:
+            with self._connection_errors():
+                self._threads = int(sum(self._client.nthreads().values()))
+            self._asked_s = time.monotonic()
+        return max(1, self._threads)
 
     def _send(self, run: Run) -> Any:
         with self._connection_errors():
