@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +17,11 @@ from eadp.simulation.sweep.design import Result, Run
 
 Make = Callable[[Run], Result]
 
-QUEUED = 2
-"""Runs held for each worker: the current one and the next."""
+QUEUED = 8
+"""Runs held for each worker: the current one and those that it makes meanwhile."""
+
+GATHER_S = 0.03
+"""Time in which finished runs are gathered, to be stored together [s]."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class QueueEngine:
             self._recover()
             self.submit(self._suspects.popleft())
         results = [self._next()]
+        if self._under_way:
+            time.sleep(GATHER_S)
         while not self._done.empty() or (self._broken and self._under_way):
             results.append(self._next())
         self._recover()
