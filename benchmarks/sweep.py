@@ -9,25 +9,31 @@ usage: python benchmarks/sweep.py [--planner static paper joint] [--flights 10 1
   and the rest
 - compiling: import of numba, the first flight of a process without machine code kept, and with machine code kept
 - mission length: whole flights of the survey with its final point 1, 4 and 16 times as many laps away
-- two workers: wall time of the same flights with one worker and with two, alternately, as pools and as a Dask
-  cluster; meaningful only where two cores are free (the CPU time per flight shows whether they were)
+- at scale: the command with one worker and with two, twice each, and on a Dask cluster of one and two: flights a
+  second, time of a flight, CPU of workers and of the command, all in the middle of the sweep; what of the efficiency is
+  the machine's (flights that take longer together) and what the sweep's own; memory along the way; whether rows are
+  stored as it goes and the progress line counts them. Rates mean something only where two cores are free
 - overhead: runs that fly nothing, made in this process and in a pool of one, stored in a file; time per run
 - memory: largest resident set of a worker after many flights, beside a Python that has imported the same
 - kill -9 at random moments of a sweep that writes all the time, started again each time: from the start of the process,
   and every other time within a second of its first row; rows that are lost, or made twice, at the end (0 and 0 are
   expected), and the state of the file
 
-`--flights 10 100 1000` takes some minutes more. Exit code 1 if anything is lost or made twice.
+`--flights 10 100 1000` takes some minutes more. Exit code 1 if anything is lost or made twice, or progress untrue.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib.util
 import math
 import os
+import pty
 import random
+import re
 import resource
+import select
 import signal
 import sqlite3
 import statistics
@@ -40,7 +46,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
 
@@ -61,7 +67,6 @@ from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, World, fly
 from eadp.simulation.sweep.design import Result, Run, make_runs
 from eadp.simulation.sweep.engines.base import Make
-from eadp.simulation.sweep.engines.dask import DaskEngine
 from eadp.simulation.sweep.engines.pool import PoolEngine
 from eadp.simulation.sweep.engines.serial import SerialEngine
 
@@ -340,48 +345,130 @@ def growth(planner: str) -> None:
         print(f"{1e6 * second:.0f} us for each second, {second / first:.2f} of the first's")
 
 
-def two_workers(folder: Path, planner: str, count: int, seed: int) -> None:
-    """One worker beside two, as pools and as a cluster; each twice, in turn. Start of workers included, then not."""
-    sweep = sampled(folder, count, seed, planner)
-    make = FlyRun(sweep.kept)
-    walls: dict[tuple[str, int], list[float]] = defaultdict(list)
-    cpus: dict[tuple[str, int], list[float]] = defaultdict(list)
-    for _ in range(2):
-        for jobs in (1, 2):
-            wall, cpu, _ = measured(partial(swept, sweep, make, jobs, None))
-            walls["pool", jobs].append(wall)
-            cpus["pool", jobs].append(cpu)
-            for name, value in clustered(sweep, make, jobs).items():
-                walls[name, jobs].append(value)
-    load = f"{os.getloadavg()[0]:.1f} processes want {os.cpu_count()} cores"
-    print(f"\ntwo workers, planner {planner}, {count} flights ({load}):")
-    for name in dict.fromkeys(name for name, _ in walls):
-        one, two = min(walls[name, 1]), min(walls[name, 2])
-        print(f"  {name:26} {one:6.2f} s and {two:6.2f} s: efficiency {100 * one / two / 2:.0f} %", end="")
-        both = (min(cpus[name, jobs]) for jobs in (1, 2)) if (name, 1) in cpus else ()
-        print(*(f"; CPU {cpu:.2f} s" for cpu in both))
+class Sample(NamedTuple):
+    """A running sweep at a time: rows stored, the progress line's count, CPU and memory of the processes."""
+
+    time_s: float
+    stored: int
+    shown: int
+    command_s: float
+    command_mb: float
+    workers_s: float
+    workers_mb: float
 
 
-def clustered(sweep: Sweep, make: Make, workers: int) -> dict[str, float]:
-    """Wall time on a local Dask cluster [s]: of its first flights, which load what is needed, and of as many more."""
-    try:
-        from distributed import LocalCluster
-    except ImportError:
-        return {}
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
-        walls = {}
-        engine = DaskEngine(make, cluster.scheduler_address)
-        try:
-            for name in ("cluster, first flights", "cluster, once it is warm"):
-                start_s = time.perf_counter()
-                with contextlib.closing(Results(None)) as results:
-                    runs = [sweep.run(index) for index in range(len(sweep.design))]
-                    results.expect(run.key for run in runs)
-                    assert len(list(make_runs(runs, engine, results))) == len(runs)
-                walls[name] = time.perf_counter() - start_s
-        finally:
-            engine.close()
-        return walls
+def watched(command: list[str], out: Path, workers: Callable[[int], list[int]]) -> list[Sample]:
+    """A sweep's command, run on a terminal and sampled to its end."""
+    own, theirs = pty.openpty()
+    seen, shown, start_s = [], 0, time.perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+        os.close(theirs)
+        while process.poll() is None:
+            while select.select([own], [], [], 0)[0]:
+                with contextlib.suppress(OSError):
+                    shown = max([shown, *map(int, re.findall(rb"(\d+) of \d+ runs", os.read(own, 1 << 16)))])
+                    continue
+                break
+            stored, now_s = rows(out), time.perf_counter() - start_s
+            seen.append(Sample(now_s, stored, shown, *usage([process.pid]), *usage(workers(process.pid))))
+            time.sleep(0.25)
+    os.close(own)
+    assert process.returncode == 0, command
+    return seen
+
+
+def usage(processes: list[int]) -> tuple[float, float]:
+    """CPU time [s] and memory [MB] of processes."""
+    cpu = resident = 0.0
+    for process in processes:
+        with contextlib.suppress(OSError):
+            numbers = Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2].split()
+            cpu += (int(numbers[11]) + int(numbers[12])) / os.sysconf("SC_CLK_TCK")
+            resident += int(numbers[21]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return cpu, resident
+
+
+def children(parent: int) -> list[int]:
+    """The processes of a pool."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            if path.read_text().rpartition(") ")[2].split()[1] == str(parent):
+                found.append(int(path.parent.name))
+    return found
+
+
+def scale(folder: Path, planner: str, count: int, seed: int) -> bool:
+    """The command with one worker and with two: rate, CPU, memory; whether its progress is true."""
+    sampled(folder, count, seed, planner)
+    command = [sys.executable, "-m", "eadp", "sweep", str(folder / f"sweep-{planner}-{count}.yaml"), "--format", "csv"]
+    true, runs = True, defaultdict(list)
+    for jobs, kind in ((1, "pool"), (2, "pool"), (2, "pool"), (1, "pool"), (1, "cluster"), (2, "cluster")):
+        out = folder / f"scale-{planner}-{kind}-{jobs}-{len(runs[kind, jobs])}.db"
+        if kind == "pool":
+            seen = watched([*command, "-o", str(out), "--jobs", str(jobs)], out, children)
+        elif importlib.util.find_spec("distributed"):
+            from distributed import LocalCluster
+
+            with LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+                pids = [nanny.pid for nanny in cluster.workers.values()]
+                address = cluster.scheduler_address
+                seen = watched([*command, "-o", str(out), "--scheduler", address], out, lambda _, pids=pids: pids)
+        else:
+            continue
+        with contextlib.closing(sqlite3.connect(out)) as connection:
+            warm = f"SELECT took_s FROM runs ORDER BY rowid LIMIT -1 OFFSET {count // 10}"  # nothing is compiled there
+            (took_s,) = connection.execute(f"SELECT avg(took_s) FROM ({warm})").fetchone()
+        runs[kind, jobs].append(Measured.of(seen, took_s, jobs))
+        # what is shown is in the file, and what was in the file a second before is shown
+        late = [(seen[k - 8].stored, sample) for k, sample in enumerate(seen) if k >= 8]
+        true &= all(before <= sample.shown + jobs <= sample.stored + jobs for before, sample in late)
+    _print_scale(planner, count, runs)
+    print(f"  progress: {'rows are stored as it goes, and each count is of rows stored' if true else 'NOT TRUE'}")
+    return true
+
+
+class Measured(NamedTuple):
+    """Of the middle of a sweep: flights a second, time and CPU of one, busy share, memory; wall time of all."""
+
+    rate: float
+    took_ms: float
+    worker_ms: float
+    command_ms: float
+    busy: float
+    wall_s: float
+    memory_mb: str
+
+    @classmethod
+    def of(cls, seen: list[Sample], took_s: float, jobs: int) -> Measured:
+        """From the samples, without the start and the end."""
+        count = seen[-1].stored
+        middle = [sample for sample in seen if 0.1 * count <= sample.stored <= 0.95 * count]
+        first, last = middle[0], middle[-1]
+        flights, wall_s = last.stored - first.stored, last.time_s - first.time_s
+        worker_ms, command_ms = (
+            1e3 * (getattr(last, name) - getattr(first, name)) / flights for name in ("workers_s", "command_s")
+        )
+        memory = f"{first.command_mb:.0f} to {last.command_mb:.0f}"
+        if last.workers_mb:
+            memory += f", {first.workers_mb:.0f} to {last.workers_mb:.0f}"
+        busy = took_s * flights / wall_s / jobs
+        return cls(flights / wall_s, 1e3 * took_s, worker_ms, command_ms, busy, seen[-1].time_s, memory)
+
+
+def _print_scale(planner: str, count: int, runs: dict[tuple[str, int], list[Measured]]) -> None:
+    """Each sweep; the efficiency of two workers, and what of it is the machine's: flights that take longer together."""
+    print(f"\n{count} flights, planner {planner}:")
+    print("  workers    flights/s  ms a flight  CPU of a worker  of the command [ms]  busy  all [s]  memory [MB]")
+    for (kind, jobs), each in runs.items():
+        for one in each:
+            print(f"  {kind:7} {jobs}  {one.rate:9.2f}  {one.took_ms:11.2f}  {one.worker_ms:15.2f}  ", end="")
+            print(f"{one.command_ms:19.2f}  {100 * one.busy:3.0f} %  {one.wall_s:7.0f}  {one.memory_mb}")
+    for kind in dict.fromkeys(kind for kind, _ in runs):
+        alone, both = (max(runs[kind, jobs], key=lambda one: one.rate) for jobs in (1, 2))
+        efficiency, machine = both.rate / alone.rate / 2, alone.took_ms / both.took_ms
+        print(f"  {kind}: efficiency {100 * efficiency:.1f} %; flights together take {machine:.3f} of ", end="")
+        print(f"their speed alone, so {100 * efficiency / machine:.1f} % is the sweep's own")
 
 
 def overhead(folder: Path, count: int) -> None:
@@ -467,7 +554,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--planner", nargs="+", default=["static", "paper", "joint"])
     parser.add_argument("--flights", type=int, nargs="+", default=[10, 100], help="sizes of sweeps that fly")
-    parser.add_argument("--workers", type=int, default=100, help="flights of one and of two workers; 0 for none")
+    parser.add_argument("--workers", type=int, default=100, help="flights of a sweep at scale; 0 for none")
     parser.add_argument("--nothing", type=int, default=20000, help="runs that fly nothing")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=120.0, help="most that the sweep that was killed may take")
@@ -477,18 +564,18 @@ def main() -> int:
     # a benchmark beside this one has the name of a library that numba looks for
     sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder, true = Path(name), True
         for planner in asked.planner:
             throughput(folder, planner, asked.flights, asked.seed)
             breakdown(folder, planner, 10, asked.seed)
             growth(planner)
             compiling(planner)
             if asked.workers:
-                two_workers(folder, planner, asked.workers, asked.seed)
+                true &= scale(folder, planner, asked.workers, asked.seed)
             memory(folder, planner, min(300, max(asked.flights)), asked.seed)
         overhead(folder, asked.nothing)
         sound = kills(folder, asked.kills, asked.seconds, asked.seed) if asked.kills else True
-    return 0 if sound else 1
+    return 0 if sound and true else 1
 
 
 if __name__ == "__main__":

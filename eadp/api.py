@@ -13,7 +13,6 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from eadp.errors import Fault, InputError
-from eadp.io.energy.model_file import energy_yaml
 from eadp.io.flight.folder import Flight, fly_flight
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.mission.reader import PlanReader, is_mission
@@ -339,6 +338,8 @@ def _path(given: Any, texts: dict[str, Text], schema: str = "") -> str:
     if isinstance(given, Plan):
         text = Text("given.plan", writer.plan_text(given))
     elif isinstance(given, EnergyModel):
+        from eadp.io.energy.model_file import energy_yaml
+
         text = Text("given-energy.yaml", energy_yaml(given))
     elif isinstance(given, Mapping):
         text = Text("given-keys.yaml", value_text({"schema": schema, **given}))

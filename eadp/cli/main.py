@@ -7,14 +7,14 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 import typer.core
 
 from eadp import __version__
-from eadp.cli import cover, export, fit, init, plan, profile, replan, report, schema, simulate, sweep, vehicle
 from eadp.errors import EadpError, InputError, printable
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
@@ -35,33 +35,24 @@ class _Grouped(typer.core.TyperGroup):
         rest = [name for name in COMMANDS if not any(name in group for group in GROUPS.values())]
         for title, names in (*GROUPS.items(), ("More", rest)):
             with formatter.section(title):
-                formatter.write_dl([(name, COMMANDS[name][1]) for name in names])
+                formatter.write_dl([(name, COMMANDS[name]) for name in names])
 
 
-app = typer.Typer(
-    name="eadp",
-    cls=_Grouped,
-    help="Plan the flight and the onboard computing of a battery-powered fixed-wing robot together.\n\n"
-    "Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o runs/i",
-    rich_markup_mode=None,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-COMMANDS: dict[str, tuple[Callable[..., int], str]] = {
-    "plan": (plan.command, "Parse a plan into its stages."),
-    "profile": (profile.command, "Build the computation energy model from measurements."),
-    "fit": (fit.command, "Estimate period, order and Fourier coefficients from a power log."),
-    "simulate": (simulate.command, "Fly a plan in simulation, re-planning on the way."),
-    "cover": (cover.command, "Cover a field: from its outline to a plan."),
-    "export": (export.command, "Write a plan as an autopilot's mission, or as a map."),
-    "sweep": (sweep.command, "Fly many times: a grid or a random sample, resumable."),
-    "replan": (replan.command, "Re-plan a live or recorded flight: telemetry in, decisions out."),
-    "init": (init.command, "Start a folder: an aircraft, a scenario, and a plan that flies."),
-    "vehicle": (vehicle.command, "Print what an aircraft can do: speeds, power, endurance, range."),
-    "report": (report.command, "Write a flight or a sweep as one HTML page."),
-    "schema": (schema.command, "Print the JSON Schema of a file format."),
+COMMANDS = {
+    "plan": "Parse a plan into its stages.",
+    "profile": "Build the computation energy model from measurements.",
+    "fit": "Estimate period, order and Fourier coefficients from a power log.",
+    "simulate": "Fly a plan in simulation, re-planning on the way.",
+    "cover": "Cover a field: from its outline to a plan.",
+    "export": "Write a plan as an autopilot's mission, or as a map.",
+    "sweep": "Fly many times: a grid or a random sample, resumable.",
+    "replan": "Re-plan a live or recorded flight: telemetry in, decisions out.",
+    "init": "Start a folder: an aircraft, a scenario, and a plan that flies.",
+    "vehicle": "Print what an aircraft can do: speeds, power, endurance, range.",
+    "report": "Write a flight or a sweep as one HTML page.",
+    "schema": "Print the JSON Schema of a file format.",
 }
+"""The commands, each a module of its name, and what they do."""
 
 
 class _Closed(Exception):
@@ -85,23 +76,37 @@ def _shielded(command: Callable[..., int]) -> Callable[..., int]:
     return shielded
 
 
-for _name, (_command, _summary) in COMMANDS.items():
-    app.command(_name, short_help=_summary)(_shielded(_command))
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"eadp {__version__}")
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     pass
+
+
+def _app(names: Iterable[str]) -> typer.Typer:
+    """The command line with some of its commands: to import and to build them all takes longer than to parse a plan."""
+    app = typer.Typer(
+        name="eadp",
+        cls=_Grouped,
+        help="Plan the flight and the onboard computing of a battery-powered fixed-wing robot together.\n\n"
+        "Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o runs/i",
+        rich_markup_mode=None,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for name in names:
+        command = import_module(f"eadp.cli.{name}").command
+        app.command(name, short_help=COMMANDS[name])(_shielded(command))
+    return app
 
 
 # typer brings a click of its own in some versions, and uses the installed one in others: errors are found by ancestry
@@ -113,7 +118,8 @@ def main(arguments: list[str]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # what a terminal cannot show is escaped
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        result = app(args=arguments, prog_name="eadp", standalone_mode=False)
+        named = [name for name in arguments[:1] if name in COMMANDS]
+        result = _app(named or COMMANDS)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:  # typer's own answer, outside of a command
             return _interrupted()

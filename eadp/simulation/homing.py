@@ -8,7 +8,6 @@ from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, to_point
-from eadp.coverage.plan_builder import piece_path
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
@@ -28,6 +27,8 @@ def home_plan(cursor: PlanCursor, pose: Pose, home_m: Point, radius_m: float) ->
     radius_m : float
         Radius of the turn [m].
     """
+    from eadp.coverage.plan_builder import piece_path  # slow to import, and few flights end at home
+
     plan = cursor.table.plan
     rho = plan.path_count
     lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]

@@ -31,7 +31,7 @@ class EnergyFile(BaseModel):
     `periodic`, `order` and `coefficients` repeat what the other keys give: they may be left out, and must agree.
     """
 
-    model_config = ConfigDict(title=SCHEMA, **STRICT)
+    model_config = ConfigDict(title=SCHEMA, use_attribute_docstrings=True, **STRICT)
     schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
     periodic: bool | None = None
     period_s: _Seconds | None

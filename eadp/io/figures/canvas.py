@@ -85,6 +85,10 @@ def figure_pair(
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+        engine = figure.get_layout_engine()
+        assert engine is not None
+        engine.execute(figure)  # once for both files: with an engine, each would lay out and draw twice
+        figure.set_layout_engine(None)
         for suffix in suffixes:
             figure.savefig(path.with_suffix(suffix), metadata=METADATA[suffix])
 

@@ -18,7 +18,6 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
-from eadp.io.figures.paper import write_paper_figure
 from eadp.io.flight.coverage import flown_coverage
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
@@ -239,6 +238,8 @@ class Flight:
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
             if paper_figure:
+                from eadp.io.figures.paper import write_paper_figure
+
                 write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
             flown = FlownFlight(self.inputs, self.summary, self.lists, estimates, rows)
             (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")

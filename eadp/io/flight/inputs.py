@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 from eadp import __version__
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
-from eadp.io.energy.model_file import parse_energy
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
@@ -163,6 +162,8 @@ def load_flight(
         warnings += found
     computing = _computing(plan, plan_text, profile, profile_path)
     if energy_path is not None:
+        from eadp.io.energy.model_file import parse_energy
+
         texts["energy"], energy = files.read(energy_path, parse_energy)
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)

@@ -226,7 +226,7 @@ def _check_names(names: Sequence[str]) -> None:
 
 # ── the model's schema ──
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 _Power = Annotated[float, Field(ge=0, le=LARGEST)]
 _Value = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 

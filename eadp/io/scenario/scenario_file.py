@@ -49,12 +49,15 @@ Pair = tuple[Coordinate, Coordinate]
 TextSource = Callable[[str], Text]
 
 
-def _shared_keys(schema: dict[str, Any]) -> None:
+def _shared_keys(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
     """Complete the planner's schema: the reserve is a key of the scenario, and the shared keys have descriptions."""
+    reference: dict[str, Any] = handler(core)
+    schema = handler.resolve_ref_schema(reference)
     del schema["properties"]["reserve_soc"]
     shared = TypeAdapter(list[PlannerSettings], config=STRICT).json_schema()["$defs"]["PlannerSettings"]["properties"]
     for name, node in schema["properties"].items():
         node.setdefault("description", shared.get(name, {}).get("description"))
+    return reference
 
 
 def _or_path(node: dict[str, Any]) -> None:
@@ -71,10 +74,8 @@ def _planner_section() -> type[PlannerSettings]:
         if own is not None:
             described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
             keys.append((planner, described, field(default_factory=own)))
-    config = {**STRICT, "json_schema_extra": _shared_keys}
-    return make_dataclass(
-        "PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace={"__pydantic_config__": config}
-    )
+    own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_shared_keys)}
+    return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema)
 
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Configuration of a schema; it holds for the dataclasses in it, too."""
 
 Model = TypeVar("Model")
@@ -48,8 +48,15 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 @cache
 def schema_of(model: Any) -> dict[str, Any]:
-    """JSON Schema of a dataclass or model."""
-    return _adapter(model).json_schema(by_alias=True)
+    """JSON Schema of a dataclass or model, the docstrings of a dataclass's attributes as descriptions.
+
+    Validation does without: to read them in the sources takes longer than all the rest of its start.
+    """
+    STRICT["use_attribute_docstrings"] = True
+    try:
+        return TypeAdapter(model).json_schema(by_alias=True)
+    finally:
+        del STRICT["use_attribute_docstrings"]
 
 
 def keys_document(text: Text, schema: str) -> Document:

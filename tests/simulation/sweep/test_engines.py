@@ -7,11 +7,12 @@ import math
 import operator
 import os
 import signal
+import time
 
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.simulation.sweep.engines.base import EngineOptions
+from eadp.simulation.sweep.engines.base import QUEUED, TASK_S, EngineOptions
 from eadp.simulation.sweep.engines.dask import DaskEngine
 from eadp.simulation.sweep.engines.pool import PoolEngine, cores
 from eadp.simulation.sweep.engines.registry import ENGINES, open_engine
@@ -120,6 +121,16 @@ def test_a_cluster(scheduler):
     engine = DaskEngine(operator.call, scheduler)
     assert engine.workers == 2
     assert made(engine, RUNS) == expected(RUNS)
+    engine.close()
+
+
+def test_short_runs_share_a_task_and_a_long_one_has_its_own(scheduler):
+    engine = DaskEngine(operator.call, scheduler)
+    assert engine.room == 2 * QUEUED
+    assert made(engine, RUNS) == expected(RUNS)
+    assert engine.room > 2 * QUEUED
+    made(engine, [functools.partial(time.sleep, 2 * TASK_S)])
+    assert engine.room == 2 * QUEUED
     engine.close()
 
 

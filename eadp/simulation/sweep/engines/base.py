@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +17,17 @@ from eadp.simulation.sweep.design import Result, Run
 
 Make = Callable[[Run], Result]
 
-QUEUED = 2
-"""Runs held for each worker: the current one and the next."""
+Done = tuple[list[Result], float]
+"""Results of the runs of one task, and the time that they took [s]."""
+
+QUEUED = 8
+"""Tasks held for each worker: the current one and those that it makes meanwhile."""
+
+GATHER_S = 0.03
+"""Time in which finished runs are gathered, to be stored together [s]."""
+
+TASK_S = 0.5
+"""Time that the runs of a task shall take [s]."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +40,7 @@ class EngineOptions:
 
 
 class QueueEngine:
-    """Base of engines whose runs are futures.
+    """Base of engines whose tasks, of one run or of several short ones, are futures.
 
     Runs whose worker died are made again one by one; a run whose worker then dies too is given back with None.
 
@@ -39,9 +49,13 @@ class QueueEngine:
     """
 
     workers: int
+    largest_task = 1
+    """Most runs of a task."""
 
     def __init__(self) -> None:
-        self._under_way: dict[Any, Run] = {}
+        self._size = 1
+        self._next_task: list[Run] = []
+        self._under_way: dict[Any, list[Run]] = {}
         self._suspects: deque[Run] = deque()
         self._done: SimpleQueue[Any] = SimpleQueue()
         self._broken = False
@@ -49,48 +63,73 @@ class QueueEngine:
     @property
     def room(self) -> int:
         """The number of runs that it takes now."""
-        return 0 if self._suspects else QUEUED * self.workers - len(self._under_way)
+        tasks = QUEUED * self.workers - len(self._under_way)
+        return 0 if self._suspects else tasks * self._size - len(self._next_task)
 
     @property
     def busy(self) -> int:
         """The number of runs taken and not given back."""
-        return len(self._under_way) + len(self._suspects)
+        return sum(map(len, self._under_way.values())) + len(self._next_task) + len(self._suspects)
 
     def submit(self, run: Run) -> None:
         """Take a run."""
-        future = self._send(run)
-        self._under_way[future] = run
+        self._next_task.append(run)
+        if len(self._next_task) >= self._size:
+            self._start_task()
+
+    def _start_task(self) -> None:
+        runs, self._next_task = self._next_task, []
+        future = self._send(runs)
+        self._under_way[future] = runs
         future.add_done_callback(self._done.put)
 
     def finished(self) -> list[tuple[Run, Result | None]]:
         """Wait for runs; the list is empty if all those that ended lost their worker."""
+        if self._next_task:  # the last runs
+            self._start_task()
         alone = not self._under_way
         if alone:
             self._recover()
+            self._size = 1
             self.submit(self._suspects.popleft())
-        results = [self._next()]
+        results = self._ended()
+        if self._under_way:
+            time.sleep(GATHER_S)
         while not self._done.empty() or (self._broken and self._under_way):
-            results.append(self._next())
+            results += self._ended()
         self._recover()
         if alone:
             return results
         self._suspects.extend(run for run, result in results if result is None)
         return [(run, result) for run, result in results if result is not None]
 
-    def _next(self) -> tuple[Run, Result | None]:
+    def _ended(self) -> list[tuple[Run, Result | None]]:
+        """The runs of a task; the size of those to come by the time that it took."""
         future = self._done.get()
-        return self._under_way.pop(future), self._result(future)
+        runs, done = self._under_way.pop(future), self._result(future)
+        if done is None:
+            return [(run, None) for run in runs]
+        results, took_s = done
+        self._size = max(1, int(min(TASK_S * len(runs) / max(took_s, 1e-9), self.largest_task)))
+        return [*zip(runs, results, strict=True)]
 
-    def _send(self, run: Run) -> Any:
-        """A future of a run's result."""
+    def _send(self, runs: list[Run]) -> Any:
+        """A future of the results of runs, as `make_task` gives them."""
         raise NotImplementedError
 
-    def _result(self, future: Any) -> Result | None:
-        """The result of a future that is done; None if its worker died."""
+    def _result(self, future: Any) -> Done | None:
+        """The results of a future that is done; None if its worker died."""
         raise NotImplementedError
 
     def _recover(self) -> None:
         """Replace broken workers."""
+
+
+def make_task(make: Make, runs: list[Run]) -> Done:
+    """Make the runs of a task, in a worker."""
+    start_s = time.perf_counter()
+    results = [make(run) for run in runs]
+    return results, time.perf_counter() - start_s
 
 
 def first_line(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
@@ -9,11 +10,14 @@ from typing import Any
 
 from eadp import __version__
 from eadp.errors import EadpError, InputError
-from eadp.simulation.sweep.design import Result, Run
-from eadp.simulation.sweep.engines.base import EngineOptions, Make, QueueEngine, first_line
+from eadp.simulation.sweep.design import Run
+from eadp.simulation.sweep.engines.base import Done, EngineOptions, Make, QueueEngine, first_line, make_task
 
 CLUSTER_WAIT_S = 10
 """Longest time for a Dask scheduler to answer [s]."""
+
+WORKERS_S = 1.0
+"""Time between two questions for the number of its workers [s]."""
 
 
 class DaskEngine(QueueEngine):
@@ -22,6 +26,9 @@ class DaskEngine(QueueEngine):
     Dask gives up a run that was held when several workers died, whether or not it was the one they died of: it is made
     again with no other under way.
     """
+
+    largest_task = 100
+    """A task costs client and scheduler 9 ms."""
 
     def __init__(self, make: Make, address: str) -> None:
         super().__init__()
@@ -36,6 +43,7 @@ class DaskEngine(QueueEngine):
             what = f"no scheduler answers: {first_line(error)}"
             raise InputError.at("--scheduler", 1, 1, what, "the address of a running dask scheduler", address) from None
         self._address = address
+        self._threads, self._asked_s = 0, -WORKERS_S
         with self._connection_errors():
             # the result of a task and not scattered data: computed anew where the worker that holds it is lost
             self._make = self._client.submit(_same, make, pure=False)
@@ -47,21 +55,24 @@ class DaskEngine(QueueEngine):
 
     @property
     def workers(self) -> int:  # type: ignore[override]
-        """The number of threads of all workers that the scheduler has now, 1 or more."""
-        with self._connection_errors():
-            return max(1, int(sum(self._client.nthreads().values())))
+        """The number of threads of all workers that the scheduler has, 1 or more; not older than `WORKERS_S`."""
+        if time.monotonic() >= self._asked_s + WORKERS_S:
+            with self._connection_errors():
+                self._threads = int(sum(self._client.nthreads().values()))
+            self._asked_s = time.monotonic()
+        return max(1, self._threads)
 
-    def _send(self, run: Run) -> Any:
+    def _send(self, runs: list[Run]) -> Any:
         with self._connection_errors():
-            return self._client.submit(_call, self._make, run, pure=False)
+            return self._client.submit(make_task, self._make, runs, pure=False)
 
-    def _result(self, future: Any) -> Result | None:
+    def _result(self, future: Any) -> Done | None:
         from distributed import KilledWorker
 
         with self._connection_errors():
             try:
-                result: Result = future.result()
-                return result
+                done: Done = future.result()
+                return done
             except KilledWorker:
                 return None
             except (OSError, CancelledError):
@@ -89,7 +100,3 @@ class DaskEngine(QueueEngine):
 
 def _same(make: Make) -> Make:
     return make
-
-
-def _call(make: Make, run: Run) -> Result:
-    return make(run)

@@ -12,8 +12,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from eadp.simulation.sweep.design import Result, Run
-from eadp.simulation.sweep.engines.base import EngineOptions, Make, QueueEngine
+from eadp.simulation.sweep.design import Run
+from eadp.simulation.sweep.engines.base import Done, EngineOptions, Make, QueueEngine, make_task
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -28,7 +28,11 @@ def cores() -> int:
 
 
 class PoolEngine(QueueEngine):
-    """A pool of processes. They end with this one, however it ends."""
+    """A pool of processes. They end with this one, however it ends.
+
+    A task is one run: a process may end at any moment, and of a result longer than a pipe takes at once it would leave
+    a part, on whose rest the reader would wait for ever.
+    """
 
     def __init__(self, make: Make, jobs: int) -> None:
         super().__init__()
@@ -50,20 +54,20 @@ class PoolEngine(QueueEngine):
             self.workers, mp_context=context, initializer=_start_worker, initargs=(self._make, self._worker_end)
         )
 
-    def submit(self, run: Run) -> None:
-        """Take a run."""
+    def _start_task(self) -> None:
+        runs = self._next_task
         try:
             # processes are started here, and inherit the mask: Ctrl-C is this process's to handle
             with _signals_held():
-                super().submit(run)
+                super()._start_task()
         except BrokenProcessPool:
             self._broken = True
-            self._suspects.append(run)
+            self._suspects.extend(runs)
 
-    def _send(self, run: Run) -> Future[Result]:
-        return self._executor.submit(_work, run)
+    def _send(self, runs: list[Run]) -> Future[Done]:
+        return self._executor.submit(_work, runs)
 
-    def _result(self, future: Future[Result]) -> Result | None:
+    def _result(self, future: Future[Done]) -> Done | None:
         try:
             return future.result()
         except BrokenProcessPool:  # a broken pool gives back all its runs at once
@@ -110,6 +114,6 @@ def _end_with(line: Connection) -> None:
     os._exit(0)
 
 
-def _work(run: Run) -> Result:
+def _work(runs: list[Run]) -> Done:
     assert _make is not None
-    return _make(run)
+    return make_task(_make, runs)
