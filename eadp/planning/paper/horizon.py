@@ -141,6 +141,8 @@ class HorizonSolution(NamedTuple):
     ----------
     chosen : array, shape (M, σ)
         Levels at each step.
+    chosen_w : array, shape (M,)
+        Their power [W].
     power_w : array, shape (M,)
         Power of the QP's solution at each step [W].
     objective, bound : float
@@ -154,6 +156,7 @@ class HorizonSolution(NamedTuple):
     """
 
     chosen: FloatArray
+    chosen_w: FloatArray
     power_w: FloatArray
     objective: float
     bound: float
@@ -399,7 +402,8 @@ class Horizon:
         objective = float(table.value.take(self._at + made).sum())
         bound = _bound(multipliers, table, forecast.soc)
         limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
-        return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None, limit)
+        chosen, chosen_w = self.choices[made], self.powers_w[made]
+        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept is not None, limit)
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """Limit of the battery's power that the levels of minimum power exceed."""

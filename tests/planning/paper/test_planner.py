@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.core import compiled
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
@@ -15,7 +16,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _matrix_fault
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting, _matrix_fault
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
@@ -105,4 +106,18 @@ def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, s
 @pytest.mark.parametrize(("spare", "time_s"), [(0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 4.0), (5.5, 5.25), (9.0, 6.0)])
 def test_where_a_sum_crosses_a_value(spare, time_s):
     """After 2, 4 and 6 s the sum is 1, 3 and 7: linear between, and held after."""
-    assert _crossing_s(np.array([1.0, 3.0, 7.0]), spare, 2.0) == pytest.approx(time_s)
+    assert _crossing_s([1.0, 3.0, 7.0], 0, 0.0, spare, 2.0) == pytest.approx(time_s)
+
+
+@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+@pytest.mark.parametrize("seed", range(20))
+def test_a_charge_lasts_as_long_compiled_as_plain(seed):
+    rng = np.random.default_rng(seed)
+    motion, plan = rng.normal(3.0, 4.0, 50), rng.uniform(0.0, 10.0, 6)
+    rest = (rng.normal(), 6, 1, 1.0, 10 ** rng.uniform(-4, 0), 14.8, 0.05, rng.choice([17.0, 1095.0]), 1e-4)
+    compiled.enable()
+    try:
+        lasting = compiled.jitted(_lasting, _crossing_s)(motion, plan, *rest)
+    finally:
+        compiled.enable(False)
+    assert lasting == _lasting(motion.tolist(), plan.tolist(), *rest)
