@@ -148,6 +148,9 @@ class PaperPlanner(TrackingPlanner):
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._times = _coverage_times_s(own, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
+        times_s = self._times or (0.0, 0.0)
+        self._scalings = [path_scaling(box.lo, box.hi, *times_s, self._rho) for box in self._boxes]
+        self._deltas: dict[int, float] = {}
         self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
         self._flown_path = mission.parameters[: self._rho]
         self._computing_plan_w: FloatArray = np.zeros(0)
@@ -350,8 +353,7 @@ class PaperPlanner(TrackingPlanner):
         """û = ν c + τ of a path parameter [s]; 0 if no path parameter is free."""
         if self._times is None:
             return 0.0
-        box = self._boxes[index]
-        nu, tau = path_scaling(box.lo, box.hi, *self._times, self._rho)
+        nu, tau = self._scalings[index]
         return nu * value + tau
 
     def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
@@ -427,11 +429,11 @@ class PaperPlanner(TrackingPlanner):
 
     def _delta(self, index: int) -> float:
         """δ of a parameter: the settings', else a tenth of its set (a path) or one step (a computation)."""
-        own = self._own.delta.get(self._mission.plan.names[index])
-        if own is not None:
-            return own
-        box = self._mission.plan.hull(index)
-        return (box.hi - box.lo) / 10 if index < self._rho else 1.0
+        if index not in self._deltas:
+            box = self._mission.plan.hull(index)
+            default = (box.hi - box.lo) / 10 if index < self._rho else 1.0
+            self._deltas[index] = self._own.delta.get(self._mission.plan.names[index], default)
+        return self._deltas[index]
 
     def _coverage_s(self, parameters: Vector) -> float:
         """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
