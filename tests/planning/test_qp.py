@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import osqp
 import pytest
@@ -28,6 +26,14 @@ def quiet(capfd):
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err == ""
+
+
+@pytest.fixture(autouse=True, params=["arrays", "loops"])
+def form(request, monkeypatch):
+    """Both forms of the checks; the loops as plain Python."""
+    if request.param == "loops":
+        monkeypatch.setattr(qp, "_fault", qp.fault_of)
+        monkeypatch.setattr(qp, "_is_optimal", qp.is_optimal)
 
 
 def box(columns=2, proximal=PROXIMAL, report=None):
@@ -186,10 +192,8 @@ def test_only_solved_is_a_solution(status, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     good = program.solve(*box_data())
-    info = SimpleNamespace(status_val=status, status=status.name, iter=1)
-    monkeypatch.setattr(
-        osqp.OSQP, "solve", lambda solver, raise_error: SimpleNamespace(x=good.x, y=good.multipliers, info=info)
-    )
+    run = qp.OsqpRun(good.x, good.multipliers, status, status.name, 1)
+    monkeypatch.setattr(qp.OsqpSolver, "run", lambda solver, start: run)
     if status.name == "OSQP_SOLVED":
         assert program.solve(*box_data()).x == pytest.approx(good.x)
         return
@@ -203,7 +207,7 @@ def test_what_is_called_solved_is_verified(broken, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     with monkeypatch.context() as patch:
-        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        patch.setattr(qp.OsqpSolver, "run", BROKEN[broken])
         with pytest.raises(SolverFailed):
             program.solve(*box_data())
     assert (report.calls, report.solved, report.retried, report.failed) == (2, 0, 1, 2)

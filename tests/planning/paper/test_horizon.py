@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import osqp
 import pytest
 from branch_and_bound import best_levels
 from broken_osqp import BROKEN
@@ -24,6 +23,7 @@ from eadp.planning.base import SolverReport
 from eadp.planning.paper import horizon as horizon_module
 from eadp.planning.paper import kernels
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.qp import OsqpSolver
 
 EXACT = 1e-9
 WITHIN_W = 2e-6
@@ -549,7 +549,7 @@ def test_a_solver_that_is_broken_is_a_failure(broken, monkeypatch):
     found, report = easy(), SolverReport()
     horizon = found.horizon(report)
     with monkeypatch.context() as patch:
-        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        patch.setattr(OsqpSolver, "run", BROKEN[broken])
         with pytest.raises(SolverFailed):
             horizon.solve(found.forecast)
     assert (report.calls, report.failed, report.retried) == (2, 2, 1)
