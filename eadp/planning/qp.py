@@ -151,7 +151,7 @@ class QuadraticProgram:
         self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
         self._solver: OsqpSolver | None = None
-        self._entries: FloatArray = np.zeros(0)
+        self._entries = b""
         self._fault: Callable[..., int] = _fault
         self._optimal: Callable[..., bool] = _is_optimal
         if compiled.enabled():
@@ -228,14 +228,13 @@ class QuadraticProgram:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
+        before, self._entries = self._entries, entries.tobytes()
         if self._solver is None:
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
             tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
             self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
         else:
-            changed = not np.array_equal(entries, self._entries)
-            self._solver.update(linear, lower, upper, entries if changed else None)
-        self._entries = entries
+            self._solver.update(linear, lower, upper, None if self._entries == before else entries)
         return self._solver.run(centre)
 
 

@@ -58,6 +58,9 @@ PROXIMAL = 1e-5
 OPTIMAL = 1e-6
 """Relative distance to the bound below which the last solution is proven to be optimal still."""
 
+LAST_MULTIPLIER = np.zeros(1)
+"""Multiplier of the step that a horizon gains at its end."""
+
 CHOICES = 4096
 """Maximum number of combinations of levels; above it, every second level of the longest list is dropped."""
 
@@ -106,8 +109,7 @@ class HorizonCost:
     terminal_weight: float = 0.0
 
 
-@dataclass(frozen=True)
-class HorizonForecast:
+class HorizonForecast(NamedTuple):
     """Forecast of motion power and charge over the horizon.
 
     Parameters
@@ -172,7 +174,8 @@ class _Table(NamedTuple):
     """Every choice at every step: value, charge that it takes, and power limit; arrays of shape (M, J).
 
     `limit` is the state of charge that the power of a choice requires. `deliverable`: the battery delivers all powers.
-    `spare`, of shape (M,), is the charge that minimum power leaves above its limit. `finite`: all of it is.
+    `spare`, of shape (M,), is the charge that minimum power leaves above its limit, `least` its minimum: NaN if any of
+    this is not finite.
     """
 
     value: FloatArray
@@ -180,7 +183,7 @@ class _Table(NamedTuple):
     limit: FloatArray
     deliverable: bool
     spare: FloatArray
-    finite: bool
+    least: float
 
 
 class _Shape(NamedTuple):
@@ -342,7 +345,8 @@ class Horizon:
             drop[power > self._delivered_w] = UNDELIVERABLE
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
         spare = forecast.soc - drop[:, 0].cumsum() - limit[:, 0]
-        return _Table(values, drop, limit, deliverable, spare, math.isfinite(forecast.soc + limit.sum() + drop.sum()))
+        finite = math.isfinite(forecast.soc + limit.sum() + drop.sum())
+        return _Table(values, drop, limit, deliverable, spare, float(spare.min()) if finite else math.nan)
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
         """l of each choice at each step, with l_f at the last."""
@@ -398,9 +402,9 @@ class Horizon:
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
         table = self.table(forecast)
-        if not table.finite:
+        if math.isnan(table.least):
             raise SolverFailed("a forecast that is not finite")
-        if table.spare.min() < 0:
+        if table.least < 0:
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
         shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
         mixture = self._mixture(table, shape.straight)
@@ -489,10 +493,15 @@ class Horizon:
         else:
             scaled = self._scaled(mixture, table)
         last = self._shifted(mixture)
-        centre = np.zeros(size) if last is None else last[0] / scaled.reach
-        solution = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
-        multipliers = np.maximum(solution.multipliers[size:], 0.0) * (scaled.largest / scaled.units)
-        return np.clip(solution.x * scaled.reach, 0.0, 1.0), multipliers, solution.iterations
+        centre = np.zeros(size) if last is None else last / scaled.reach
+        x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
+        if self._kernels:
+            return *self._kernels.unscaled(x, y, *scaled[2:]), iterations
+        return (
+            np.clip(x * scaled.reach, 0.0, 1.0),
+            np.maximum(y[size:], 0.0) * (scaled.largest / scaled.units),
+            iterations,
+        )
 
     def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
         """The data of the QP: each variable is scaled by its reach, each row then by its largest entry."""
@@ -506,27 +515,27 @@ class Horizon:
         upper = np.concatenate([1.0 / reach, table.spare / units])
         return _Scaled(gain / -largest, upper, reach, units, largest)
 
-    def _shifted(self, mixture: _Mixture) -> tuple[FloatArray, FloatArray] | None:
-        """The last solution and its multipliers, a step later; None if it mixed other levels."""
+    def _shifted(self, mixture: _Mixture) -> FloatArray | None:
+        """The last solution, a step later; None if it mixed other levels."""
         if self._last is None or self._last[0] is not mixture or not mixture.shifts:
             return None
-        _, z, multipliers = self._last
-        return z[mixture.later], np.append(multipliers[1:], 0.0)
+        return self._last[1].take(mixture.later)
 
     def _kept(self, mixture: _Mixture, table: _Table, soc: float) -> tuple[FloatArray, FloatArray] | None:
         """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
-        last = self._shifted(mixture)
-        if last is None:
+        z = self._shifted(mixture)
+        if z is None or self._last is None:
             return None
+        multipliers = np.concatenate([self._last[2][1:], LAST_MULTIPLIER])
         if self._kernels:
             variables = mixture.step, mixture.low, mixture.high
-            feasible, value, bound = self._kernels.proven(*last, *variables, *table[:3], table.spare, soc)
+            feasible, value, bound = self._kernels.proven(z, multipliers, *variables, *table[:3], table.spare, soc)
         else:
             problem = mixture.problem(table)
-            feasible = not (problem.rows @ last[0] > table.spare).any()
-            value = float(table.value[:, 0].sum()) + float(problem.gain @ last[0])
-            bound = _bound(last[1], table, soc) if feasible else math.inf
-        return last if feasible and bound - value <= OPTIMAL * abs(bound) else None
+            feasible = not (problem.rows @ z > table.spare).any()
+            value = float(table.value[:, 0].sum()) + float(problem.gain @ z)
+            bound = _bound(multipliers, table, soc) if feasible else math.inf
+        return (z, multipliers) if feasible and bound - value <= OPTIMAL * abs(bound) else None
 
     def _rounded(self, power_w: FloatArray, table: _Table, rising: bool, soc: float) -> IntArray:
         """The best choice of each step within the QP's power, verified.

@@ -33,11 +33,13 @@ NO_LIMIT, BATTERYS, LETTERS = 0, 1, 2
 
 
 class Kernels(NamedTuple):
-    """The four that `Horizon` calls."""
+    """Those that are called."""
 
+    stepped: Callable[..., Any]
     tabled: Callable[..., Any]
     proven: Callable[..., Any]
     scaled: Callable[..., Any]
+    unscaled: Callable[..., Any]
     levels_of: Callable[..., Any]
 
 
@@ -46,11 +48,26 @@ def kernels() -> Kernels | None:
     if not compiled.enabled():
         return None
     return Kernels(
+        compiled.jitted(stepped),
         compiled.jitted(tabled),
         compiled.jitted(proven, bound_of),
         compiled.jitted(scaled),
+        compiled.jitted(unscaled),
         compiled.jitted(levels_of, bound_of, rounded, best_of, violated_by, raised, in_order),
     )
+
+
+def stepped(motion_w: FloatArray, steps: int, worst: bool) -> tuple[FloatArray, FloatArray]:
+    """Motion power that limits each step, its largest or that at its end, and its mean, 0 or more [W]."""
+    limit, mean, each = np.empty(steps), np.zeros(steps), len(motion_w) // steps
+    for m in range(steps):
+        limit[m] = motion_w[m * each + each - 1]
+        for k in range(m * each, m * each + each):
+            mean[m] += motion_w[k]
+            if worst and not motion_w[k] <= limit[m]:
+                limit[m] = motion_w[k]
+        mean[m] = max(mean[m] / each, 0.0)
+    return limit, mean
 
 
 def tabled(
@@ -64,11 +81,11 @@ def tabled(
     per_as: float,
     delivered_w: float,
     power_per_soc_w: float,
-) -> tuple[FloatArray, FloatArray, bool, FloatArray, bool]:
-    """Use of charge, limit, whether all powers are delivered, spare charge of the lowest, whether all is finite."""
+) -> tuple[FloatArray, FloatArray, bool, FloatArray, float]:
+    """Use of charge, limit, whether all powers are delivered, and the charge that the lowest leaves; its least."""
     steps, count = len(mean_motion_w), len(powers_w)
     drop, limit, spare = np.empty((steps, count)), np.empty((steps, count)), np.empty(steps)
-    deliverable, total, left = True, soc, soc
+    deliverable, total, left, least = True, soc, soc, math.inf
     for m in range(steps):
         for j in range(count):
             power_w = mean_motion_w[m] + powers_w[j]
@@ -80,7 +97,8 @@ def tabled(
             total += drop[m, j] + limit[m, j]
         left -= drop[m, 0]
         spare[m] = left - limit[m, 0]
-    return drop, limit, deliverable, spare, math.isfinite(total)
+        least = min(least, spare[m])
+    return drop, limit, deliverable, spare, least if math.isfinite(total) else math.nan
 
 
 def bound_of(multipliers: FloatArray, value: FloatArray, drop: FloatArray, limit: FloatArray, soc: float) -> float:
@@ -160,6 +178,18 @@ def scaled(
                 break
             matrix[size + m, v] /= units[m]
     return gradient / -largest, upper, reach, units, largest
+
+
+def unscaled(
+    x: FloatArray, y: FloatArray, reach: FloatArray, units: FloatArray, largest: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mixtures and multipliers of a solution of the QP."""
+    z, multipliers = np.empty(len(reach)), np.empty(len(units))
+    for v in range(len(z)):
+        z[v] = min(max(x[v] * reach[v], 0.0), 1.0)
+    for m in range(len(units)):
+        multipliers[m] = max(y[len(z) + m], 0.0) * (largest / units[m])
+    return z, multipliers
 
 
 def levels_of(

@@ -41,6 +41,7 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.paper.kernels import kernels
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
@@ -160,7 +161,7 @@ class PaperPlanner(TrackingPlanner):
         self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
         self._delivered_w: dict[float, float] = {}
         self._lasting_s: dict[float, float] = {}
-        self._compiled, self._lasting = compiled.enabled(), compiled.jitted(_lasting, _crossing_s)
+        self._kernels, self._lasting = kernels(), compiled.jitted(_lasting, _crossing_s)
 
     @classmethod
     def faults(
@@ -360,9 +361,13 @@ class PaperPlanner(TrackingPlanner):
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
-        motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
-        limit = motion.max(axis=1) if self._own.constraint_at == "worst" else motion[:, -1]
-        mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
+        motion, worst = self._estimator.forecast(self._instants_s), self._own.constraint_at == "worst"
+        if self._kernels:
+            limit, mean = self._kernels.stepped(motion, steps, worst)
+        else:
+            motion = motion.reshape(steps, SAMPLES_PER_STEP)
+            limit = motion.max(axis=1) if worst else motion[:, -1]
+            mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
 
     # --- path
@@ -486,8 +491,8 @@ class PaperPlanner(TrackingPlanner):
             self._ahead_s = np.arange(0.5, count) * step_s
         motion_w, computing_w = self._estimator.forecast(self._ahead_s), self._computing_plan_w
         return self._lasting(
-            motion_w if self._compiled else motion_w.tolist(),
-            computing_w if self._compiled else computing_w.tolist(),
+            motion_w if self._kernels else motion_w.tolist(),
+            computing_w if self._kernels else computing_w.tolist(),
             self._gained_w(parameters[: self._rho], self._flown_path),
             head,
             max(1, round(every_s / step_s)),

@@ -44,7 +44,7 @@ def quiet(capfd):
 def form(request, monkeypatch):
     """Both forms of what is done with arrays; the loops as plain Python."""
     if request.param == "loops":
-        loops = kernels.Kernels(kernels.tabled, kernels.proven, kernels.scaled, kernels.levels_of)
+        loops = kernels.Kernels(**{name: getattr(kernels, name) for name in kernels.Kernels._fields})
         monkeypatch.setattr(horizon_module, "kernels", lambda: loops)
 
 
