@@ -487,11 +487,7 @@ class Horizon:
         size = mixture.size
         if mixture.program is None:
             return np.zeros(0), np.zeros(self._steps), 0
-        if self._kernels:
-            variables = mixture.step, mixture.low, mixture.high
-            scaled = _Scaled(*self._kernels.scaled(*variables, *table[:3], table.spare, mixture.matrix))
-        else:
-            scaled = self._scaled(mixture, table)
+        scaled = self._scaled(mixture, table)
         last = self._shifted(mixture)
         centre = np.zeros(size) if last is None else last / scaled.reach
         x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
@@ -505,6 +501,9 @@ class Horizon:
 
     def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
         """The data of the QP: each variable is scaled by its reach, each row then by its largest entry."""
+        if self._kernels:
+            variables = mixture.step, mixture.low, mixture.high
+            return _Scaled(*self._kernels.scaled(*variables, *table[:3], table.spare, mixture.matrix))
         problem = mixture.problem(table)
         reach = _reach(problem.rows, table.spare)
         rows = problem.rows * reach
