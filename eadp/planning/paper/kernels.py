@@ -57,15 +57,20 @@ def kernels() -> Kernels | None:
     )
 
 
-def stepped(motion_w: FloatArray, steps: int, worst: bool) -> tuple[FloatArray, FloatArray]:
-    """Motion power that limits each step, its largest or that at its end, and its mean, 0 or more [W]."""
-    limit, mean, each = np.empty(steps), np.zeros(steps), len(motion_w) // steps
+def stepped(rows: FloatArray, state: FloatArray, steps: int, worst: bool) -> tuple[FloatArray, FloatArray]:
+    """Motion power that limits each step, its largest or that at its end, and its mean, 0 or more [W].
+
+    `rows`, of shape (M n, m), read the power at n instants of each step off the state, of shape (m,).
+    """
+    limit, mean, each = np.full(steps, -math.inf), np.zeros(steps), len(rows) // steps
     for m in range(steps):
-        limit[m] = motion_w[m * each + each - 1]
         for k in range(m * each, m * each + each):
-            mean[m] += motion_w[k]
-            if worst and not motion_w[k] <= limit[m]:
-                limit[m] = motion_w[k]
+            motion_w = 0.0
+            for i in range(len(state)):
+                motion_w += rows[k, i] * state[i]
+            mean[m] += motion_w
+            if not worst or not motion_w <= limit[m]:
+                limit[m] = motion_w
         mean[m] = max(mean[m] / each, 0.0)
     return limit, mean
 

@@ -157,6 +157,8 @@ class PaperPlanner(TrackingPlanner):
         self._computing_plan_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
         self._ahead_s: FloatArray = np.zeros(0)
+        self._rows_of: tuple[float | None, ...] = ()
+        self._rows: FloatArray = np.zeros((0, 0))
         stages = mission.plan.stages
         self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
         self._delivered_w: dict[float, float] = {}
@@ -361,11 +363,15 @@ class PaperPlanner(TrackingPlanner):
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
-        motion, worst = self._estimator.forecast(self._instants_s), self._own.constraint_at == "worst"
+        worst = self._own.constraint_at == "worst"
         if self._kernels:
-            limit, mean = self._kernels.stepped(motion, steps, worst)
+            known = self._estimator.estimate(0.0, 0.0)
+            key = known.period_s, known.disturbance_s, len(known.state), steps
+            if key != self._rows_of:
+                self._rows_of, self._rows = key, known.power_rows(self._instants_s)
+            limit, mean = self._kernels.stepped(self._rows, known.state, steps, worst)
         else:
-            motion = motion.reshape(steps, SAMPLES_PER_STEP)
+            motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
             limit = motion.max(axis=1) if worst else motion[:, -1]
             mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)

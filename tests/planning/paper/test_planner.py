@@ -13,9 +13,12 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Mission, Observation, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.paper import kernels
+from eadp.planning.paper import planner as planner_module
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting, _matrix_fault
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -121,3 +124,20 @@ def test_a_charge_lasts_as_long_compiled_as_plain(seed):
     finally:
         compiled.enable(False)
     assert lasting == _lasting(motion.tolist(), plan.tolist(), *rest)
+
+
+@pytest.mark.parametrize("kind", ["exact", "published"])
+@pytest.mark.parametrize("at", ["end", "worst"])
+def test_a_horizons_forecast_in_loops_is_that_of_arrays(at, kind, monkeypatch):
+    own, rng = PaperSettings(constraint_at=at), np.random.default_rng(5)
+    loops = kernels.Kernels(**{name: getattr(kernels, name) for name in kernels.Kernels._fields})
+    o = Observation(30.0, 0.0, 0.0, PlanCursor.start(PLAN, (0.0, 10.0)), (-100.0, 220.0), 1, None, 0.8)
+    found = []
+    powers = 30.0 + rng.normal(size=300)
+    for form in (None, loops):
+        monkeypatch.setattr(planner_module, "kernels", lambda form=form: form)
+        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(kind=kind), MISSION, own)
+        pilot._estimator.observe_batch([0.1 * i for i in range(300)], powers.tolist())
+        found.append(pilot._horizon_forecast(o, 6))
+    assert found[1].limit_motion_w == pytest.approx(found[0].limit_motion_w, rel=1e-12)
+    assert found[1].mean_motion_w == pytest.approx(found[0].mean_motion_w, rel=1e-12)
