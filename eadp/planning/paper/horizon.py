@@ -459,7 +459,9 @@ class Horizon:
         return self._named(LETTERS if short.any() else NO_LIMIT)
 
     def _named(self, limit: int) -> str | None:
-        return (None, self._battery.limit_at(self._battery.voltage_v), LETTER)[limit]
+        if limit == BATTERYS:
+            return self._battery.limit_at(self._battery.voltage_v)
+        return LETTER if limit == LETTERS else None
 
     def _shape_of(self, value: FloatArray) -> _Shape:
         p = self.powers_w

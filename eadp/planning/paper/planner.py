@@ -17,6 +17,7 @@ from eadp.core.bounds import Finite, NotNegative, Positive
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.plan.cursor import Vector
+from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.planning.base import (
     FALLBACK,
@@ -160,6 +161,9 @@ class PaperPlanner(TrackingPlanner):
         self._rows_of: tuple[float | None, ...] = ()
         self._rows: FloatArray = np.zeros((0, 0))
         stages = mission.plan.stages
+        # a number for the computations' sets of each stage: equal sets have one horizon
+        numbers: dict[tuple[Box, ...], int] = {}
+        self._computation_sets = [numbers.setdefault(x.sets[self._rho :], len(numbers)) for x in stages]
         self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
         self._delivered_w: dict[float, float] = {}
         self._lasting_s: dict[float, float] = {}
@@ -257,6 +261,8 @@ class PaperPlanner(TrackingPlanner):
             self._flown_path = path
 
     def _gained_w(self, path: Vector, before: Vector) -> float:
+        if path == before or not any(self._gains):
+            return 0.0
         return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, before, strict=False))
 
     def _started(self, o: Observation) -> bool:
@@ -270,13 +276,13 @@ class PaperPlanner(TrackingPlanner):
     def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, _Outcome]:
         """Parameters with new computations, and the outcome; sets their power over the horizon."""
         sets = self._mission.plan.stages[o.stage - 1].sets
-        free = self._free[o.stage - 1]
-        steps = self._steps()
+        free, steps = self._free[o.stage - 1], self._steps()
         if not free:
             self._computing_plan_w = np.full(steps, self._computing_w)
             return decided, _Outcome(NOTHING_TO_CHOOSE, "nothing to choose")
         horizon = self._horizon(o, free, steps, decided[: self._rho])
-        values, powers, outcome = self._solved(horizon, o, [decided[i] for i in free], free)
+        forecast = self._horizon_forecast(o, steps)
+        values, powers, outcome = self._solved(horizon, forecast, [decided[i] for i in free], free)
         chosen = list(decided)
         for i, value in zip(free, values or [sets[i].lo for i in free], strict=True):
             chosen[i] = value
@@ -286,10 +292,9 @@ class PaperPlanner(TrackingPlanner):
         return tuple(chosen), outcome
 
     def _solved(
-        self, horizon: Horizon, o: Observation, now: list[float], free: list[int]
+        self, horizon: Horizon, forecast: HorizonForecast, now: list[float], free: list[int]
     ) -> tuple[list[float] | None, FloatArray | None, _Outcome]:
         """Computations of the first step, None for their minimum, power of each step [W], None if equal; outcome."""
-        forecast = self._horizon_forecast(o, self._steps())
         try:
             solution = horizon.solve(forecast)
         except Infeasible as error:
@@ -316,9 +321,9 @@ class PaperPlanner(TrackingPlanner):
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
         plan, own = self._mission.plan, self._own
         sets = plan.stages[o.stage - 1].sets
-        paths = {o.parameters[: self._rho], path} if own.trade_offs else set()
+        paths = frozenset({o.parameters[: self._rho], path} if own.trade_offs else ())
         battery = self._mission.battery.near(o.soc)
-        key = (steps, frozenset(paths), battery.voltage_v, sets[self._rho :])
+        key = (steps, battery.voltage_v, paths, self._computation_sets[o.stage - 1])
         if key not in self._horizons:
             base = [*o.parameters[: self._rho], *(box.lo for box in sets[self._rho :])]
 
