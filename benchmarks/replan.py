@@ -340,7 +340,7 @@ def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
             ours.solve(observation)
             spent["all"].append(time.perf_counter() - started)
             (mixture,) = ours._horizon._mixtures.values()
-            spent["OSQP's C, of it"].append(mixture.program._solver._extension.info.run_time)
+            spent["of it OSQP's solve in C"].append(mixture.program._solver._extension.info.solve_time)
     each = {name: 1e6 * float(np.median(times)) for name, times in spent.items()}
     each["the rest"] = each["all"] - sum(each[name] for name in PARTS)
     return each

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import osqp
 import pytest
@@ -185,6 +187,17 @@ def test_a_failed_run_is_repeated_once_and_counted(monkeypatch):
     with pytest.raises(SolverFailed, match="iterations"):
         program.solve(*data)
     assert (report.calls, report.solved, report.retried, report.failed) == (4, 1, 2, 3)
+
+
+def test_data_that_osqp_refuses_are_a_failed_run():
+    """A code is all that its extension gives; it keeps the old data."""
+    report = SolverReport()
+    program = box(report=report)
+    program.solve(*box_data())
+    program._solver._extension = SimpleNamespace(update_data_vec=lambda **_: 1)
+    assert program.solve(*box_data((-3.0, -2.0))).x == pytest.approx([1.0, 0.5], abs=FEASIBLE)
+    assert report.by_status == {"solved": 2, "SolverFailed": 1}
+    assert (report.calls, report.failed, report.retried) == (3, 1, 1)
 
 
 @pytest.mark.parametrize("status", STATUSES, ids=[status.name for status in STATUSES])
