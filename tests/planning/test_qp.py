@@ -195,8 +195,8 @@ def test_data_that_osqp_refuses_are_a_failed_run():
     program = box(report=report)
     program.solve(*box_data())
     program._solver._extension = SimpleNamespace(update_data_vec=lambda **_: 1)
-    data = box_data((-3.0, -2.0))
-    assert kkt_residual(qp.RETRY_PROXIMAL[0] * PROXIMAL, *data, program.solve(*data).x) < KKT
+    # the repetition has ε = 10, and finds −g/ε
+    assert program.solve(*box_data((-3.0, -2.0))).x == pytest.approx([0.3, 0.2], abs=FEASIBLE)
     assert report.by_status == {"solved": 2, "SolverFailed": 1}
     assert (report.calls, report.failed, report.retried) == (3, 1, 1)
 
