@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from common import ROOT
 
 from eadp.core import compiled
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
@@ -110,6 +111,22 @@ def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, s
 def test_where_a_sum_crosses_a_value(spare, time_s):
     """After 2, 4 and 6 s the sum is 1, 3 and 7: linear between, and held after."""
     assert _crossing_s([1.0, 3.0, 7.0], 0, 0.0, spare, 2.0) == pytest.approx(time_s)
+
+
+def test_stages_with_other_fixed_computations_have_powers_of_their_own():
+    """Equal sets of the free computation, and the fixed one at 1 and at 5: 4 W to 12 W, and 14 W to 22 W."""
+    text = "0.1; 90; x - 100\n100, 100\n[2, 10]\n[{}, {}]\n0.1; 270; -y + 100\n0, 100\n[2, 10]\n[5, 5]\n"
+    grid = np.array([[2.0, 1.0], [10.0, 1.0], [2.0, 5.0], [10.0, 5.0]])
+    profile = Profile(("a", "b"), ("", ""), grid, np.array([4.0, 12.0, 14.0, 22.0]))
+    for fixed, least_w in ((1, 4.0), (5, 14.0)):
+        plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
+        mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
+        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission)
+        stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
+        first, second = (pilot._horizon(o, [0], 6, ()) for o in stages)
+        assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([least_w, least_w + 8.0])
+        assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
+        assert (first is second) == (fixed == 5)
 
 
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
