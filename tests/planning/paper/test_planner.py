@@ -118,13 +118,13 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
     text = "0.1; 90; x - 100\n100, 100\n[2, 10]\n[{}, {}]\n0.1; 270; -y + 100\n0, 100\n[2, 10]\n[5, 5]\n"
     grid = np.array([[2.0, 1.0], [10.0, 1.0], [2.0, 5.0], [10.0, 5.0]])
     profile = Profile(("a", "b"), ("", ""), grid, np.array([4.0, 12.0, 14.0, 22.0]))
-    for fixed, least_w in ((1, 4.0), (5, 14.0)):
+    for fixed, lowest_w in ((1, 4.0), (5, 14.0)):
         plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
         mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
         pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission)
         stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
         first, second = (pilot._horizon(o, [0], 6, ()) for o in stages)
-        assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([least_w, least_w + 8.0])
+        assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])
         assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
         assert (first is second) == (fixed == 5)
 
