@@ -1,6 +1,6 @@
 """One re-planning solve beside a lean nonlinear program of the same relaxed problem in CasADi and IPOPT.
 
-usage: python benchmarks/replan.py [--instances 200] [--seed 0]
+usage: python benchmarks/replan.py [--instances 200] [--seed 0] [--plain]
 
 The letter's computation (4.75376 to 9.75462 W on levels 2 to 10) and battery, a motion power of three harmonics and a
 period of 46 s, steps of 1 s. Ours is all that the planner `paper` does when it re-plans: the forecast from the Fourier
@@ -8,6 +8,8 @@ state, the QP by OSQP, the levels to fly with, their verification and their boun
 time. The peer solves for real parameters alone: multiple shooting with the seven energy coefficients and the state of
 charge as states, the exact rotation of one second as its dynamics, built once with the measured state as its parameter,
 expanded, started from its last answer and multipliers.
+
+Compiled (`eadp[fast]`), unless `--plain` or numba is not installed.
 
 Prints medians over the same instances, on one thread of one process, once in blocks of 25 (ours, then the peer's), and
 once in turn, where each finds the processor's caches filled by the other. Over as many unrelated instances it prints
@@ -22,14 +24,19 @@ import itertools
 import os
 import sys
 import time
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 os.environ["OMP_NUM_THREADS"] = "1"  # threads of the linear algebra only wait for each other in problems of ten
 
 import numpy as np
 
+from eadp.core import compiled
 from eadp.core.signals.harmonics import forecast_w, output_row, rotation_matrix
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -39,8 +46,9 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
-from eadp.planning.paper.horizon import HorizonForecast, HorizonSolution
+from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings
+from eadp.planning.qp import OsqpSolver, QuadraticProgram
 
 try:
     import casadi
@@ -218,6 +226,17 @@ OPTIONS = {
 
 # --- measures
 
+PARTS = {
+    "forecast": (PaperPlanner, "_horizon_forecast"),
+    "table of levels": (Horizon, "table"),
+    "scaled QP": (Horizon, "_scaled"),
+    "checks of the data": (QuadraticProgram, "_check"),
+    "update": (OsqpSolver, "update"),
+    "warm start, solve, copies": (OsqpSolver, "run"),
+    "levels, bound": (Horizon, "_levels"),
+}
+"""What a re-planning consists of: methods, none within another."""
+
 
 @dataclass(frozen=True)
 class Speed:
@@ -298,11 +317,44 @@ def excess_w(c: np.ndarray, forecast: HorizonForecast) -> float:
     return float(most)
 
 
+def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
+    """Median of each part [us], of OSQP's own clock, and of what is left; clocks add about 0.2 us to each."""
+    spent: dict[str, list[float]] = defaultdict(list)
+
+    def clocked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            started = time.perf_counter()
+            result = method(*arguments)
+            spent[name].append(time.perf_counter() - started)
+            return result
+
+        return call
+
+    with ExitStack() as patches:
+        for name, (owner, method) in PARTS.items():
+            patches.enter_context(mock.patch.object(owner, method, clocked(name, getattr(owner, method))))
+        ours = Ours(steps)
+        for instance in instances(rng, count, steps, related=True):
+            observation = ours.prepare(instance)
+            started = time.perf_counter()
+            ours.solve(observation)
+            spent["all"].append(time.perf_counter() - started)
+            (mixture,) = ours._horizon._mixtures.values()
+            spent["of it OSQP's solve in C"].append(mixture.program._solver._extension.info.solve_time)
+    each = {name: 1e6 * float(np.median(times)) for name, times in spent.items()}
+    each["the rest"] = each["all"] - sum(each[name] for name in PARTS)
+    return each
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--instances", type=int, default=200, help="how many of each kind (default 200)")
     parser.add_argument("--seed", type=int, default=0, help="of the instances (default 0)")
+    parser.add_argument("--plain", action="store_true", help="without compiled code")
     options = parser.parse_args()
+    # a benchmark beside this one has the name of a library that numba looks for
+    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
+    print("compiled" if compiled.enable(not options.plain) else "plain")
     print(f"{'horizon':>8} {'':>10} {'ours, all [ms]':>15} {'peer, reals [ms]':>17}", end="")
     print(f" {'ratio':>7} {'active':>7} {'peer failed':>12}")
     for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
@@ -311,6 +363,10 @@ def main() -> None:
         order = "in turn" if block == 1 else "in blocks"
         print(f"{steps:>6} s {order:>10} {ours:>15.3f} {peer:>17.3f}", end="")
         print(f" {peer / ours:>7.1f} {s.active:>7.0%} {s.failed:>12.1%}")
+    for steps in (10, round(PERIOD_S)):
+        print(f"\nwhere it goes, {steps} s, in us:")
+        for name, us in parts(np.random.default_rng(options.seed), options.instances, steps).items():
+            print(f"  {name:26} {us:7.1f}")
     print()
     print(f"{'horizon':>8} {'ahead of the peer: least':>25} {'mean':>8} {'largest':>8}", end="")
     print(f" {'gap, median':>12} {'violation [W]':>14}")

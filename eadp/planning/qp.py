@@ -7,21 +7,27 @@ magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfie
 computed here. A run that fails is repeated once from scratch, with a smaller step ρ, more iterations and a larger ε.
 The report of the planner counts every run.
 
+OSQP's Python class sets a problem up. Updates and solves go to its extension: the class around them takes as long as a
+problem of ten steps.
+
 This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
-the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
-data; messages go to standard output, those of polishing even where `verbose` is off, so polishing is not used.
+the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints, returns a code and
+keeps the old data; messages go to standard output, those of polishing even where `verbose` is off, so polishing is not
+used.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import osqp
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, eye
 
+from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.errors import SolverFailed
 from eadp.planning.base import SolverReport
@@ -41,6 +47,11 @@ ROOM = 1e3
 """Maximum distance from a bound that counts in the complementarity of its multiplier."""
 
 SOLVED, UNVERIFIED = "solved", "solved, not verified"
+OSQP_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+SILENT = {"verbose": False, "polishing": False, "warm_starting": True}
+
+NOT_FINITE, CROSSED = 1, 2
+FAULTS = {NOT_FINITE: "data that are not finite", CROSSED: "a row whose lower bound is above its upper bound"}
 
 
 class QpSolution(NamedTuple):
@@ -59,6 +70,59 @@ class QpSolution(NamedTuple):
     x: FloatArray
     multipliers: FloatArray
     iterations: int
+
+
+class OsqpRun(NamedTuple):
+    """What OSQP returns: solution, multipliers, status and its name, iterations."""
+
+    x: FloatArray
+    y: FloatArray
+    status: int
+    name: str
+    iterations: int
+
+
+class OsqpSolver:
+    """OSQP with a problem, whose vectors and entries of A change.
+
+    Parameters
+    ----------
+    diagonal : float
+        P is this multiple of the identity.
+    linear, rows, lower, upper
+        q, A by columns, l and u.
+    settings : dict
+    """
+
+    def __init__(
+        self,
+        diagonal: float,
+        linear: FloatArray,
+        rows: csc_matrix,
+        lower: FloatArray,
+        upper: FloatArray,
+        settings: dict[str, Any],
+    ) -> None:
+        self.rows, self.columns = rows.shape
+        identity = diagonal * eye(self.columns, format="csc")
+        self._owner = osqp.OSQP()
+        self._owner.setup(identity, linear, rows, lower, upper, **settings)
+        self._extension = self._owner._solver
+
+    def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray | None) -> None:
+        """Set the vectors, and the entries of A if they are given."""
+        fault = self._extension.update_data_vec(q=linear, l=lower, u=upper)
+        if entries is not None:
+            fault = fault or self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
+        if fault:
+            raise SolverFailed(f"OSQP refused the data: {fault}")
+
+    def run(self, start: FloatArray) -> OsqpRun:
+        """Solve, from an x."""
+        self._extension.warm_start(start, None)
+        self._extension.solve()
+        info, solution = self._extension.info, self._extension.solution
+        return OsqpRun(solution.x, solution.y, info.status_val, info.status, info.iter)
 
 
 class QuadraticProgram:
@@ -86,8 +150,12 @@ class QuadraticProgram:
         self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
         self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
-        self._solver: Any = None
+        self._solver: OsqpSolver | None = None
         self._entries = b""
+        self._fault: Callable[..., int] = _fault
+        self._optimal: Callable[..., bool] = _is_optimal
+        if compiled.enabled():
+            self._fault, self._optimal = compiled.jitted(fault_of), compiled.jitted(is_optimal)
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -129,10 +197,9 @@ class QuadraticProgram:
         shapes = tuple(array.shape for array in data)
         if shapes != (columns, rows + columns, rows, rows, columns):
             raise SolverFailed(f"data of shapes {shapes} do not fit {self._rows} × {self._columns}")
-        if not all(math.isfinite(np.vdot(array, array)) for array in data):
-            raise SolverFailed("data that are not finite")
-        if (data[2] > data[3]).any():
-            raise SolverFailed("a row whose lower bound is above its upper bound")
+        fault = self._fault(*data)
+        if fault:
+            raise SolverFailed(FAULTS[fault])
 
     def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
@@ -140,13 +207,13 @@ class QuadraticProgram:
         report.calls += 1
         status, solution = SOLVED, None
         try:
-            result = self._result(data, proximal, settings)
-            # OSQP writes its next solution into the same memory
-            solution = QpSolution(np.array(result.x), np.array(result.y), int(result.info.iter))
-            if result.info.status_val != osqp.SolverStatus.OSQP_SOLVED:
+            run = self._result(data, proximal, settings)
+            # OSQP may write its next solution into the same memory
+            solution = QpSolution(np.array(run.x), np.array(run.y), run.iterations)
+            if run.status != OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
-                status = str(result.info.status)
-            elif not _is_optimal(data, proximal, solution.x, solution.multipliers):
+                status = run.name
+            elif not self._optimal(*data, proximal, run.x, run.y):
                 status = UNVERIFIED
         except Exception as error:  # whatever the extension raises is a failed run
             status = type(error).__name__
@@ -157,39 +224,54 @@ class QuadraticProgram:
         report.solved += 1
         return solution
 
-    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> Any:
+    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> OsqpRun:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
         before, self._entries = self._entries, entries.tobytes()
         if self._solver is None:
-            locations = range(self._columns)
-            identity = csc_matrix((np.full(self._columns, proximal), (locations, locations)))
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
-            self._solver = osqp.OSQP()
-            self._solver.setup(
-                identity,
-                linear,
-                rows,
-                lower,
-                upper,
-                verbose=False,
-                polishing=False,
-                warm_starting=True,
-                eps_abs=self._tolerance,
-                eps_rel=self._tolerance,
-                **settings,
-            )
+            tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
+            self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
         else:
-            changed = {} if self._entries == before else {"Ax": entries}
-            self._solver.update(q=linear, l=lower, u=upper, **changed)
-        self._solver.warm_start(x=centre)
-        return self._solver.solve(raise_error=False)
+            self._solver.update(linear, lower, upper, None if self._entries == before else entries)
+        return self._solver.run(centre)
 
 
-def _is_optimal(data: tuple[FloatArray, ...], proximal: float, x: FloatArray, y: FloatArray) -> bool:
+def _fault(gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray) -> int:
+    """What is wrong with data, in `FAULTS`; 0 for nothing."""
+    if not all(math.isfinite(np.vdot(array, array)) for array in (gradient, matrix, lower, upper, centre)):
+        return NOT_FINITE
+    return CROSSED if (lower > upper).any() else 0
+
+
+def fault_of(gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray) -> int:
+    """`_fault` in loops, for compiled code."""
+    total = 0.0
+    for k in range(len(gradient)):
+        total += gradient[k] * gradient[k] + centre[k] * centre[k]
+        for i in range(len(lower)):
+            total += matrix[i, k] * matrix[i, k]
+    crossed = False
+    for i in range(len(lower)):
+        total += lower[i] * lower[i] + upper[i] * upper[i]
+        crossed = crossed or lower[i] > upper[i]
+    if not math.isfinite(total):
+        return NOT_FINITE
+    return CROSSED if crossed else 0
+
+
+def _is_optimal(
+    gradient: FloatArray,
+    matrix: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    centre: FloatArray,
+    proximal: float,
+    x: FloatArray,
+    y: FloatArray,
+) -> bool:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
-    gradient, matrix, lower, upper, centre = data
     values = matrix @ x
     below, above = upper - values, values - lower
     forces = gradient + proximal * (x - centre) + y @ matrix
@@ -202,3 +284,31 @@ def _is_optimal(data: tuple[FloatArray, ...], proximal: float, x: FloatArray, y:
         and largest(np.abs(forces)) <= bound
         and pushed @ room <= bound
     )
+
+
+def is_optimal(
+    gradient: FloatArray,
+    matrix: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    centre: FloatArray,
+    proximal: float,
+    x: FloatArray,
+    y: FloatArray,
+) -> bool:
+    """`_is_optimal` in loops, for compiled code."""
+    forces, largest, complementary = gradient + proximal * (x - centre), 1.0, 0.0
+    for i in range(len(lower)):
+        value = 0.0
+        for k in range(len(x)):
+            value += matrix[i, k] * x[k]
+            forces[k] += y[i] * matrix[i, k]
+        below, above = upper[i] - value, value - lower[i]
+        if not (below >= -VERIFIED and above >= -VERIFIED):
+            return False
+        largest = max(largest, abs(y[i]))
+        complementary += abs(y[i]) * min(below if y[i] > 0 else above, ROOM)
+    for k in range(len(x)):
+        if not abs(forces[k]) <= VERIFIED * largest:
+            return False
+    return complementary <= VERIFIED * largest

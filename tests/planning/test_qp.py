@@ -30,6 +30,14 @@ def quiet(capfd):
     assert captured.err == ""
 
 
+@pytest.fixture(autouse=True, params=["arrays", "loops"])
+def form(request, monkeypatch):
+    """Both forms of the checks; the loops as plain Python."""
+    if request.param == "loops":
+        monkeypatch.setattr(qp, "_fault", qp.fault_of)
+        monkeypatch.setattr(qp, "_is_optimal", qp.is_optimal)
+
+
 def box(columns=2, proximal=PROXIMAL, report=None):
     """A program whose rows are the variables and their sum."""
     return QuadraticProgram(
@@ -181,15 +189,25 @@ def test_a_failed_run_is_repeated_once_and_counted(monkeypatch):
     assert (report.calls, report.solved, report.retried, report.failed) == (4, 1, 2, 3)
 
 
+def test_data_that_osqp_refuses_are_a_failed_run():
+    """A code is all that its extension gives; it keeps the old data."""
+    report = SolverReport()
+    program = box(report=report)
+    program.solve(*box_data())
+    program._solver._extension = SimpleNamespace(update_data_vec=lambda **_: 1)
+    # the repetition has ε = 10, and finds −g/ε
+    assert program.solve(*box_data((-3.0, -2.0))).x == pytest.approx([0.3, 0.2], abs=FEASIBLE)
+    assert report.by_status == {"solved": 2, "SolverFailed": 1}
+    assert (report.calls, report.failed, report.retried) == (3, 1, 1)
+
+
 @pytest.mark.parametrize("status", STATUSES, ids=[status.name for status in STATUSES])
 def test_only_solved_is_a_solution(status, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     good = program.solve(*box_data())
-    info = SimpleNamespace(status_val=status, status=status.name, iter=1)
-    monkeypatch.setattr(
-        osqp.OSQP, "solve", lambda solver, raise_error: SimpleNamespace(x=good.x, y=good.multipliers, info=info)
-    )
+    run = qp.OsqpRun(good.x, good.multipliers, status, status.name, 1)
+    monkeypatch.setattr(qp.OsqpSolver, "run", lambda solver, start: run)
     if status.name == "OSQP_SOLVED":
         assert program.solve(*box_data()).x == pytest.approx(good.x)
         return
@@ -203,7 +221,7 @@ def test_what_is_called_solved_is_verified(broken, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     with monkeypatch.context() as patch:
-        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        patch.setattr(qp.OsqpSolver, "run", BROKEN[broken])
         with pytest.raises(SolverFailed):
             program.solve(*box_data())
     assert (report.calls, report.solved, report.retried, report.failed) == (2, 0, 1, 2)

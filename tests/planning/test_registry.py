@@ -7,7 +7,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import osqp
 import pytest
 from broken_osqp import BROKEN
 from common import ROOT
@@ -26,6 +25,7 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage_times_s
+from eadp.planning.qp import OsqpSolver
 from eadp.planning.registry import PLANNERS, make_planner, planner_class
 from eadp.planning.static import StaticPlanner
 
@@ -264,7 +264,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
 
 
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
-    monkeypatch.setattr(osqp.OSQP, "solve", BROKEN["failing"])
+    monkeypatch.setattr(OsqpSolver, "run", BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, soc=0.70))

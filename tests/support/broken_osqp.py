@@ -2,52 +2,49 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import osqp
 
-TRUE_SOLVE = osqp.OSQP.solve
+from eadp.planning.qp import OsqpRun, OsqpSolver
+
+TRUE_RUN = OsqpSolver.run
 
 
-def failing(solver, raise_error=None):
+def failing(solver, start):
     """The iteration limit."""
-    info = SimpleNamespace(
-        status_val=osqp.SolverStatus.OSQP_MAX_ITER_REACHED, status="maximum iterations reached", iter=1
-    )
-    return SimpleNamespace(x=np.full(solver.n, 2.1e9), y=np.zeros(solver.m), info=info)
+    limit = osqp.SolverStatus.OSQP_MAX_ITER_REACHED
+    return OsqpRun(np.full(solver.columns, 2.1e9), np.zeros(solver.rows), limit, "maximum iterations reached", 1)
 
 
 def _called_solved(x, y):
-    info = SimpleNamespace(status_val=osqp.SolverStatus.OSQP_SOLVED, status="solved", iter=1)
-    return SimpleNamespace(x=x, y=y, info=info)
+    return OsqpRun(x, y, osqp.SolverStatus.OSQP_SOLVED, "solved", 1)
 
 
-def start(solver, raise_error=None):
+def start(solver, start):
     """Zeros, called solved."""
-    return _called_solved(np.zeros(solver.n), np.zeros(solver.m))
+    return _called_solved(np.zeros(solver.columns), np.zeros(solver.rows))
 
 
-def nonsense(solver, raise_error=None):
+def nonsense(solver, start):
     """Numbers of the right shape, called solved."""
     rng = np.random.default_rng(0)
-    return _called_solved(rng.random(solver.n), rng.normal(size=solver.m))
+    return _called_solved(rng.random(solver.columns), rng.normal(size=solver.rows))
 
 
-def spoilt(solver, raise_error=None):
+def spoilt(solver, start):
     """The solution, its last variable moved."""
-    result = TRUE_SOLVE(solver, raise_error=False)
-    x = np.array(result.x)
+    run = TRUE_RUN(solver, start)
+    x = np.array(run.x)
     x[-1] += 0.1
-    return _called_solved(x, np.array(result.y))
+    return _called_solved(x, run.y)
 
 
-def not_finite(solver, raise_error=None):
+def not_finite(solver, start):
     """NaN, called solved."""
-    return _called_solved(np.full(solver.n, np.nan), np.zeros(solver.m))
+    return _called_solved(np.full(solver.columns, np.nan), np.zeros(solver.rows))
 
 
-def raising(solver, raise_error=None):
+def raising(solver, start):
     """An exception of the extension."""
     raise RuntimeError("OSQP")
 

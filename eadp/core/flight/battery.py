@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
 from eadp.errors import Infeasible
 
 
@@ -72,17 +71,6 @@ def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: fl
     # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
     root = np.sqrt(np.maximum(voltage_v**2 - 4 * resistance_ohm * power_w, 0.0))
     return per_as * 2 * power_w / (voltage_v + root)
-
-
-def currents_a(power_w: FloatArray, voltage_v: float, resistance_ohm: float) -> FloatArray:
-    """`current_a` of an array of powers [W], any shape; [A], the same shape.
-
-    Source: letter, Eq. 22.
-    """
-    discriminant = voltage_v**2 - 4 * resistance_ohm * power_w
-    if np.any(discriminant < 0):
-        raise Infeasible(undeliverable(float(np.max(power_w)), voltage_v, resistance_ohm))
-    return 2 * power_w / (voltage_v + np.sqrt(discriminant))
 
 
 def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float) -> Any:

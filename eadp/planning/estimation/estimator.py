@@ -126,10 +126,12 @@ class PowerEstimate(NamedTuple):
 
     def forecast_w(self, ahead_s: FloatArray) -> FloatArray:
         """Power of motion and computations [W], `ahead_s` [s] after the reading, shape (n,): C e^{At} x and g(c)."""
-        order = (len(self.state) - 3) // 2
-        rows = _power_rows(order, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
-        power: FloatArray = rows @ self.state + self.computing_w
+        power: FloatArray = self.power_rows(ahead_s) @ self.state + self.computing_w
         return power
+
+    def power_rows(self, ahead_s: FloatArray) -> FloatArray:
+        """What reads the motion's power at such times off the state, shape (n, 2r + 3)."""
+        return _power_rows((len(self.state) - 3) // 2, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
 
     def horizon_w(self) -> FloatArray:
         """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""

@@ -38,6 +38,16 @@ from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
+from eadp.planning.paper.kernels import (
+    BATTERYS,
+    FEASIBLE_W,
+    FLOOR_SLACK,
+    LETTERS,
+    MIN_REACH,
+    NO_LIMIT,
+    UNDELIVERABLE,
+    kernels,
+)
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
@@ -45,23 +55,14 @@ CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
 PROXIMAL = 1e-5
 """Weight of the proximal term, for a gradient scaled to 1."""
 
-FEASIBLE_W = 1e-6
-"""Excess of power that counts as rounding [W]."""
-
-FLOOR_SLACK = 1e-4
-"""Tolerance, as a share of the span of power, within which a relaxed power counts as its next level above."""
-
 OPTIMAL = 1e-6
 """Relative distance to the bound below which the last solution is proven to be optimal still."""
 
+LAST_MULTIPLIER = np.zeros(1)
+"""Multiplier of the step that a horizon gains at its end."""
+
 CHOICES = 4096
 """Maximum number of combinations of levels; above it, every second level of the longest list is dropped."""
-
-MIN_REACH = 1e-5
-"""Smallest scaling of a variable."""
-
-UNDELIVERABLE = 1e6
-"""Charge that a power takes which the battery cannot deliver: more than there is."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,7 @@ class HorizonCost:
     terminal_weight: float = 0.0
 
 
-@dataclass(frozen=True)
-class HorizonForecast:
+class HorizonForecast(NamedTuple):
     """Forecast of motion power and charge over the horizon.
 
     Parameters
@@ -141,6 +141,8 @@ class HorizonSolution(NamedTuple):
     ----------
     chosen : array, shape (M, σ)
         Levels at each step.
+    chosen_w : array, shape (M,)
+        Their power [W].
     power_w : array, shape (M,)
         Power of the QP's solution at each step [W].
     objective, bound : float
@@ -154,6 +156,7 @@ class HorizonSolution(NamedTuple):
     """
 
     chosen: FloatArray
+    chosen_w: FloatArray
     power_w: FloatArray
     objective: float
     bound: float
@@ -171,12 +174,16 @@ class _Table(NamedTuple):
     """Every choice at every step: value, charge that it takes, and power limit; arrays of shape (M, J).
 
     `limit` is the state of charge that the power of a choice requires. `deliverable`: the battery delivers all powers.
+    `spare`, of shape (M,), is the charge that minimum power leaves above its limit, `least` its minimum: NaN if any of
+    this is not finite.
     """
 
     value: FloatArray
     drop: FloatArray
     limit: FloatArray
     deliverable: bool
+    spare: FloatArray
+    least: float
 
 
 class _Shape(NamedTuple):
@@ -191,8 +198,16 @@ class _Problem(NamedTuple):
 
     gain: FloatArray
     rows: FloatArray
-    spare: FloatArray
-    base_value: float
+
+
+class _Scaled(NamedTuple):
+    """The QP's data, and its scaling; the rows are in the mixture's matrix."""
+
+    gradient: FloatArray
+    upper: FloatArray
+    reach: FloatArray
+    units: FloatArray
+    largest: float
 
 
 class _Mixture:
@@ -209,7 +224,7 @@ class _Mixture:
     def __init__(self, vertices: Sequence[Sequence[int]], powers_w: FloatArray, report: SolverReport) -> None:
         steps = len(vertices)
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
-        self.step, self.low, self.high = np.array(pairs, dtype=np.intp).reshape(-1, 3).T
+        self.step, self.low, self.high = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
         self.size, each = len(pairs), np.arange(len(pairs))
         # entries of the table and of the rows, by their places
         self.below, self.above = (self.step * len(powers_w) + end for end in (self.low, self.high))
@@ -225,12 +240,12 @@ class _Mixture:
         per_step = self.size // steps
         self.later = np.minimum(each + per_step, each % max(per_step, 1) + self.size - per_step)
 
-    def problem(self, table: _Table, spare: FloatArray) -> _Problem:
-        """The data of the QP; `spare` is the charge that minimum power leaves above its limit at each step."""
+    def problem(self, table: _Table) -> _Problem:
+        """The data of the QP."""
         gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table[:3])
         rows = self.until * drop
         rows.ravel()[self.own] += limit
-        return _Problem(gain, rows, spare, float(table.value[:, 0].sum()))
+        return _Problem(gain, rows)
 
     def power_w(self, z: FloatArray) -> FloatArray:
         """What mixtures add to the minimum power at each step [W]."""
@@ -288,6 +303,7 @@ class Horizon:
         self._constant_shape = self._shape_of(self._constant) if len(self.choices) else _Shape(True, True)
         self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
         self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
+        self._kernels = kernels()
 
     def _listed(self) -> tuple[FloatArray, FloatArray]:
         """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
@@ -317,14 +333,20 @@ class Horizon:
 
     def table(self, forecast: HorizonForecast) -> _Table:
         """Value, use of charge and limit of every choice at every step."""
-        b, p = self._battery, self.powers_w
+        b, p, values = self._battery, self.powers_w, self._values(forecast)
+        if self._kernels:
+            motion = forecast.limit_motion_w, forecast.mean_motion_w
+            battery = b.voltage_v, b.resistance_ohm, b.drain_per_as, self._delivered_w, b.power_per_soc_w
+            return _Table(values, *self._kernels.tabled(*motion, p, forecast.soc, forecast.step_s, *battery))
         power = forecast.mean_motion_w[:, None] + p
         drop = drains_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
         deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
         if not deliverable:
             drop[power > self._delivered_w] = UNDELIVERABLE
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
-        return _Table(self._values(forecast), drop, limit, deliverable)
+        spare = forecast.soc - drop[:, 0].cumsum() - limit[:, 0]
+        finite = math.isfinite(forecast.soc + limit.sum() + drop.sum())
+        return _Table(values, drop, limit, deliverable, spare, float(spare.min()) if finite else math.nan)
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
         """l of each choice at each step, with l_f at the last."""
@@ -380,26 +402,44 @@ class Horizon:
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
         table = self.table(forecast)
-        if not math.isfinite(forecast.soc + table.limit.sum() + table.drop.sum()):
+        if math.isnan(table.least):
             raise SolverFailed("a forecast that is not finite")
-        spare = forecast.soc - table.drop[:, 0].cumsum() - table.limit[:, 0]
-        if spare.min() < 0:
+        if table.least < 0:
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
         shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
         mixture = self._mixture(table, shape.straight)
-        problem = mixture.problem(table, spare)
-        iterations, kept = 0, self._kept(mixture, problem, table, forecast.soc)
+        iterations, kept = 0, self._kept(mixture, table, forecast.soc)
         if kept is not None:
             z, multipliers = kept
         else:
-            z, multipliers, iterations = self._solved(mixture, problem)
+            z, multipliers, iterations = self._solved(mixture, table)
         self._last = mixture, z, multipliers
+        levels = self._levels(z, multipliers, mixture, table, shape.rising, forecast.soc)
+        made, power_w, objective, bound, limit = levels
+        chosen, chosen_w = self.choices[made], self.powers_w[made]
+        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept is not None, limit)
+
+    def _levels(
+        self,
+        z: FloatArray,
+        multipliers: FloatArray,
+        mixture: _Mixture,
+        table: _Table,
+        rising: bool,
+        soc: float,
+    ) -> tuple[IntArray, FloatArray, float, float, str | None]:
+        """The choices of mixtures, the mixtures' power [W], the choices' value, its bound, and the limit above them."""
+        if self._kernels:
+            variables = mixture.step, mixture.low, mixture.high, self.powers_w, rising
+            limited = self._battery.letter_crate_per_h is not None
+            levels = self._kernels.levels_of(z, multipliers, *variables, *table[:3], soc, limited)
+            made, power_w, objective, bound, above = levels
+            return made, power_w, objective, bound, self._named(above)
         power_w = self.powers_w[0] + mixture.power_w(z)
-        made = self._rounded(power_w, table, shape.rising, forecast.soc)
+        made = self._rounded(power_w, table, rising, soc)
         objective = float(table.value.take(self._at + made).sum())
-        bound = _bound(multipliers, table, forecast.soc)
-        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
-        return HorizonSolution(self.choices[made], power_w, objective, bound, iterations, kept is not None, limit)
+        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
+        return made, power_w, objective, _bound(multipliers, table, soc), limit
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """Limit of the battery's power that the levels of minimum power exceed."""
@@ -411,12 +451,17 @@ class Horizon:
         at = self._at + above
         drop = table.drop.take(at)
         if not table.deliverable and (drop >= UNDELIVERABLE).any():
-            return self._battery.limit_at(self._battery.voltage_v)
+            return self._named(BATTERYS)
         if self._battery.letter_crate_per_h is None:
             return None
         taken = table.drop.take(self._at + made)
         short = table.limit.take(at) > soc - (taken.cumsum() - taken + drop)
-        return LETTER if short.any() else None
+        return self._named(LETTERS if short.any() else NO_LIMIT)
+
+    def _named(self, limit: int) -> str | None:
+        if limit == BATTERYS:
+            return self._battery.limit_at(self._battery.voltage_v)
+        return LETTER if limit == LETTERS else None
 
     def _shape_of(self, value: FloatArray) -> _Shape:
         p = self.powers_w
@@ -439,43 +484,59 @@ class Horizon:
             self._mixtures[key] = _Mixture(vertices, p, self._report)
         return self._mixtures[key]
 
-    def _solved(self, mixture: _Mixture, problem: _Problem) -> tuple[FloatArray, FloatArray, int]:
+    def _solved(self, mixture: _Mixture, table: _Table) -> tuple[FloatArray, FloatArray, int]:
         """The mixtures z of the QP, the multipliers of the power rows, and the iterations."""
         size = mixture.size
         if mixture.program is None:
             return np.zeros(0), np.zeros(self._steps), 0
-        # each variable is scaled by its reach, each row then by its largest entry
-        reach = _reach(problem)
+        scaled = self._scaled(mixture, table)
+        last = self._shifted(mixture)
+        centre = np.zeros(size) if last is None else last / scaled.reach
+        x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
+        if self._kernels:
+            return *self._kernels.unscaled(x, y, *scaled[2:]), iterations
+        return (
+            np.clip(x * scaled.reach, 0.0, 1.0),
+            np.maximum(y[size:], 0.0) * (scaled.largest / scaled.units),
+            iterations,
+        )
+
+    def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
+        """The data of the QP: each variable is scaled by its reach, each row then by its largest entry."""
+        if self._kernels:
+            variables = mixture.step, mixture.low, mixture.high
+            return _Scaled(*self._kernels.scaled(*variables, *table[:3], table.spare, mixture.matrix))
+        problem = mixture.problem(table)
+        reach = _reach(problem.rows, table.spare)
         rows = problem.rows * reach
         units = rows.max(axis=1) + 1e-300
         gain = problem.gain * reach
         largest = float(gain.max())
-        last = self._shifted(mixture)
-        centre = np.zeros(size) if last is None else last[0] / reach
-        matrix = mixture.matrix
-        matrix[size:] = rows / units[:, None]
-        upper = np.concatenate([1.0 / reach, problem.spare / units])
-        solution = mixture.program.solve(gain / -largest, matrix, mixture.lower, upper, centre)
-        multipliers = np.maximum(solution.multipliers[size:], 0.0) * (largest / units)
-        return np.clip(solution.x * reach, 0.0, 1.0), multipliers, solution.iterations
+        mixture.matrix[mixture.size :] = rows / units[:, None]
+        upper = np.concatenate([1.0 / reach, table.spare / units])
+        return _Scaled(gain / -largest, upper, reach, units, largest)
 
-    def _shifted(self, mixture: _Mixture) -> tuple[FloatArray, FloatArray] | None:
-        """The last solution and its multipliers, a step later; None if it mixed other levels."""
+    def _shifted(self, mixture: _Mixture) -> FloatArray | None:
+        """The last solution, a step later; None if it mixed other levels."""
         if self._last is None or self._last[0] is not mixture or not mixture.shifts:
             return None
-        _, z, multipliers = self._last
-        return z[mixture.later], np.append(multipliers[1:], 0.0)
+        return self._last[1].take(mixture.later)
 
-    def _kept(
-        self, mixture: _Mixture, problem: _Problem, table: _Table, soc: float
-    ) -> tuple[FloatArray, FloatArray] | None:
+    def _kept(self, mixture: _Mixture, table: _Table, soc: float) -> tuple[FloatArray, FloatArray] | None:
         """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
-        last = self._shifted(mixture)
-        if last is None or (problem.rows @ last[0] > problem.spare).any():
+        z = self._shifted(mixture)
+        if z is None or self._last is None:
             return None
-        bound = _bound(last[1], table, soc)
-        value = problem.base_value + float(problem.gain @ last[0])
-        return last if bound - value <= OPTIMAL * abs(bound) else None
+        multipliers = np.concatenate([self._last[2][1:], LAST_MULTIPLIER])
+        if self._kernels:
+            variables = mixture.step, mixture.low, mixture.high
+            feasible, value, bound = self._kernels.proven(z, multipliers, *variables, *table[:3], table.spare, soc)
+        else:
+            problem = mixture.problem(table)
+            feasible = not (problem.rows @ z > table.spare).any()
+            value = float(table.value[:, 0].sum()) + float(problem.gain @ z)
+            bound = _bound(multipliers, table, soc) if feasible else math.inf
+        return (z, multipliers) if feasible and bound - value <= OPTIMAL * abs(bound) else None
 
     def _rounded(self, power_w: FloatArray, table: _Table, rising: bool, soc: float) -> IntArray:
         """The best choice of each step within the QP's power, verified.
@@ -565,12 +626,12 @@ class Horizon:
             c = np.maximum(c - deltas, self._c.low)
 
 
-def _reach(problem: _Problem) -> FloatArray:
+def _reach(rows: FloatArray, spare: FloatArray) -> FloatArray:
     """Reach of each variable: how far it could rise if it alone used the slack of the rows.
 
     With little charge the reach is small; without this scaling OSQP stalls.
     """
-    shares = np.divide(problem.spare[:, None], problem.rows, out=np.ones_like(problem.rows), where=problem.rows > 0)
+    shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
     reach: FloatArray = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
     return reach
 

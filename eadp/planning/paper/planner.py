@@ -11,9 +11,9 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
+from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
-from eadp.core.flight.battery import currents_a
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.plan.cursor import Vector
@@ -42,6 +42,7 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.paper.kernels import kernels
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
@@ -149,10 +150,24 @@ class PaperPlanner(TrackingPlanner):
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._times = _coverage_times_s(own, mission)
         self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
+        times_s = self._times or (0.0, 0.0)
+        self._scalings = [path_scaling(box.lo, box.hi, *times_s, self._rho) for box in self._boxes]
+        self._deltas: dict[int, float] = {}
         self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
         self._flown_path = mission.parameters[: self._rho]
         self._computing_plan_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
+        self._ahead_s: FloatArray = np.zeros(0)
+        self._rows_of: tuple[float | None, ...] = ()
+        self._rows: FloatArray = np.zeros((0, 0))
+        stages = mission.plan.stages
+        # a number for the computations' sets of each stage: equal sets have one horizon
+        numbers: dict[tuple[Box, ...], int] = {}
+        self._computation_sets = [numbers.setdefault(x.sets[self._rho :], len(numbers)) for x in stages]
+        self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
+        self._delivered_w: dict[float, float] = {}
+        self._lasting_s: dict[float, float] = {}
+        self._kernels, self._lasting = kernels(), compiled.jitted(_lasting, _crossing_s)
 
     @classmethod
     def faults(
@@ -246,6 +261,8 @@ class PaperPlanner(TrackingPlanner):
             self._flown_path = path
 
     def _gained_w(self, path: Vector, before: Vector) -> float:
+        if path == before or not any(self._gains):
+            return 0.0
         return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, before, strict=False))
 
     def _started(self, o: Observation) -> bool:
@@ -259,44 +276,43 @@ class PaperPlanner(TrackingPlanner):
     def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, _Outcome]:
         """Parameters with new computations, and the outcome; sets their power over the horizon."""
         sets = self._mission.plan.stages[o.stage - 1].sets
-        free = self._free(sets)
-        steps = self._steps()
+        free, steps = self._free[o.stage - 1], self._steps()
         if not free:
             self._computing_plan_w = np.full(steps, self._computing_w)
             return decided, _Outcome(NOTHING_TO_CHOOSE, "nothing to choose")
         horizon = self._horizon(o, free, steps, decided[: self._rho])
-        values, outcome = self._solved(horizon, self._horizon_forecast(o, steps), [decided[i] for i in free], free)
-        if values is None:
-            values = np.array([[sets[i].lo for i in free]] * steps)
+        forecast = self._horizon_forecast(o, steps)
+        values, powers, outcome = self._solved(horizon, forecast, [decided[i] for i in free], free)
         chosen = list(decided)
-        powers = []
-        for row in values.tolist():
-            for i, value in zip(free, row, strict=True):
-                chosen[i] = value
-            powers.append(self._mission.computing.power_w(chosen, sets))
-        self._computing_plan_w = np.array(powers)
-        for i, value in zip(free, values[0].tolist(), strict=True):
+        for i, value in zip(free, values or [sets[i].lo for i in free], strict=True):
             chosen[i] = value
+        if powers is None:
+            powers = np.full(steps, self._mission.computing.power_w(chosen, sets))
+        self._computing_plan_w = powers
         return tuple(chosen), outcome
 
     def _solved(
         self, horizon: Horizon, forecast: HorizonForecast, now: list[float], free: list[int]
-    ) -> tuple[FloatArray | None, _Outcome]:
-        """The computations at each step, None for their minimum, and the outcome."""
+    ) -> tuple[list[float] | None, FloatArray | None, _Outcome]:
+        """Computations of the first step, None for their minimum, power of each step [W], None if equal; outcome."""
         try:
             solution = horizon.solve(forecast)
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
-            return None, _Outcome(INFEASIBLE, f"infeasible: {error}", battery_limit=limit)
+            outcome = _Outcome(INFEASIBLE, f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
             deltas = np.array([self._delta(i) for i in free])
             try:
-                values = horizon.lowered(np.array(now), deltas, forecast)
+                values = horizon.lowered(np.array(now), deltas, forecast)[0].tolist()
             except Infeasible:
-                return None, _Outcome(FALLBACK, f"fallback, minimum: {error}")
-            return values, _Outcome(FALLBACK, f"fallback, lowered by δ: {error}")
-        status = KEPT if solution.kept else SOLVED
-        return solution.chosen, _Outcome(status, "planned", solution.iterations, solution.gap, solution.battery_limit)
+                outcome = _Outcome(FALLBACK, f"fallback, minimum: {error}")
+            else:
+                return values, None, _Outcome(FALLBACK, f"fallback, lowered by δ: {error}")
+        else:
+            status = KEPT if solution.kept else SOLVED
+            outcome = _Outcome(status, "planned", solution.iterations, solution.gap, solution.battery_limit)
+            return solution.chosen[0].tolist(), solution.chosen_w, outcome
+        return None, None, outcome
 
     def _steps(self) -> int:
         return min(max(1, round(self.horizon_s / self._settings.every_s)), MAX_STEPS)
@@ -305,11 +321,11 @@ class PaperPlanner(TrackingPlanner):
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
         plan, own = self._mission.plan, self._own
         sets = plan.stages[o.stage - 1].sets
-        paths = {o.parameters[: self._rho], path} if own.trade_offs else set()
+        paths = frozenset({o.parameters[: self._rho], path} if own.trade_offs else ())
         battery = self._mission.battery.near(o.soc)
-        key = (steps, frozenset(paths), battery.voltage_v, *(sets[i] for i in free))
+        key = (steps, battery.voltage_v, paths, self._computation_sets[o.stage - 1])
         if key not in self._horizons:
-            base = list(o.parameters)
+            base = [*o.parameters[: self._rho], *(box.lo for box in sets[self._rho :])]
 
             def power(values: Sequence[float]) -> float:
                 for i, value in zip(free, values, strict=True):
@@ -345,17 +361,24 @@ class PaperPlanner(TrackingPlanner):
         """û = ν c + τ of a path parameter [s]; 0 if no path parameter is free."""
         if self._times is None:
             return 0.0
-        box = self._boxes[index]
-        nu, tau = path_scaling(box.lo, box.hi, *self._times, self._rho)
+        nu, tau = self._scalings[index]
         return nu * value + tau
 
     def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s
         if len(self._instants_s) != steps * SAMPLES_PER_STEP:
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
-        motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
-        limit = motion.max(axis=1) if self._own.constraint_at == "worst" else motion[:, -1]
-        mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
+        worst = self._own.constraint_at == "worst"
+        if self._kernels:
+            known = self._estimator.estimate(0.0, 0.0)
+            key = known.period_s, known.disturbance_s, len(known.state), steps
+            if key != self._rows_of:
+                self._rows_of, self._rows = key, known.power_rows(self._instants_s)
+            limit, mean = self._kernels.stepped(self._rows, known.state, steps, worst)
+        else:
+            motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
+            limit = motion.max(axis=1) if worst else motion[:, -1]
+            mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
 
     # --- path
@@ -364,27 +387,24 @@ class PaperPlanner(TrackingPlanner):
         """Path parameters from the remaining time and the time to an empty battery. Source: letter, Alg. 2 l. 17-27."""
         if not self._rho or self._times is None:
             return parameters
+        self._lasting_s.clear()
         chosen = self._ruled(o, parameters)
         rows = self._own.trade_offs
         if not rows or chosen[: self._rho] == parameters[: self._rho]:
             return chosen
         # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
-        sets = self._mission.plan.stages[o.stage - 1].sets
         for tenths in range(10, 0, -1):
             share = tenths / 10
             moved = tuple(
                 old + share * (new - old) for old, new in zip(parameters[: self._rho], chosen[: self._rho], strict=True)
             )
-            if len(self._horizon(o, self._free(sets), self._steps(), moved).choices):
+            if len(self._horizon(o, self._free[o.stage - 1], self._steps(), moved).choices):
                 return (*moved, *parameters[self._rho :])
         return parameters
 
-    def _free(self, sets: Sequence[Box]) -> list[int]:
-        return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
-
     def _ruled(self, o: Observation, parameters: Vector) -> Vector:
         """Path parameters by the rule of the settings."""
-        last_s = self._time_to_reserve_s(o, parameters)
+        last_s = self._lasts_s(o, parameters)
         assert self._times is not None
         shortest, longest = self._times
         down = -1 if longest >= shortest else 1
@@ -402,7 +422,7 @@ class PaperPlanner(TrackingPlanner):
             return self._moved(parameters, down)
         if self._own.raise_path:
             raised = self._moved(parameters, -down)
-            if self._remaining_s(raised, o.time_s) <= self._time_to_reserve_s(o, raised):
+            if self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
                 return raised
         return parameters
 
@@ -410,7 +430,7 @@ class PaperPlanner(TrackingPlanner):
         """Path parameters lowered by δ until the time suffices. Source: drafts 003 and 004, their subroutine."""
         for _ in range(MAX_LOWERED):
             lowered = self._moved(parameters, down)
-            enough = self._remaining_s(parameters, o.time_s) <= self._time_to_reserve_s(o, parameters)
+            enough = self._remaining_s(parameters, o.time_s) <= self._lasts_s(o, parameters)
             if enough or lowered == parameters:
                 break
             parameters = lowered
@@ -425,11 +445,11 @@ class PaperPlanner(TrackingPlanner):
 
     def _delta(self, index: int) -> float:
         """δ of a parameter: the settings', else a tenth of its set (a path) or one step (a computation)."""
-        own = self._own.delta.get(self._mission.plan.names[index])
-        if own is not None:
-            return own
-        box = self._mission.plan.hull(index)
-        return (box.hi - box.lo) / 10 if index < self._rho else 1.0
+        if index not in self._deltas:
+            box = self._mission.plan.hull(index)
+            default = (box.hi - box.lo) / 10 if index < self._rho else 1.0
+            self._deltas[index] = self._own.delta.get(self._mission.plan.names[index], default)
+        return self._deltas[index]
 
     def _coverage_s(self, parameters: Vector) -> float:
         """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
@@ -456,6 +476,13 @@ class PaperPlanner(TrackingPlanner):
             return 1.0 if longest >= shortest else 0.0
         return min(1.0, max(0.0, (limit_s - shortest) / (longest - shortest)))
 
+    def _lasts_s(self, o: Observation, parameters: Vector) -> float:
+        """`_time_to_reserve_s`, once for all path parameters of the same power."""
+        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
+        if gained_w not in self._lasting_s:
+            self._lasting_s[gained_w] = self._time_to_reserve_s(o, parameters)
+        return self._lasting_s[gained_w]
+
     def _time_to_reserve_s(self, o: Observation, parameters: Vector) -> float:
         """t_b: time until the predicted battery reaches the reserve with path parameters [s].
 
@@ -466,31 +493,27 @@ class PaperPlanner(TrackingPlanner):
         if spare <= 0:
             return 0.0
         b = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
-        step_s = LOOK_AHEAD_STEP_S
-        head = max(1, round(len(self._computing_plan_w) * self._settings.every_s / step_s))
-        period = max(1, round((self.period_s or step_s) / step_s))
-        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
-        motion = np.maximum(self._estimator.forecast(np.arange(0.5, head + period) * step_s) + gained_w, 0.0)
-        repeat = max(1, round(self._settings.every_s / step_s))
-        computing = np.full(head + period, self._computing_plan_w[-1])
-        early = np.repeat(self._computing_plan_w, repeat)[:head]
-        computing[: len(early)] = early
-        if np.max(motion + computing) > b.max_power_w(b.voltage_v):
-            return 0.0
-        try:
-            current = currents_a(motion + computing, b.voltage_v, b.resistance_ohm)
-        except Infeasible:
-            return 0.0
-        drops = np.cumsum(current * (b.k_b_per_s * step_s / b.capacity_ah))
-        if drops[-1] >= spare:
-            return _crossing_s(drops, spare, step_s)
-        first = float(drops[head - 1])
-        one_period = float(drops[-1]) - first
-        if one_period <= 0:
-            return math.inf
-        whole = math.floor((spare - first) / one_period)
-        rest = spare - first - whole * one_period
-        return head * step_s + whole * period * step_s + _crossing_s(drops[head:] - first, rest, step_s)
+        if b.voltage_v not in self._delivered_w:
+            self._delivered_w[b.voltage_v] = float(b.max_power_w(b.voltage_v))
+        every_s, step_s = self._settings.every_s, LOOK_AHEAD_STEP_S
+        head = max(1, round(len(self._computing_plan_w) * every_s / step_s))
+        count = head + max(1, round((self.period_s or step_s) / step_s))
+        if len(self._ahead_s) != count:
+            self._ahead_s = np.arange(0.5, count) * step_s
+        motion_w, computing_w = self._estimator.forecast(self._ahead_s), self._computing_plan_w
+        return self._lasting(
+            motion_w if self._kernels else motion_w.tolist(),
+            computing_w if self._kernels else computing_w.tolist(),
+            self._gained_w(parameters[: self._rho], self._flown_path),
+            head,
+            max(1, round(every_s / step_s)),
+            step_s,
+            spare,
+            b.voltage_v,
+            b.resistance_ohm,
+            self._delivered_w[b.voltage_v],
+            b.k_b_per_s * step_s / b.capacity_ah,
+        )
 
 
 def _matrix_fault(rows: Matrix, size: int) -> str:
@@ -507,13 +530,54 @@ def _matrix_fault(rows: Matrix, size: int) -> str:
     return f"has the eigenvalue {lowest:.4g}, below 0" if lowest < -ROUNDING * scale else ""
 
 
-def _crossing_s(drops: FloatArray, spare: float, step_s: float) -> float:
-    """Time at which a growing sum, given after each step, reaches a value: linear within the step [s]."""
-    i = int(np.searchsorted(drops, spare))
-    before = float(drops[i - 1]) if i else 0.0
-    if i == len(drops):
-        return len(drops) * step_s
-    return (i + (spare - before) / (float(drops[i]) - before)) * step_s
+def _lasting(
+    motion_w: Sequence[float] | FloatArray,
+    computing_w: Sequence[float] | FloatArray,
+    gained_w: float,
+    head: int,
+    repeat: int,
+    step_s: float,
+    spare: float,
+    voltage_v: float,
+    resistance_ohm: float,
+    delivered_w: float,
+    per_a: float,
+) -> float:
+    """Time that a charge lasts [s]: `head` steps, then the period after them again and again; 0 beyond `delivered_w`.
+
+    The motion's power is that of each step, the computations' of each `repeat` of the head's, the last held; `per_a` is
+    the charge that an ampere takes in a step. Source: letter, Eq. 22 and Lem. III.3.
+    """
+    drops, total, steps = [0.0] * len(motion_w), 0.0, len(computing_w)
+    for k in range(len(motion_w)):
+        own = k // repeat if k < head and k // repeat < steps else steps - 1
+        power_w = max(motion_w[k] + gained_w, 0.0) + computing_w[own]
+        squared = voltage_v * voltage_v - 4 * resistance_ohm * power_w
+        if power_w > delivered_w or squared < 0:
+            return 0.0
+        total += 2 * power_w / (voltage_v + math.sqrt(squared)) * per_a
+        drops[k] = total
+    if total >= spare:
+        return _crossing_s(drops, 0, 0.0, spare, step_s)
+    first = drops[head - 1]
+    one_period = total - first
+    if one_period <= 0:
+        return math.inf
+    whole = float(np.floor((spare - first) / one_period))
+    rest = spare - first - whole * one_period
+    periods_s = whole * (len(motion_w) - head) * step_s
+    return head * step_s + periods_s + _crossing_s(drops, head, first, rest, step_s)
+
+
+def _crossing_s(drops: Sequence[float], head: int, first: float, spare: float, step_s: float) -> float:
+    """Time after `head` steps at which a growing sum, less `first`, reaches a value: linear within the step [s]."""
+    before = 0.0
+    for k in range(head, len(drops)):
+        after = drops[k] - first
+        if after >= spare:
+            return (k - head + (spare - before) / (after - before)) * step_s
+        before = after
+    return (len(drops) - head) * step_s
 
 
 def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float, float] | None:

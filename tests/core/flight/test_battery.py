@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 from eadp.core.flight.battery import (
     current_a,
     current_slope_a_per_w,
-    currents_a,
     max_power_w,
     min_voltage_v,
     soc_rate_per_s,
@@ -91,25 +90,11 @@ def test_more_than_it_can_deliver_is_infeasible(voltage, resistance, excess):
     with pytest.raises(Infeasible, match="can deliver"):
         current_a(power, voltage, resistance)
     with pytest.raises(Infeasible, match="can deliver"):
-        currents_a(np.array([1.0, power]), voltage, resistance)
-    with pytest.raises(Infeasible, match="can deliver"):
         soc_rate_per_s(power, voltage, resistance, 3.2, 1 / 3600)
 
 
 def test_the_sentence_names_the_figures():
     assert undeliverable(2000.0, 14.8, 0.05) == "2000.0 W exceeds the 1095.2 W that 14.8 V through 0.05 Ω can deliver"
-    with pytest.raises(Infeasible) as caught:
-        currents_a(np.array([[3.0, 1500.0], [2000.0, 4.0]]), 14.8, 0.05)
-    assert str(caught.value).startswith("2000.0 W exceeds the 1095.2 W")
-
-
-@unhurried
-@given(voltages, st.floats(0, 0.2), st.lists(st.floats(-50, 40), min_size=1, max_size=6))
-def test_many_is_one_by_one(voltage, resistance, powers):
-    assume(max(powers) < (largest_w(voltage, resistance) if resistance else math.inf))
-    each = [current_a(power, voltage, resistance) for power in powers]
-    assert currents_a(np.array(powers), voltage, resistance) == pytest.approx(each, rel=EXACT)
-    assert currents_a(np.array([powers]), voltage, resistance).shape == (1, len(powers))
 
 
 @unhurried

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import osqp
 import pytest
 from broken_osqp import BROKEN
 from common import ROOT
 
 import eadp
+from eadp.planning.qp import OsqpSolver
 
 SCENARIOS = {
     "paper": ("paper-drained", {"time_limit_s": 150}),
@@ -49,7 +49,7 @@ def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
 def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken, monkeypatch):
     planner, good = sound
     with monkeypatch.context() as patch:
-        patch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+        patch.setattr(OsqpSolver, "run", BROKEN[broken])
         flight = flown(planner)
     solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
     assert solver["calls"] == solver["failed"] == 2 * solver["retried"] > 0

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-import osqp
 import pytest
 from broken_osqp import BROKEN
 from common import ROOT
@@ -21,6 +20,7 @@ from eadp.planning.joint import program as module
 from eadp.planning.joint.forecaster import Forecaster
 from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from eadp.planning.joint.program import Candidate, MissionProgram, best_at
+from eadp.planning.qp import OsqpSolver
 
 PLACES, PLACES_EACH = 400, 32
 MEDIAN_GAP, WORST_GAP = 1e-4, 1e-2
@@ -318,7 +318,7 @@ def feasible_mission(dimensions=1):
 def test_a_broken_solver_is_counted_and_answered_by_the_closed_form(monkeypatch, broken):
     mission, report = feasible_mission(), SolverReport()
     scanned = solve(mission, "scan", 1)
-    monkeypatch.setattr(osqp.OSQP, "solve", BROKEN[broken])
+    monkeypatch.setattr(OsqpSolver, "run", BROKEN[broken])
     solution = solve(mission, "qp", 1, report)
     assert (solution.status, solution.gap) == (FALLBACK, None)
     assert solution.value == scanned.value
@@ -326,13 +326,13 @@ def test_a_broken_solver_is_counted_and_answered_by_the_closed_form(monkeypatch,
 
 
 def test_a_qp_that_fails_later_is_counted(monkeypatch):
-    mission, report, true_solve, calls = feasible_mission(2), SolverReport(), osqp.OSQP.solve, []
+    mission, report, true_solve, calls = feasible_mission(2), SolverReport(), OsqpSolver.run, []
 
-    def sometimes(solver, raise_error=None):
+    def sometimes(solver, start):
         calls.append(1)
-        return (BROKEN["failing"] if len(calls) > 1 else true_solve)(solver, raise_error=False)
+        return (BROKEN["failing"] if len(calls) > 1 else true_solve)(solver, start)
 
-    monkeypatch.setattr(osqp.OSQP, "solve", sometimes)
+    monkeypatch.setattr(OsqpSolver, "run", sometimes)
     solution = solve(mission, "qp", 2, report)
     assert solution.status == FALLBACK
     assert (report.calls, report.solved, report.failed) == (3, 1, 2)

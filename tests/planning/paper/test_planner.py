@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.core import compiled
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
+from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Mission, Observation, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _matrix_fault
+from eadp.planning.paper import kernels
+from eadp.planning.paper import planner as planner_module
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting, _matrix_fault
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
@@ -105,4 +110,51 @@ def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, s
 @pytest.mark.parametrize(("spare", "time_s"), [(0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 4.0), (5.5, 5.25), (9.0, 6.0)])
 def test_where_a_sum_crosses_a_value(spare, time_s):
     """After 2, 4 and 6 s the sum is 1, 3 and 7: linear between, and held after."""
-    assert _crossing_s(np.array([1.0, 3.0, 7.0]), spare, 2.0) == pytest.approx(time_s)
+    assert _crossing_s([1.0, 3.0, 7.0], 0, 0.0, spare, 2.0) == pytest.approx(time_s)
+
+
+def test_stages_with_other_fixed_computations_have_powers_of_their_own():
+    """Equal sets of the free computation, and the fixed one at 1 and at 5: 4 W to 12 W, and 14 W to 22 W."""
+    text = "0.1; 90; x - 100\n100, 100\n[2, 10]\n[{}, {}]\n0.1; 270; -y + 100\n0, 100\n[2, 10]\n[5, 5]\n"
+    grid = np.array([[2.0, 1.0], [10.0, 1.0], [2.0, 5.0], [10.0, 5.0]])
+    profile = Profile(("a", "b"), ("", ""), grid, np.array([4.0, 12.0, 14.0, 22.0]))
+    for fixed, lowest_w in ((1, 4.0), (5, 14.0)):
+        plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
+        mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
+        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission)
+        stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
+        first, second = (pilot._horizon(o, [0], 6, ()) for o in stages)
+        assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])
+        assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
+        assert (first is second) == (fixed == 5)
+
+
+@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+@pytest.mark.parametrize("seed", range(20))
+def test_a_charge_lasts_as_long_compiled_as_plain(seed):
+    rng = np.random.default_rng(seed)
+    motion, plan = rng.normal(3.0, 4.0, 50), rng.uniform(0.0, 10.0, 6)
+    rest = (rng.normal(), 6, 1, 1.0, 10 ** rng.uniform(-4, 0), 14.8, 0.05, rng.choice([17.0, 1095.0]), 1e-4)
+    compiled.enable()
+    try:
+        lasting = compiled.jitted(_lasting, _crossing_s)(motion, plan, *rest)
+    finally:
+        compiled.enable(False)
+    assert lasting == _lasting(motion.tolist(), plan.tolist(), *rest)
+
+
+@pytest.mark.parametrize("kind", ["exact", "published"])
+@pytest.mark.parametrize("at", ["end", "worst"])
+def test_a_horizons_forecast_in_loops_is_that_of_arrays(at, kind, monkeypatch):
+    own, rng = PaperSettings(constraint_at=at), np.random.default_rng(5)
+    loops = kernels.Kernels(**{name: getattr(kernels, name) for name in kernels.Kernels._fields})
+    o = Observation(30.0, 0.0, 0.0, PlanCursor.start(PLAN, (0.0, 10.0)), (-100.0, 220.0), 1, None, 0.8)
+    found = []
+    powers = 30.0 + rng.normal(size=300)
+    for form in (None, loops):
+        monkeypatch.setattr(planner_module, "kernels", lambda form=form: form)
+        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(kind=kind), MISSION, own)
+        pilot._estimator.observe_batch([0.1 * i for i in range(300)], powers.tolist())
+        found.append(pilot._horizon_forecast(o, 6))
+    assert found[1].limit_motion_w == pytest.approx(found[0].limit_motion_w, rel=1e-12)
+    assert found[1].mean_motion_w == pytest.approx(found[0].mean_motion_w, rel=1e-12)
