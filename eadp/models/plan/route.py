@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import jitted
+from eadp.core.compiled import in_loops, jitted
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes, Track
@@ -132,8 +133,8 @@ class Route:
             return np.zeros(0), np.zeros(0)
         nodes, of_node, order = self._flat
         own = self._own_airspeeds
-        speed = airspeed_mps if own is None else np.where(np.isnan(own), airspeed_mps, own)
-        return jitted(_times_s, ground_speeds_mps, squared_bank_slopes)(*nodes, of_node, order, speed, wind_mps)
+        speed = np.full(len(of_node), airspeed_mps) if own is None else np.where(np.isnan(own), airspeed_mps, own)
+        return jitted(_times_s)(*nodes, of_node, order, speed, wind_mps)
 
     @cached_property
     def free(self) -> FloatArray:
@@ -354,6 +355,35 @@ class AlikeLaps(NamedTuple):
         return legs
 
 
+def _times_in_loops(
+    weights_m: FloatArray,
+    cosine: FloatArray,
+    sine: FloatArray,
+    curvature_per_m: FloatArray,
+    of_node: IntArray,
+    order: IntArray,
+    airspeed_mps: FloatArray,
+    wind_mps: Point,
+) -> tuple[FloatArray, FloatArray]:
+    """`_times_s` for compiled code."""
+    (wx, wy), count = wind_mps, of_node[-1] + 1
+    times_s, turning_s = np.zeros(count), np.zeros(count)
+    for i in range(len(of_node)):
+        leg, s = of_node[i], airspeed_mps[i]
+        cross = wx * sine[i] - wy * cosine[i]
+        along = math.sqrt(max(s * s - cross * cross, 0.0))
+        speed = wx * cosine[i] + wy * sine[i] + along if abs(cross) < s else 0.0
+        if speed > 0.0:
+            seconds = weights_m[i] / speed
+            turn = curvature_per_m[i] * speed * speed / max(along, 1e-3 * s)
+            times_s[leg] += seconds
+            turning_s[leg] += seconds * (s * turn / GRAVITY_MPS2) ** 2
+        else:
+            times_s[leg] = math.inf
+    return times_s[order], turning_s[order]
+
+
+@in_loops(_times_in_loops)
 def _times_s(
     weights_m: FloatArray,
     cosine: FloatArray,
@@ -361,10 +391,10 @@ def _times_s(
     curvature_per_m: FloatArray,
     of_node: IntArray,
     order: IntArray,
-    airspeed_mps: float | FloatArray,
+    airspeed_mps: FloatArray,
     wind_mps: Point,
 ) -> tuple[FloatArray, FloatArray]:
-    """`Route.times_s` by the nodes of the legs that differ; may be compiled."""
+    """`Route.times_s` by the nodes of the legs that differ."""
     speeds, along = ground_speeds_mps(cosine, sine, airspeed_mps, wind_mps)
     forward = speeds > 0.0
     seconds = weights_m / np.where(forward, speeds, 1.0)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import jitted
+from eadp.core.compiled import in_loops, jitted
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
@@ -28,6 +28,7 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
+from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
 from eadp.planning.joint.program import Candidate, Shares, Solution
 from eadp.planning.joint.settings import JointSettings
@@ -827,6 +828,7 @@ class Forecaster:
         return FinalCharge(std, means=(soc,)).level(self._own.reserve_probability) - self._settings.reserve_soc
 
 
+@in_loops(kernels.remaining_load)
 def _remaining_load(
     whole_s: FloatArray,
     turning_s: FloatArray,
@@ -837,10 +839,7 @@ def _remaining_load(
     ripple_w: float,
     max_w: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
-    """Times [s], motion powers and their maxima [W] of legs, the first only in part; time, ∫ tan² φ [s], energy [J].
-
-    Keeps to what numba compiles, see `eadp.core.compiled`.
-    """
+    """Times [s], motion powers and their maxima [W] of legs, the first only in part; time, ∫ tan² φ [s], energy [J]."""
     times_s = whole_s * ratio
     times_s[0] *= left
     bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import jitted
 from eadp.core.envelope import upper_envelope
 
 FULL = 1e-9
@@ -124,19 +123,20 @@ def fill_greedy(increments: Increments, available: float) -> Allocation:
     if spare < -FULL:
         none = np.zeros(len(increments.use))
         return Allocation(none, increments.base_use, increments.base_value, feasible=False)
-    return allocation_of(increments, jitted(_filled)(increments.use, increments.gain, spare))
+    return allocation_of(increments, _filled(increments, spare))
 
 
-def _filled(use: FloatArray, gain: FloatArray, spare: float) -> FloatArray:
-    """Share of each increment that is taken; keeps to what numba compiles, see `eadp.core.compiled`."""
+def _filled(increments: Increments, spare: float) -> FloatArray:
+    """Share of each increment that is taken."""
+    use = increments.use
     shares = np.zeros(len(use))
-    order = np.argsort(-np.where(use > 0.0, gain / np.maximum(use, 1e-300), np.inf), kind="mergesort")
-    after = np.cumsum(use[order])
-    whole = np.searchsorted(after, max(spare, 0.0) + FULL, side="right")
+    order = np.argsort(-increments.efficiency, kind="stable")
+    after = use[order].cumsum()
+    whole = int(after.searchsorted(max(spare, 0.0) + FULL, side="right"))
     shares[order[:whole]] = 1.0
     if whole < len(order):
-        before = after[whole - 1] if whole else 0.0
-        shares[order[whole]] = min(1.0, max(0.0, (spare - before) / use[order[whole]]))
+        before = float(after[whole - 1]) if whole else 0.0
+        shares[order[whole]] = min(1.0, max(0.0, (spare - before) / float(use[order[whole]])))
     return shares
 
 

@@ -43,7 +43,7 @@ from eadp.planning.joint.program import MissionProgram, Solution, best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import QUALITY, KnapsackTerms
 
-UPDATE_EVERY_S = 3.0
+UPDATE_EVERY_S = 5.0
 """Maximum time between updates [s], so that a jump of the charge has a response however seldom it re-plans; and the
 time between looks whether the forecast holds."""
 

@@ -11,20 +11,20 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.compiled import jitted
-from eadp.core.flight.battery import drains_per_s, max_power_w, min_voltage_v
+from eadp.core.compiled import in_loops, jitted
+from eadp.core.flight.battery import drain_per_s, drains_per_s, max_power_w, min_voltage_v
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
+from eadp.planning.joint import kernels
+from eadp.planning.joint.kernels import DELIVERABLE, AllIncrements, Cell, Limits
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
 from eadp.planning.joint.settings import JointSettings
 
 QUALITY, TOTAL = "quality", "total"
 MAX_CONFIGURATIONS = 50_000
-DELIVERABLE = 0.98
-"""Maximum planned power as a share of the battery's maximum power."""
 
 
 class RouteLoad(NamedTuple):
@@ -182,11 +182,11 @@ class TermBuilder:
         cell = (*self._cell[:3], per_as, *self._cell[4:])
         # the reserve bounds the state of charge from below on the whole route
         volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = jitted(
-            _power_limits, drains_per_s, max_power_w, min_voltage_v
+            _power_limits, drain_per_s, kernels.power_at, kernels.voltage_for
         )(times, load.motion_w, load.peak_w, extremes_w, group_of, soc, min(reserve_soc, soc), cell)
         kinds, kind_of = self._kinds(groups, group_of, room if truncated.any() else None, value_rates)
         ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
-        segment, level, use, gain, base_use, own_value, energy_j = jitted(_all_increments, _increments, drains_per_s)(
+        segment, level, use, gain, base_use, own_value, energy_j = jitted(_all_increments, drain_per_s)(
             *(kind_of, ends, *_joined(kinds), times, expected_s, load.motion_w, volts, cell)
         )
         mean_w = energy_j / max(total_s, 1e-9)
@@ -330,16 +330,13 @@ def _joined(kinds: Sequence[ConcaveEnvelope]) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([kind.powers_w for kind in kinds]), np.concatenate([kind.values for kind in kinds])
 
 
-_AllIncrements = tuple[IntArray, IntArray, FloatArray, FloatArray, float, float, float]
 _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
-_Cell = tuple[float, float, float, float, float, float, float]
-"""Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
-cut-off voltage [V]."""
 
 
-# The functions below keep to what numba compiles, see `eadp.core.compiled`.
+# The functions below are those of `kernels` with arrays.
 
 
+@in_loops(kernels.quality)
 def _quality(
     free: FloatArray,
     shares: FloatArray,
@@ -360,6 +357,7 @@ def _quality(
     return value_rates, (value_rates * areas_s).sum()
 
 
+@in_loops(kernels.power_limits)
 def _power_limits(
     times_s: FloatArray,
     motion_w: FloatArray,
@@ -368,8 +366,8 @@ def _power_limits(
     group_of: IntArray,
     soc: float,
     floor: float,
-    cell: _Cell,
-) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray, float, float, float]:
+    cell: Cell,
+) -> Limits:
     """Voltage of each segment, limit of its computations [W], and attributes of `KnapsackTerms` from `truncated` on.
 
     `extremes_w` holds the least and the greatest power of each group of configurations.
@@ -404,6 +402,7 @@ def _power_limits(
     return volts, room, max_w > room, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
 
 
+@in_loops(kernels.all_increments)
 def _all_increments(
     kind_of: IntArray,
     ends: IntArray,
@@ -413,8 +412,8 @@ def _all_increments(
     expected_s: FloatArray,
     motion_w: FloatArray,
     volts: FloatArray,
-    cell: _Cell,
-) -> _AllIncrements:
+    cell: Cell,
+) -> AllIncrements:
     """Increments of all segments, one kind of envelope after the other: segment, level, use and gain.
 
     After them use and value with every segment at minimum power, and the energy with computations half way [J]. The
@@ -451,7 +450,7 @@ def _increments(
     volts: FloatArray,
     powers_w: FloatArray,
     values: FloatArray,
-    cell: _Cell,
+    cell: Cell,
 ) -> _EnvelopeIncrements:
     """Increments of segments that share an envelope.
 
