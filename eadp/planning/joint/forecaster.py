@@ -154,8 +154,8 @@ class _Expected:
 
     Route, time [s], whole time and time left of each leg [s] and its motion power [W]; the ratio of times; whether the
     gauge is believed, the drain predicted to the end, and the state of charge then; ∫ tan² φ over the time left [s],
-    and power regressed [W]; wind [m/s]; soc_per_j and mean_w of the terms. And of the flight since: which leg is flown,
-    since when [s], and the motion's energy on those before it [J].
+    and power regressed [W]; wind [m/s]; soc_per_j and mean_w of the terms; standard deviation of the final charge. And
+    of the flight since: which leg is flown, since when [s], and the motion's energy on those before it [J].
     """
 
     route: Route
@@ -173,6 +173,7 @@ class _Expected:
     wind_mps: Point
     soc_per_j: float
     mean_w: float
+    std: float
     leg: int = 0
     leg_since_s: float = 0.0
     before_j: float = 0.0
@@ -591,17 +592,17 @@ class Forecaster:
             return math.inf
         times_s, areas_s = self._flown.until(self._time_s)
         weights, greatest, total = self._settings.weights, 0.0, 0.0
-        count, (least_s, most_s, before_s) = len(self.open), ahead
+        count, (shortest_s, longest_s, before_s) = len(self.open), ahead
         values = (self._with_path(shares[:count]), self._with_path(shares[-count:]))
         for j, (name, boxes) in enumerate(zip(self._plan.names, self._choices, strict=True)):
             weight = weights.get(name, 0.0) if weights else 1.0
-            if weight <= 0 or times_s[j] + most_s[j] <= 0:
+            if weight <= 0 or times_s[j] + longest_s[j] <= 0:
                 continue
             share, area_s = 1.0, areas_s[j]
             if j < self._plan.path_count:
                 share = max(box.share(box.clip(own[j])) or 0.0 for box in boxes for own in values)
                 area_s += before_s[j]
-            averages = [(area_s + share * t) / max(times_s[j] + t, MIN_STD) for t in (least_s[j], most_s[j])]
+            averages = [(area_s + share * t) / max(times_s[j] + t, MIN_STD) for t in (shortest_s[j], longest_s[j])]
             total, greatest = total + weight, greatest + weight * min(max(averages), 1.0)
         return greatest / total if total else math.inf
 
@@ -620,8 +621,8 @@ class Forecaster:
                 route, expected_s = self.route(shares), evaluated[1].expected_s
                 found.append((route.free @ expected_s, route.shares @ expected_s))
             (low_s, before_s), (high_s, _) = found
-            least_s, most_s = BOUND_SLACK * np.minimum(low_s, high_s), np.maximum(low_s, high_s) / BOUND_SLACK
-            self._ahead = least_s.tolist(), most_s.tolist(), (before_s / BOUND_SLACK).tolist()
+            shortest_s, longest_s = BOUND_SLACK * np.minimum(low_s, high_s), np.maximum(low_s, high_s) / BOUND_SLACK
+            self._ahead = shortest_s.tolist(), longest_s.tolist(), (before_s / BOUND_SLACK).tolist()
         return self._ahead
 
     def forecast(self, solution: Solution) -> Forecast:
@@ -671,13 +672,14 @@ class Forecaster:
             self.soc - self._charge.use(drain)[0],
             float(turning.sum()) * ratio,
             *(motion.level_w, motion.slope_w, self.wind_mps, terms.soc_per_j, terms.mean_w),
+            self._final_charge(terms, load, self.soc - solution.allocation.use, load.motion_w).std,
         )
 
     def surprise(self, time_s: float, position: Point, computing_w: float) -> float:
-        """By how much the final state of charge is other than expected after the last forecast, to first order.
+        """By how much more charge is available than expected after the last forecast, to first order.
 
-        From the charge, the battery's use, the place on the leg, the motion's power and the wind, each against what was
-        expected of it; infinite where nothing was.
+        From the charge, the battery's use, the place on the leg, the motion's power, the wind, and the margin for their
+        errors, each against what was expected of it; infinite where nothing was.
 
         Parameters
         ----------
@@ -694,7 +696,8 @@ class Forecaster:
         passed_j = e.before_j + float(e.motion_w[leg]) * (time_s - e.leg_since_s)
         passed_s = max(time_s - e.time_s, MIN_STD)
         drained = self._drain_per_s(passed_j / passed_s + computing_w) * passed_s
-        charge = self.soc - self._charge.use(max(e.drain - drained, 0.0))[0] - e.soc_end
+        used, charge_var = self._charge.use(max(e.drain - drained, 0.0))
+        charge = self.soc - used - e.soc_end
         later_s = float(e.times_s[leg + 1 :].sum())
         leg_s = float(e.whole_s[leg])
         left_s = leg_s * self._left_share(e.route, time_s, position, leg_s) + later_s
@@ -702,7 +705,13 @@ class Forecaster:
         (wx, wy), (gx, gy) = self.wind_mps, self._sensitivity[1]
         late_s += left_s * (gx * (wx - e.wind_mps[0]) + gy * (wy - e.wind_mps[1]) + self._ratio.ratio / e.ratio - 1)
         more_j = (motion.level_w - e.level_w) * left_s + (motion.slope_w - e.slope_w) * e.bank_s
-        return charge - e.soc_per_j * (more_j + e.mean_w * late_s)
+        time_var = self._ratio.variance_s2(left_s) + left_s**2 * self._wind_variance()
+        energy_j2 = (
+            motion.energy_variance_j2(left_s, e.bank_s * left_s / float(e.times_s.sum())) + e.mean_w**2 * time_var
+        )
+        std = self._charge_std(e.soc_per_j, energy_j2, math.sqrt(charge_var), e.soc_end, left_s)
+        margin = NormalDist().inv_cdf(self._own.reserve_probability) * (std - e.std)
+        return charge - e.soc_per_j * (more_j + e.mean_w * late_s) - margin
 
     def _drain_per_s(self, power_w: float) -> float:
         """Predicted rate of discharge at the voltage of now [1/s]."""
@@ -783,20 +792,32 @@ class Forecaster:
             if all(math.isfinite(value) for value in logs):
                 gx, gy = (logs[0] - logs[1]) / (2 * d), (logs[2] - logs[3]) / (2 * d)
             self._sensitivity = (self._time_s, (gx, gy))
+        return self._wind_variance()
+
+    def _wind_variance(self) -> float:
+        """`_wind_share` with the sensitivity as it was found last."""
+        if self._measured_wind is not None:
+            return 0.0
+        gx, gy = self._sensitivity[1]
         pxx, pyy, pxy = self._wind.covariance
         return max(gx * gx * pxx + 2 * gx * gy * pxy + gy * gy * pyy, 0.0)
 
     def _final_charge(self, terms: KnapsackTerms, load: RouteLoad, soc: float, powers_w: FloatArray) -> FinalCharge:
         """The final state of charge, of mean `soc` where the whole route is flown, at powers of its legs [W]."""
         energy_j2 = load.energy_std_j**2 + (terms.mean_w * load.time_std_s) ** 2
-        losses = self._own.loss_rate_per_h / 3600 * float(load.times_s.sum())
-        soc -= losses * LOSS
-        charge_var = load.charge_std**2 + self._charge.gain_std(soc) ** 2
-        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + charge_var + losses * LOSS_SQUARE)
+        left_s = float(load.times_s.sum())
+        soc -= self._own.loss_rate_per_h / 3600 * left_s * LOSS
+        std = self._charge_std(terms.soc_per_j, energy_j2, load.charge_std, soc, left_s)
         if not load.ends:
             return FinalCharge(std, means=(soc,))
         unused_j = _unspent(load, powers_w * load.times_s)
         return FinalCharge(std, _shares_of(load), tuple([soc + terms.soc_per_j * energy_j for energy_j in unused_j]))
+
+    def _charge_std(self, soc_per_j: float, energy_j2: float, charge_std: float, soc: float, left_s: float) -> float:
+        """Standard deviation of the final charge `soc`, from the variance of the energy until then [J²], and losses."""
+        losses = self._own.loss_rate_per_h / 3600 * left_s
+        charge_var = charge_std**2 + self._charge.gain_std(soc) ** 2
+        return math.sqrt(soc_per_j**2 * energy_j2 + charge_var + losses * LOSS_SQUARE)
 
     def home_spare(self, solution: Solution) -> float | None:
         """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.

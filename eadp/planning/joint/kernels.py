@@ -110,7 +110,7 @@ def power_limits(
             charge_end[i] = soc - left
             volts[i] = empty_v + rise_v * max(charge_end[i] + taken[i] / 2, 0.0)
     room, truncated, by_letter = np.zeros(count), np.zeros(count, np.bool_), np.zeros(count, np.bool_)
-    most_w = power_at(empty_v + rise_v * soc, resistance_ohm, max_current_a, cutoff_v)
+    full_w = power_at(empty_v + rise_v * soc, resistance_ohm, max_current_a, cutoff_v)
     beyond, letter_soc, delivered_soc, later = 0.0, -math.inf, -math.inf, 0.0
     for i in range(count - 1, -1, -1):
         base_w, max_w = extremes_w[group_of[i], 0], extremes_w[group_of[i], 1]
@@ -121,7 +121,7 @@ def power_limits(
             allowed = min(allowed, by_charge)
         room[i] = allowed - peak_w[i]
         truncated[i] = max_w > room[i]
-        beyond = max(beyond, peak_w[i] + base_w - most_w)
+        beyond = max(beyond, peak_w[i] + base_w - full_w)
         # at the end of each segment at minimum power, as states of charge at the end of the route
         letter_soc = max(letter_soc, (peak_w[i] + base_w) / per_soc_w - later)
         delivered_soc = max(delivered_soc, required[i] - later)

@@ -74,8 +74,7 @@ HELD_SHARE = 0.1
 """Longest time between re-plannings as a share of the time that is left."""
 
 SURPRISE_VALUE, SURPRISE_SHARE = 1e-3, 0.05
-"""The forecast holds while what it is off by is worth less of the objective, and moves the share of the upper
-configuration by less."""
+"""The forecast holds while its error changes the objective, and the share of the upper configuration, by less."""
 
 RISE_GAIN = 0.002
 """Least gain of the objective over the remaining time for which computations rise, times one more for each change."""
@@ -120,6 +119,8 @@ class JointPlanner(TrackingPlanner):
     def next_update_s(self) -> float:
         """When it re-plans or updates next; at the next reading where the charge may have jumped."""
         update_s = self._next_reading_s if self._ambiguous else self._updated_s + UPDATE_EVERY_S
+        if self._jumped and self._updated_s < WARM_UP_S:
+            update_s = min(update_s, WARM_UP_S)
         return min(self._next_s, update_s)
 
     def ingest(self, readings: Readings) -> Decision:

@@ -240,7 +240,7 @@ class MissionProgram:
         return best
 
     def price(self, solution: Solution) -> float:
-        """What a little more charge is worth in a solution: the multiplier of the charge; 0 where some is left over."""
+        """Value per charge of a little more charge in a solution: its multiplier; 0 where some is left over."""
         increments, shares = solution.candidate.increments, solution.allocation.shares
         missing = (shares < 1.0 - MIN_REACH) & (increments.use > 0.0)
         return float(increments.efficiency[missing].max(initial=0.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -136,7 +137,7 @@ def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
     times = [record.time_s for record in dropped.records]
     assert times == sorted(set(times))
     assert times[0] == pytest.approx(WARM_UP_S, abs=2 * STEP_S)
-    assert max(later - now for now, later in itertools.pairwise(times)) < 1.0 + 2 * STEP_S
+    assert max(later - now for now, later in itertools.pairwise(times)) < 30.0 + 2 * STEP_S
     for record in dropped.records:
         row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
         assert set(row["parameters"]) == {"c1", "c2"}
@@ -303,8 +304,9 @@ def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
 
 @pytest.mark.parametrize("every_s", [0.1, 5.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_it_re_plans_each_second_however_seldom_and_noisy_the_gauge(every_s, noise):
-    flight = flown(**{"estimator.every_s": every_s, "sensors.soc_noise": noise, "time_limit_s": 40.0, "faults": []})
+def test_it_re_plans_each_second_where_it_is_asked_to_however_seldom_and_noisy_the_gauge(every_s, noise):
+    own = {"estimator.every_s": every_s, "sensors.soc_noise": noise, "planner.joint.max_interval_s": 0}
+    flight = flown(**own, time_limit_s=40.0, faults=[])
     times = [record.time_s for record in flight.records]
     assert [second for second in range(5, 41) if not any(abs(second - time_s) < 1e-6 for time_s in times)] == []
 
@@ -327,7 +329,7 @@ def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
     pilot._forecaster = SimpleNamespace(
-        by_blocks=False, candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True
+        by_blocks=False, candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True, bound=lambda _: math.inf
     )
     solution, searched, moved = pilot._solve(NEW_STAGE)
     assert searched
