@@ -57,7 +57,7 @@ def test_a_flight_is_that_of_the_command(eadp, tmp_path):
     assert list(flight.columns) == rows[0]
     assert np.array(rows[1:], dtype=float).T.tolist() == [column.tolist() for column in flight.columns.values()]
     decisions = (tmp_path / "library/decisions.jsonl").read_text(encoding="utf-8").splitlines()
-    assert len(decisions) == len(flight.decisions) > 5
+    assert len(decisions) == len(flight.decisions) > 1
     assert json.loads((tmp_path / "library/summary.json").read_text(encoding="utf-8"))["seed"] == 3
     with pytest.raises(library.InputError, match="exists already"):
         flight.write(tmp_path / "library")

@@ -78,13 +78,13 @@ def _all_passed(
 
 def _passed(s: State, bounds: tuple[float, float], time_s: float, power_w: float, computing_w: float) -> float:
     """The reading, or NaN where it is false."""
-    least_w, limit_w = bounds
+    usual_w, limit_w = bounds
     s[REJECTS] = 1.0
     if not 0.0 <= power_w <= limit_w:  # NaN included
         return math.nan
     if math.isnan(s[MEAN_W]):
         s[MEAN_W] = power_w
-    if power_w > MAX_RATIO * max(s[MEAN_W], least_w):
+    if power_w > MAX_RATIO * max(s[MEAN_W], usual_w):
         if math.isnan(s[SINCE_S]):
             s[SINCE_S] = time_s
         if time_s - s[SINCE_S] < PERSISTENT_S:

@@ -253,7 +253,7 @@ class Forecaster:
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[list[float], list[float], list[float]] | None = None
         self._expected: _Expected | None = None
-        self._time_s = self._stage_since_s = self._charge_s = 0.0
+        self._time_s = self._stage_since_s = self._charge_s = self._located_s = 0.0
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
         self._ripple_w = 0.0
@@ -300,7 +300,9 @@ class Forecaster:
         return self._wind_used
 
     def update_stage(self, o: Observation) -> bool:
-        """Update stage and parameters; return whether a new stage has started."""
+        """Update position, stage and parameters; return whether a new stage has started."""
+        self._off_path((o.x_m, o.y_m), o.time_s - self._located_s)
+        self._located_s = o.time_s
         started = o.stages_started != self._stages_started
         self._through_gap |= o.through_gap
         rho = self._plan.path_count
@@ -331,7 +333,6 @@ class Forecaster:
             Power of the computations [W].
         """
         step_s = self._duration_s(o.time_s)
-        self._off_path((o.x_m, o.y_m), step_s)
         beside_w = computing_w + self._followed_w(step_s, o.airspeed_mps)
         if o.power_w is not None and step_s > 0:
             self._motion.observe(o.power_w - beside_w, min(step_s, MAX_STEP_S), self._slope)
@@ -347,7 +348,6 @@ class Forecaster:
         """Update the estimates with a batch of readings, see `observe`; return whether the charge has jumped in any."""
         times = readings.times_s
         durations = [self._duration_s(time_s) for time_s in times]
-        self._off_path((readings.x_m[-1], readings.y_m[-1]), sum(durations))
         first = 0 if durations[0] > 0 else 1  # the first reading of a flight has no duration
         beside_w = [computing_w + self._followed_w(duration_s) for duration_s in durations]
         self._wind.observe_batch(
