@@ -62,7 +62,7 @@ FULL_SHARE = 1 - 1e-6
 WARM_UP_S = 5.0
 """No decision before this time [s]: the variance of wind and power is still large."""
 
-REEVALUATE_SOC, REEVALUATE_VALUE = 0.005, 0.005
+REEVALUATE_SOC, REEVALUATE_VALUE = 0.002, 0.002
 """Minimum change of the charge left by the best plan, or of its value, before path parameters are optimised again."""
 
 RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
