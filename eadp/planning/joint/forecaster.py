@@ -173,7 +173,7 @@ class _Expected:
     wind_mps: Point
     soc_per_j: float
     mean_w: float
-    std: float
+    std: float = 0.0
     leg: int = 0
     leg_since_s: float = 0.0
     before_j: float = 0.0
@@ -672,8 +672,17 @@ class Forecaster:
             self.soc - self._charge.use(drain)[0],
             float(turning.sum()) * ratio,
             *(motion.level_w, motion.slope_w, self.wind_mps, terms.soc_per_j, terms.mean_w),
-            self._final_charge(terms, load, self.soc - solution.allocation.use, load.motion_w).std,
         )
+        self._expected.std = self._std_ahead(self._expected, drain, total_s)[1]
+
+    def _std_ahead(self, expected: _Expected, drain: float, left_s: float) -> tuple[float, float]:
+        """State of charge at the end after a predicted drain, and its standard deviation, for a time left [s]."""
+        used, charge_var = self._charge.use(drain)
+        time_var = self._ratio.variance_s2(left_s) + left_s**2 * self._wind_variance()
+        bank_s = expected.bank_s * left_s / max(float(expected.times_s.sum()), MIN_STD)
+        energy_j2 = self._motion.energy_variance_j2(left_s, bank_s) + expected.mean_w**2 * time_var
+        end = self.soc - used
+        return end, self._charge_std(expected.soc_per_j, energy_j2, math.sqrt(charge_var), end, left_s)
 
     def surprise(self, time_s: float, position: Point, computing_w: float) -> float:
         """By how much more charge is available than expected after the last forecast, to first order.
@@ -696,8 +705,6 @@ class Forecaster:
         passed_j = e.before_j + float(e.motion_w[leg]) * (time_s - e.leg_since_s)
         passed_s = max(time_s - e.time_s, MIN_STD)
         drained = self._drain_per_s(passed_j / passed_s + computing_w) * passed_s
-        used, charge_var = self._charge.use(max(e.drain - drained, 0.0))
-        charge = self.soc - used - e.soc_end
         later_s = float(e.times_s[leg + 1 :].sum())
         leg_s = float(e.whole_s[leg])
         left_s = leg_s * self._left_share(e.route, time_s, position, leg_s) + later_s
@@ -705,13 +712,9 @@ class Forecaster:
         (wx, wy), (gx, gy) = self.wind_mps, self._sensitivity[1]
         late_s += left_s * (gx * (wx - e.wind_mps[0]) + gy * (wy - e.wind_mps[1]) + self._ratio.ratio / e.ratio - 1)
         more_j = (motion.level_w - e.level_w) * left_s + (motion.slope_w - e.slope_w) * e.bank_s
-        time_var = self._ratio.variance_s2(left_s) + left_s**2 * self._wind_variance()
-        energy_j2 = (
-            motion.energy_variance_j2(left_s, e.bank_s * left_s / float(e.times_s.sum())) + e.mean_w**2 * time_var
-        )
-        std = self._charge_std(e.soc_per_j, energy_j2, math.sqrt(charge_var), e.soc_end, left_s)
+        end, std = self._std_ahead(e, max(e.drain - drained, 0.0), left_s)
         margin = NormalDist().inv_cdf(self._own.reserve_probability) * (std - e.std)
-        return charge - e.soc_per_j * (more_j + e.mean_w * late_s) - margin
+        return end - e.soc_end - e.soc_per_j * (more_j + e.mean_w * late_s) - margin
 
     def _drain_per_s(self, power_w: float) -> float:
         """Predicted rate of discharge at the voltage of now [1/s]."""

@@ -28,7 +28,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.legs import first_beyond_m, left_m, leg_points
+from eadp.models.plan.legs import Leg, first_beyond_m, left_m, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.plan.trace import default_start, nominal_legs
@@ -797,3 +797,31 @@ def test_at_the_end_to_a_hair_there_are_two_ends():
         course = course.after()
     assert [end.leg for end in course.ends] == [0]
     assert course.after().ends == ()
+
+
+class _EachLap(RoutePredictor):
+    """Lays every lap out on its own."""
+
+    def _lap(self, cursor, start):
+        return None
+
+
+@pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
+@pytest.mark.parametrize("passed", [0, 1, 4, 9])
+@pytest.mark.parametrize("now", [-500.0, -1000.0])
+def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
+    """Also from the middle of a lap, and of another c1 than the one decided."""
+    plan = survey()
+    cursor = PlanCursor.start(plan, (now, 10.0))
+    start = default_start(plan, (now, 10.0))[0]
+    for _ in range(passed):
+        start, cursor = cursor.trigger_m(), cursor.next()
+    cursor = cursor.decide((c1, 10.0))
+    found, expected = (predictor.route(cursor, start, MARGIN_M) for predictor in (RoutePredictor(), _EachLap()))
+    assert any(not isinstance(piece, Leg) for piece in found.pieces)
+    assert [leg._replace(track=None) for leg in found.legs] == [leg._replace(track=None) for leg in expected.legs]
+    assert (found.shape, found.parameters, found.ends) == (expected.shape, expected.parameters, expected.ends)
+    assert found.first == found.legs[0]
+    wind = (3.0, -4.0)
+    for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):
+        assert ours.tolist() == theirs.tolist()

@@ -112,3 +112,21 @@ def undisturbed():
 )
 def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
     assert quality(false_w) == pytest.approx(undisturbed, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_readings_in_a_batch_pass_as_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    times_s = np.cumsum(rng.uniform(0.05, 1.0, 200)).tolist()
+    powers_w = (40.0 * np.exp(rng.normal(0, 0.2, 200))).tolist()
+    for i in rng.integers(0, 200, 40):
+        powers_w[i] = [None, math.nan, -1.0, 900.0, 1e9][i % 5]
+    one, other = PowerGate(36.0, LIMIT_W), PowerGate(36.0, LIMIT_W)
+    expected = [one.passed(t, power, 5.0) for t, power in zip(times_s, powers_w, strict=True)]
+    found, at = [], 0
+    while at < 200:
+        end = at + int(rng.integers(1, 20))
+        found += other.passed_batch(times_s[at:end], powers_w[at:end], 5.0)
+        at = end
+    assert found == expected
+    assert (one.max_motion_w, one.rejects) == (other.max_motion_w, other.rejects)

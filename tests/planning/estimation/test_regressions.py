@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.core import compiled
+from eadp.core.flight.battery import current_a
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.stage import Box
@@ -491,3 +493,44 @@ def test_use_falls_no_faster_than_the_voltage_of_the_prediction(voltage_fall, sl
         drained += 1e-3
     now = charge.use(1e-6)[0] / 1e-6
     assert charge.use(0.3)[0] == pytest.approx(0.3 * now + slope * 0.3**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("compiled_code", [False, True])
+def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
+    """Charge, with the drain by the power and a loss, and power in windows; nothing measured now and then."""
+    rng, count = np.random.default_rng(seed), 400
+    steps_s = rng.uniform(0.05, 0.5, count).tolist()
+    powers_w = (45.0 + rng.normal(0, 3, count)).tolist()
+    per_as, volts, resistance_ohm = 1 / 3600 / 0.5, 11.1, 0.05
+    charges = (1.0 - np.cumsum(steps_s) * 45.0 / volts * per_as + rng.normal(0, 0.002, count)).tolist()
+    charges[250:] = [charge - 0.08 for charge in charges[250:]]
+    for i in range(60, 80):
+        powers_w[i] = math.nan
+    cell = (volts, 0.0, resistance_ohm, per_as)
+    one, motion = ChargeFilter(), MotionPower(40.0)
+    power_w, expected, started = 45.0, False, False
+    for step_s, reading_w, charge in zip(steps_s, powers_w, charges, strict=True):
+        power_w = power_w if math.isnan(reading_w) else reading_w
+        drained = current_a(power_w, volts, resistance_ohm) * per_as * step_s if started else 0.0
+        expected |= one.observe(charge, drained, measured=not math.isnan(reading_w))
+        started = True
+        if not math.isnan(reading_w):
+            motion.observe(reading_w - 5.0, step_s, 0.1)
+    other, together = ChargeFilter(), MotionPower(40.0)
+    found, known_w, at = False, 45.0, 0
+    compiled.enable(compiled_code)
+    try:
+        while at < count:
+            end = min(count, at + int(rng.integers(1, 40)))
+            batch = powers_w[at:end], charges[at:end], steps_s[at:end]
+            jumped, known_w = other.observe_batch(known_w, *batch, 10.0, cell)
+            together.observe_batch(batch[0], [5.0] * (end - at), batch[2], 0.1)
+            found, at = found or jumped, end
+    finally:
+        compiled.enable(False)
+    assert found
+    assert expected
+    assert other.soc == pytest.approx(one.soc, abs=1e-12)
+    assert other.use(0.2) == pytest.approx(one.use(0.2), rel=1e-9)
+    assert (together.level_w, together.slope_w) == pytest.approx((motion.level_w, motion.slope_w), rel=1e-9)

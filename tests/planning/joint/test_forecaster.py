@@ -462,3 +462,111 @@ def test_a_replayed_charge_is_believed_as_it_is_read():
         late += abs(forecaster.soc - charge) > 3 * 0.0022
     assert late <= 2
     assert forecaster.warnings == ()
+
+
+# --- what a forecast expects ------------------------------------------------------------------------------------------
+
+
+class Expecting(TrackingPlanner):
+    """Keeps its parameters, and forecasts once; looks at every second thereafter by how much it is off."""
+
+    def __init__(self, settings, estimator, mission, since_s):
+        super().__init__(settings, estimator, mission)
+        self.forecaster = Forecaster(settings, mission)
+        self.seen, self._since_s = [], since_s
+
+    def update(self, observation):
+        o, forecaster = observation, self.forecaster
+        forecaster.update_stage(o)
+        read = o.time_s >= self._next_reading_s - 1e-9
+        decision = super().update(o)
+        if read:
+            forecaster.observe(o, self._computing_w)
+        if read and o.time_s >= self._since_s and not self.seen:
+            forecaster.start_at(o.time_s, (o.x_m, o.y_m), 0.0)
+            self.solution = best_at(forecaster.candidate(forecaster.shares))
+            forecaster.forecast(self.solution)
+            forecaster.expect(self.solution)
+        if read and o.time_s >= self._since_s:
+            self.seen.append((o.time_s, forecaster.surprise(o.time_s, (o.x_m, o.y_m), self._computing_w)))
+        return decision
+
+    ingest = TrackingPlanner.ingest
+
+
+def expecting(seconds=30.0, since_s=100.0, **overrides):
+    inputs = inputs_of(**CALM, **{"time_limit_s": since_s + seconds, **overrides})
+    pilot = Expecting(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission, since_s)
+    for _ in fly(inputs.world, pilot, Outcome()):
+        pass
+    return pilot
+
+
+def test_a_flight_that_goes_as_forecast_is_no_surprise():
+    """Over a new stage, too; a new forecast is as far from the first one as the surprise said."""
+    pilot = expecting()
+    errors = np.array([error for _, error in pilot.seen])
+    assert len(errors) > 200
+    assert errors[0] == pytest.approx(0.0, abs=1e-9)
+    assert np.isfinite(errors).all()
+    forecaster, shares = pilot.forecaster, pilot.forecaster.shares
+    before = pilot.solution.candidate
+    time_s = pilot.seen[-1][0]
+    forecaster.start_at(time_s, forecaster._position, 0.0)
+    after = forecaster.candidate(shares)
+    more = (after.available - after.increments.base_use) - (before.available - before.increments.base_use)
+    flown = best_at(before).allocation.use - before.increments.base_use  # of the computations, while it flew
+    per_s = flown / forecaster.terms(shares)[1].times_s.sum()
+    assert errors[-1] == pytest.approx(more + per_s * 30.0, abs=0.25 * abs(per_s * 30.0) + 2e-4)
+
+
+@pytest.mark.parametrize("lost", [0.02, 0.1])
+def test_charge_that_is_lost_is_a_surprise_as_large(lost):
+    as_forecast, off = expecting(), expecting(faults=[{"at_s": 115.0, "soc_drop": lost}])
+    assert off.seen[-1][1] - as_forecast.seen[-1][1] == pytest.approx(-lost, rel=0.15)
+
+
+def test_wind_that_is_not_the_one_expected_is_a_surprise():
+    pilot = expecting()
+    forecaster, (time_s, _) = pilot.forecaster, pilot.seen[-1]
+    forecaster._sensitivity = (time_s, (0.01, 0.0))
+    wx, wy = forecaster.wind_mps
+    forecaster._measured_wind = (wx + 1.0, wy)
+    forecaster._wind_variance = lambda: 0.0
+    left_s = float(forecaster._expected.times_s.sum()) - 30.0
+    still = forecaster._measured_wind
+    moved = forecaster.surprise(time_s, forecaster._position, pilot._computing_w)
+    forecaster._measured_wind = (still[0] - 1.0, still[1])
+    back = forecaster.surprise(time_s, forecaster._position, pilot._computing_w)
+    expected = forecaster._expected
+    assert back - moved == pytest.approx(0.01 * left_s * expected.mean_w * expected.soc_per_j, rel=0.05)
+
+
+# --- bounds -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at_s", [5.0, 60.0, 150.0, 250.0])
+@pytest.mark.parametrize("overrides", [CALM, GUSTS, {"battery.capacity_ah": 0.3}])
+def test_no_place_is_worth_more_than_its_bound(at_s, overrides):
+    inputs = inputs_of(**{**overrides, "parameters.c1": -400.0, "time_limit_s": at_s})
+    pilot = Expecting(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission, at_s - 1.0)
+    for _ in fly(inputs.world, pilot, Outcome()):
+        pass
+    forecaster = pilot.forecaster
+    places = np.linspace(0.0, 1.0, 101).tolist()
+    values, bounds = [], []
+    for share in places:
+        candidate = forecaster.candidate((share,))
+        values.append(best_at(candidate).value if candidate is not None else -math.inf)
+        bounds.append(forecaster.bound((share,)))
+    assert all(value <= bound + 1e-9 for value, bound in zip(values, bounds, strict=True))
+    if overrides is CALM:
+        assert min(bounds) < max(values), "it rules something out"
+    # between two places, it is at most the greater of theirs
+    assert np.all(np.array(bounds[1:-1]) <= np.maximum(bounds[:-2], bounds[2:]) + 1e-12)
+    program = MissionProgram(1)
+    found = [
+        program.scanned(forecaster.candidate, forecaster.shares, bound=bound)
+        for bound in (forecaster.bound, lambda _: math.inf)
+    ]
+    assert found[0].value == pytest.approx(found[1].value, abs=1e-4)
