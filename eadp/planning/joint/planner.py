@@ -154,7 +154,7 @@ class JointPlanner(TrackingPlanner):
         if cause and o.time_s >= starts_s - 1e-9:
             self._jumped = False
             self._replan(o, cause)
-            self._next_s = max(self._next_look_s(o.time_s), self._starts_s)
+            self._next_s = self._next_look_s(o.time_s)
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:
@@ -182,7 +182,7 @@ class JointPlanner(TrackingPlanner):
     def _next_look_s(self, time_s: float) -> float:
         """When to re-plan, or to look whether the forecast holds, next [s]."""
         soon_s = next_multiple(time_s, self._settings.every_s)
-        return max(soon_s, min(time_s + UPDATE_EVERY_S, self._holds_until_s))
+        return max(soon_s, min(time_s + UPDATE_EVERY_S, self._holds_until_s), self._starts_s)
 
     def _replan(self, o: Observation, cause: str) -> None:
         forecaster, report = self._forecaster, self.report
