@@ -223,16 +223,13 @@ class JointPlanner(TrackingPlanner):
     def _hold(self, o: Observation, solution: Solution, terms: KnapsackTerms, remaining_s: float) -> None:
         """Set until when the forecast holds at most, and how much charge it may be off by.
 
-        A plan with a home to turn back to is forecast at every re-planning.
+        A plan that is not feasible, and one with a home to turn back to, is forecast at every re-planning.
         """
         self._holds_until_s = o.time_s
         self._held_stages, self._held_sets = o.stages_started, o.cursor.stage.sets
-        if self._home_spare is not None:
+        if not solution.allocation.feasible or self._home_spare is not None:
             return
         self._holds_until_s += min(self._max_interval_s, HELD_SHARE * remaining_s, self._steady_s)
-        if not solution.allocation.feasible:  # until it may be feasible again
-            self._tolerance = solution.shortfall / 2
-            return
         powers_w = terms.kinds[terms.kind_of[0]].powers_w
         step = float(np.diff(powers_w).min(initial=math.inf)) * remaining_s * terms.soc_per_j
         over = max(solution.candidate.available - solution.allocation.use, 0.0)
