@@ -95,7 +95,11 @@ def _circle_beyond_m(leg: Leg, circle: Circle, final: Point, shift: Point, radiu
     (ox, oy), (cx, cy), r = leg.offset_m, circle.centre_m, circle.radius_m
     first = circle.angle_rad((leg.start_m[0] - ox, leg.start_m[1] - oy))
     crossings = [0.0]
-    for centre, to, d, quarter in zip((ox + cx, oy + cy), final, shift, (0.0, math.pi / 2), strict=True):
+    axes = [(ox + cx, final[0], shift[0], 0.0), (oy + cy, final[1], shift[1], math.pi / 2)]
+    for centre, to, d, _ in axes:
+        if abs(to - centre) > r + (radius_m if abs(d) < 1e-9 else 0.0) and (abs(d) < 1e-9 or (centre - to) * d < 0):
+            return None  # no point of the circle is beyond, or across it within the radius
+    for centre, to, d, quarter in axes:
         for bound in (to,) if abs(d) >= 1e-9 else (to - radius_m, to + radius_m):
             if abs(bound - centre) <= r:
                 # on the axis at `quarter`, a bound is crossed at ± the arc cosine
@@ -103,8 +107,6 @@ def _circle_beyond_m(leg: Leg, circle: Circle, final: Point, shift: Point, radiu
                 for angle in (quarter + half, quarter - half):
                     turned = (angle - first) * circle.turn % (2 * math.pi)
                     crossings += [turned * r, (turned - 2 * math.pi) * r]
-            elif (centre - bound) * d < 0:
-                return None  # the whole circle is short of it
     is_over = beyond(final, shift, radius_m)
     for along_m in sorted(crossings):
         after_m = min(along_m + AFTER_M, leg.length_m)
