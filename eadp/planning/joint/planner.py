@@ -76,9 +76,6 @@ HELD_SHARE = 0.1
 SURPRISE_VALUE, SURPRISE_SHARE = 1e-3, 0.05
 """The forecast holds while its error changes the objective, and the share of the upper configuration, by less."""
 
-MOVES = 4
-"""A path parameter's changes after which the next one has to gain twice as much."""
-
 RISE_GAIN = 0.002
 """Least gain of the objective over the remaining time for which computations rise, times one more for each change."""
 
@@ -107,7 +104,7 @@ class JointPlanner(TrackingPlanner):
         self._next_s = self._starts_s = WARM_UP_S + own.start_after_s
         self._evaluated_at: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
-        self._falls = self._changes = self._moves = 0
+        self._falls = self._changes = 0
         hulls = [mission.plan.hull(i) for i in range(self._rho)] if mission.plan.has_sets else []
         self._same = [SAME_SHARE * (box.hi - box.lo) for box in hulls] or [0.0] * self._rho
         self._home_spare: float | None = None
@@ -208,7 +205,6 @@ class JointPlanner(TrackingPlanner):
         settled = forecaster.settled(shares)
         path = self._rounded(forecaster.parameters_of(settled)[: self._rho])
         remaining_s = float(load.times_s.sum())
-        self._moves += path != self._decision.parameters[: self._rho]
         chosen = (*path, *self._computations(o, forecaster.route(shares), terms, solution, remaining_s))
         reason = with_limit(
             self._reason(o, solution, terms, chosen, searched=searched), self._battery_limit(solution, terms)
@@ -284,8 +280,7 @@ class JointPlanner(TrackingPlanner):
         """The solution with optimal path parameters, or the kept one unless the gain exceeds the minimum."""
         forecaster = self._forecaster
         flown = kept if kept is not None and kept.allocation.feasible else None
-        gain = self._own.min_gain * (1 + self._moves / MOVES)
-        threshold = -math.inf if flown is None else flown.value + gain
+        threshold = -math.inf if flown is None else flown.value + self._own.min_gain
         if flown is not None and threshold >= 1.0 and self._own.objective == QUALITY:  # U is at most 1
             best = flown
         else:
