@@ -40,8 +40,9 @@ JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 SMALL_JUMP_STDS = 3.0
 """Innovation, in standard deviations, whose excess is charge that was lost."""
 
-EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS = 1e-8, 0.02, 60
-"""Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely."""
+EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS, FIRST_CHANGES = 1e-8, 0.02, 60, 5
+"""Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely,
+and before a gauge may count as exact."""
 
 RATIO_OF_USE_STD, SLOPE_OF_USE_STD, MAX_USE = 0.03, 0.1, 2.0
 """Prior standard deviations of the ratio of charge used to charge predicted, and of its change with the charge; and
@@ -451,7 +452,8 @@ def _taken(s: State, reading: float, fell: float) -> bool:
     s[OUTLIERS] = 0.0
     if s[BELIEVED] == 0.0:
         return False
-    if not exact:  # a small loss is one of charge, not of capacity
+    # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
+    if not exact or s[COUNT] <= FIRST_CHANGES:
         variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + s[NOISE]))
     if s[UNMEASURED_DRAIN] == 0.0:
         change = ratio * since - fell

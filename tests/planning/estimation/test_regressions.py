@@ -534,3 +534,15 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
     assert other.soc == pytest.approx(one.soc, abs=1e-12)
     assert other.use(0.2) == pytest.approx(one.use(0.2), rel=1e-9)
     assert (together.level_w, together.slope_w) == pytest.approx((motion.level_w, motion.slope_w), rel=1e-9)
+
+
+@pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
+def test_the_first_steps_of_a_coarse_gauge_are_not_the_capacity(rounded):
+    """Before its resolution is known, a step of 1 % after half of it is drained is no battery of half the charge."""
+    charge, soc, used = ChargeFilter(), 1.0, []
+    charge.observe(1.0, 0.0)
+    for _ in range(60):
+        soc -= 1e-3
+        charge.observe(rounded(soc * 100) / 100, 1e-3)
+        used.append(charge.use(0.5)[0])
+    assert max(abs(value - 0.5) for value in used) < 0.02
