@@ -845,10 +845,8 @@ class Forecaster:
         drain = self._drain_per_s(power_w) * seconds
         used, charge_var = self._charge.use(drain)
         energy_j2 = self._motion.energy_variance_j2(seconds, 0.0) + power_w**2 * self._ratio.variance_s2(seconds)
-        losses = self._own.loss_rate_per_h / 3600 * seconds
-        soc = self.soc - used - losses * LOSS
-        charge_var += self._charge.gain_std(soc) ** 2 + losses * LOSS_SQUARE
-        std = math.sqrt(terms.soc_per_j**2 * energy_j2 + charge_var)
+        soc = self.soc - used - self._own.loss_rate_per_h / 3600 * seconds * LOSS
+        std = self._charge_std(terms.soc_per_j, energy_j2, math.sqrt(charge_var), soc, seconds)
         return FinalCharge(std, means=(soc,)).level(self._own.reserve_probability) - self._settings.reserve_soc
 
 

@@ -186,6 +186,7 @@ class JointPlanner(TrackingPlanner):
 
     def _replan(self, o: Observation, cause: str) -> None:
         forecaster, report = self._forecaster, self.report
+        self._holds_until_s = o.time_s  # nothing holds where the plan cannot be flown
         forecaster.start_at(o.time_s, (o.x_m, o.y_m), ripple_w(self._estimator.state_w) if self.period_s else 0.0)
         calls, started = report.calls, time.perf_counter()
         try:
@@ -225,7 +226,6 @@ class JointPlanner(TrackingPlanner):
 
         A plan that is not feasible, and one with a home to turn back to, is forecast at every re-planning.
         """
-        self._holds_until_s = o.time_s
         self._held_stages, self._held_sets = o.stages_started, o.cursor.stage.sets
         if not solution.allocation.feasible or self._home_spare is not None:
             return
@@ -335,7 +335,9 @@ class JointPlanner(TrackingPlanner):
         gain = (values[sustained] - values[held]) * remaining_s
         if sustained > held and gain < RISE_GAIN * (1 + self._changes) and configurations[held].tolist() == now:
             sustained = held
-        self._steady_s = _steady_s(share, remaining_s, FALL if sustained > below else -threshold)
+        # what the mix still has of the configuration not flown stays, over a time that shrinks
+        missing, limit = (1 - share, 1 - FALL) if sustained > below else (share, threshold)
+        self._steady_s = remaining_s * (1 - missing / limit) if 0 <= missing < limit else math.inf
         self._falls += sustained < held
         self._changes += sustained != held
         return list(configurations[sustained].tolist())
@@ -445,16 +447,6 @@ def _sustained_w(terms: KnapsackTerms, solution: Solution, remaining_s: float) -
     # charge left above the most expensive configurations, over the remaining time
     over = solution.candidate.available - solution.allocation.use
     return power + max(over, 0.0) / max(terms.soc_per_j * remaining_s, 1e-12)
-
-
-def _steady_s(share: float, remaining_s: float, threshold: float) -> float:
-    """How long the share of the upper configuration takes to reach a threshold as one of the two is flown [s].
-
-    The upper one is flown, and the share falls, where the threshold is above 0; else it rises towards −threshold.
-    """
-    missing, limit = (1 - share, 1 - threshold) if threshold > 0 else (share, -threshold)
-    # what the mix still has of the configuration not flown stays, over a time that shrinks
-    return remaining_s * (1 - missing / limit) if 0 <= missing < limit else math.inf
 
 
 def _value_and_rest(solution: Solution) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from common.observations import observation
 from common.recorder import Recorder
 
 from eadp.core.flight.battery import soc_rate_per_s
-from eadp.errors import InputError
+from eadp.errors import Infeasible, InputError
 from eadp.io.flight.folder import record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
@@ -444,3 +444,24 @@ def test_a_path_parameter_that_changes_by_rounding_alone_is_kept():
     pilot._decision = pilot._decision._replace(parameters=(-500.0, 10.0))
     assert pilot._rounded((-500.0 + 9e-3,)) == (-500.0,)
     assert pilot._rounded((-500.0 + 0.02,)) == (-499.98,)
+
+
+def test_where_the_plan_cannot_be_flown_nothing_holds():
+    """Each second asks again, whatever the forecast before said of how long it holds."""
+    battery = Battery(14.8, 0.05, 0.45, letter_crate_per_h=1e3)
+    pilot, asked = planner_of(LINE, battery), []
+    solve = pilot._solve
+
+    def solved(cause):
+        asked.append(pilot._forecaster._time_s)
+        if 60 <= asked[-1] < 90:
+            raise Infeasible("no wind to fly in")
+        return solve(cause)
+
+    pilot._solve = solved
+    pilot._max_interval_s = 30.0
+    north(pilot, battery, 120)
+    # the last forecast before held for some seconds
+    first = next(time_s for time_s in asked if time_s >= 60)
+    assert [time_s for time_s in asked if first <= time_s <= 90] == list(np.arange(first, 91))
+    assert len([time_s for time_s in asked if time_s < 60]) < 40
