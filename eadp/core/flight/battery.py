@@ -123,6 +123,21 @@ def min_voltage_v(power_w: Any, resistance_ohm: float, max_current_a: float, cut
     return terminal_v + resistance_ohm * power_w / np.maximum(terminal_v, 1e-12)
 
 
+def power_at(voltage_v: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
+    """`max_power_w` of one voltage [V], without arrays; may be compiled."""
+    drop_v = max(min(voltage_v / 2, voltage_v - cutoff_v), 0.0)
+    if resistance_ohm == 0.0:
+        return voltage_v * max_current_a if drop_v > 0.0 else 0.0
+    current = min(drop_v / resistance_ohm, max_current_a)
+    return current * (voltage_v - resistance_ohm * current)
+
+
+def voltage_for(power_w: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
+    """`min_voltage_v` of one power [W], without arrays; may be compiled."""
+    terminal_v = max(power_w / max_current_a, cutoff_v, math.sqrt(resistance_ohm * power_w))
+    return terminal_v + resistance_ohm * power_w / max(terminal_v, 1e-12)
+
+
 def soc_rate_per_s(
     power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
 ) -> float:

@@ -591,11 +591,10 @@ class Forecaster:
         if ahead is None:
             return math.inf
         times_s, areas_s = self._flown.until(self._time_s)
-        weights, greatest, total = self._settings.weights, 0.0, 0.0
+        greatest = total = 0.0
         count, (shortest_s, longest_s, before_s) = len(self.open), ahead
         values = (self._with_path(shares[:count]), self._with_path(shares[-count:]))
-        for j, (name, boxes) in enumerate(zip(self._plan.names, self._choices, strict=True)):
-            weight = weights.get(name, 0.0) if weights else 1.0
+        for j, (weight, boxes) in enumerate(zip(self.term_builder.weights.tolist(), self._choices, strict=True)):
             if weight <= 0 or times_s[j] + longest_s[j] <= 0:
                 continue
             share, area_s = 1.0, areas_s[j]

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight.battery import drain_per_s, power_at, voltage_for
 
 Cell = tuple[float, float, float, float, float, float, float]
 """Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
@@ -127,21 +127,6 @@ def power_limits(
         delivered_soc = max(delivered_soc, required[i] - later)
         later += times_s[i] * drain_per_s(motion_w[i] + base_w, volts[i], resistance_ohm, per_as)
     return volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc
-
-
-def power_at(voltage_v: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
-    """`eadp.core.flight.battery.max_power_w` of one voltage."""
-    drop_v = max(min(voltage_v / 2, voltage_v - cutoff_v), 0.0)
-    if resistance_ohm == 0.0:
-        return voltage_v * max_current_a if drop_v > 0.0 else 0.0
-    current = min(drop_v / resistance_ohm, max_current_a)
-    return current * (voltage_v - resistance_ohm * current)
-
-
-def voltage_for(power_w: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
-    """`eadp.core.flight.battery.min_voltage_v` of one power."""
-    terminal_v = max(power_w / max_current_a, cutoff_v, math.sqrt(resistance_ohm * power_w))
-    return terminal_v + resistance_ohm * power_w / max(terminal_v, 1e-12)
 
 
 def all_increments(

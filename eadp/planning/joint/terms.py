@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.compiled import in_loops, jitted
-from eadp.core.flight.battery import drain_per_s, drains_per_s, max_power_w, min_voltage_v
+from eadp.core.flight.battery import drain_per_s, drains_per_s, max_power_w, min_voltage_v, power_at, voltage_for
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route
@@ -144,6 +144,11 @@ class TermBuilder:
     own : JointSettings
         Trade-offs and objective: `quality`, U averaged over the flight; or `total`, the weighted sum of the
         computations over time.
+
+    Attributes
+    ----------
+    weights : array, shape (parameters,)
+        Weight of each parameter in the objective.
     """
 
     def __init__(self, mission: Mission, settings: PlannerSettings, own: JointSettings) -> None:
@@ -152,7 +157,7 @@ class TermBuilder:
         self._trade_offs, self._objective = own.trade_offs, own.objective
         self._rho = mission.plan.path_count
         weights = settings.weights
-        self._weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in mission.plan.names])
+        self.weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in mission.plan.names])
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
         self._envelopes: dict[object, ConcaveEnvelope] = {}
         self._scale_s = 0.0
@@ -182,7 +187,7 @@ class TermBuilder:
         cell = (*self._cell[:3], per_as, *self._cell[4:])
         # the reserve bounds the state of charge from below on the whole route
         volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = jitted(
-            _power_limits, drain_per_s, kernels.power_at, kernels.voltage_for
+            _power_limits, drain_per_s, power_at, voltage_for
         )(times, load.motion_w, load.peak_w, extremes_w, group_of, soc, min(reserve_soc, soc), cell)
         kinds, kind_of = self._kinds(groups, group_of, room if truncated.any() else None, value_rates)
         ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
@@ -243,10 +248,10 @@ class TermBuilder:
             maxima = np.array([self._plan.hull(j).hi if j >= rho else 0.0 for j in range(count)])
             if not self._scale_s:
                 self._scale_s = float((times_s + route.free @ times).max(initial=1.0))
-            rates = self._weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
+            rates = self.weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
             rates /= max(float((rates * maxima).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return rates, 0.0
-        return jitted(_quality)(route.free, route.shares, times, times_s, areas_s, self._weights, rho)
+        return jitted(_quality)(route.free, route.shares, times, times_s, areas_s, self.weights, rho)
 
     # --- envelopes
 
