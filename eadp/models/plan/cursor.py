@@ -212,12 +212,24 @@ class PlanCursor(NamedTuple):
             return offsets, self
         final, shift, (x, y) = table.ends_at(self.parameters)
         (ox, oy), (dx, dy) = self.offset_m, table.shift_at(self.waiting)
-        while not reaches((x + ox, y + oy), final, shift, table.plan.final_radius_m):
+        # a lap less than the way along the shift is certainly not enough
+        ways = zip(final, (x + ox, y + oy), (dx, dy), strict=True)
+        short = max([(to - at) / d for to, at, d in ways if abs(d) >= 1e-9], default=0.0) - 1.0
+        while len(offsets) < short or not reaches((x + ox, y + oy), final, shift, table.plan.final_radius_m):
             offsets.append((ox, oy))
             ox, oy = ox + dx, oy + dy
             if self.lap + len(offsets) >= LAP_LIMIT:
                 raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
         return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
+
+    def next_lap(self) -> PlanCursor | None:
+        """The first stage of the next lap, from that of a lap that is alike; None, and raises, as `next`."""
+        if self.lap + 1 >= LAP_LIMIT:
+            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+        end = self.end()
+        if end is not None and end.at_trigger:
+            return None
+        return self._enter(self.segment, 0, self.lap + 1, self.state, self._shifted(self.base_m, self.waiting))
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""

@@ -213,16 +213,24 @@ class ChargeFilter:
         charge = [math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope]
         gauge = [math.nan, math.nan, 0.0, 1.0, 1.0, GAUGE_QUANTUM, 0.0, 1.0, 0.0]
         self._state: list[float] = [*charge, 0.0, 0.0, 0.0, 0.0, *gauge, math.nan, 0.0, *charge]
+        self._known: _Charge | None = None
 
     @property
     def soc(self) -> float:
         """b."""
-        return _drained(_charge_of(self._state, 0), self._state[DRAINED])[0]
+        return self._now[0]
 
     @property
     def variance(self) -> float:
         """Variance of b."""
-        return _drained(_charge_of(self._state, 0), self._state[DRAINED])[3]
+        return self._now[3]
+
+    @property
+    def _now(self) -> _Charge:
+        """The charge after the drain since the last reading that said something."""
+        if self._known is None:
+            self._known = _drained(_charge_of(self._state, 0), self._state[DRAINED])
+        return self._known
 
     @property
     def believed(self) -> bool:
@@ -241,7 +249,7 @@ class ChargeFilter:
 
         Source: b ← b − κ d − ½ s d².
         """
-        now = _drained(_charge_of(self._state, 0), self._state[DRAINED])
+        now = self._now
         now = (*now[:2], max(now[2], self._min_slope), *now[3:])
         then = _drained(now, drain)
         return now[0] - then[0], then[3]
@@ -256,6 +264,7 @@ class ChargeFilter:
 
         Where its power was not measured, a drain says little of κ.
         """
+        self._known = None
         return _observe_charge(self._state, reading, drained, measured)
 
     def observe_batch(
@@ -286,6 +295,7 @@ class ChargeFilter:
             *(_observe_charge, _taken, _check, _charge_of, _put_charge, _drained, _corrected),
         )
         found: tuple[bool, float]
+        self._known = None
         found, self._state = on_numbers(observe, self._state, power_w, powers_w, charges, steps_s, longest_s, cell)
         return found
 

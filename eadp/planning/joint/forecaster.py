@@ -16,13 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.compiled import in_loops, jitted
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.tracks import Nodes
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.leg_table import leg_times_s
 from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
@@ -250,6 +252,7 @@ class Forecaster:
         self.shares = self._shares_of(mission.parameters)
         self._routes: dict[Shares, Route | None] = {}
         self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
+        self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[list[float], list[float], list[float]] | None = None
         self._expected: _Expected | None = None
@@ -296,7 +299,7 @@ class Forecaster:
         now = self._measured_wind if self._measured_wind is not None else self._wind.wind_mps
         if math.dist(now, self._wind_used) > WIND_STEP_MPS:
             self._wind_used = now
-            self._times.clear()
+            self._left.clear()
         return self._wind_used
 
     def update_stage(self, o: Observation) -> bool:
@@ -395,7 +398,7 @@ class Forecaster:
         """
         self._position = position
         route = self._routes.get(self.shares)
-        if route is None or not route.of_legs or step_s <= 0:
+        if route is None or not len(route.order) or step_s <= 0:
             return
         leg = route.first
         try:
@@ -447,8 +450,8 @@ class Forecaster:
         if (
             route is not None
             and next_leg
-            and len(route.of_legs) > 1
-            and route.of_legs[1].index == o.stage
+            and len(route.order) > 1
+            and route.stages[1] == o.stage
             and route.parameters[1][:rho] == o.parameters[:rho]
         ):
             self._routes[self.shares] = after = route.after()
@@ -457,7 +460,7 @@ class Forecaster:
                 self._expected = expected
         self.before_latch = self._cursor.accepts_changes()
         route = self._route(self.shares)
-        if route is not None and route.of_legs:
+        if route is not None and len(route.order):
             times, turning = route.times_s(self._speed, self.wind_mps)
             self._slope = float(turning[0] / times[0]) if 0 < times[0] < math.inf else 0.0
 
@@ -479,6 +482,7 @@ class Forecaster:
         """The remaining plan has changed for all parameters."""
         self._routes.clear()
         self._times.clear()
+        self._left.clear()
         self._evaluated.clear()
         self._expected = None
 
@@ -543,6 +547,7 @@ class Forecaster:
         """
         self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
         self._evaluated.clear()
+        self._left.clear()
         self._ahead = None
 
     def terms(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad]:
@@ -554,7 +559,7 @@ class Forecaster:
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
             route = self._route(shares)
-            load = self._load(shares, route) if route is not None and route.of_legs else None
+            load = self._load(shares, route) if route is not None and len(route.order) else None
             self._evaluated[shares] = None
             if route is not None and load is not None:
                 past = FlownShares(*self._flown.until(self._time_s))
@@ -573,7 +578,8 @@ class Forecaster:
         terms, load = evaluated
         if load.ends and self._own.objective == TOTAL and shares != self.shares:
             return None
-        ends = self._final_charge(terms, load, self.soc, load.motion_w + terms.base_w)
+        powers_w = load.motion_w + terms.base_w if load.ends else load.motion_w
+        ends = self._final_charge(terms, load, self.soc, powers_w)
         available = ends.level(self._own.reserve_probability) - max(self._settings.reserve_soc, terms.min_soc)
         if terms.beyond_w > 0:
             # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
@@ -618,7 +624,7 @@ class Forecaster:
                 if evaluated is None:
                     return None
                 route, expected_s = self.route(shares), evaluated[1].expected_s
-                found.append((route.free @ expected_s, route.shares @ expected_s))
+                found.append((expected_s @ route.free, expected_s @ route.shares))
             (low_s, before_s), (high_s, _) = found
             shortest_s, longest_s = BOUND_SLACK * np.minimum(low_s, high_s), np.maximum(low_s, high_s) / BOUND_SLACK
             self._ahead = shortest_s.tolist(), longest_s.tolist(), (before_s / BOUND_SLACK).tolist()
@@ -723,25 +729,23 @@ class Forecaster:
 
     def _load(self, shares: Shares, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""
-        wind = self.wind_mps
-        if shares not in self._times:
-            self._times[shares] = route.times_s(self._speed, wind)
-        whole, turning = self._times[shares]
-        if not math.isfinite(whole.sum()):
-            return None
-        left = self._left_share(route, self._time_s, self._position, float(whole[0]) * self._ratio.ratio)
-        motion = self._motion
+        wind, motion = self.wind_mps, self._motion
+        left = self._left_of_first(route, wind)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load)(
-            whole, turning, left, self._ratio.ratio, motion.level_w, motion.slope_w, self._ripple_w, max_w
+        whole, turning, times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load, leg_times_s)(
+            *(*route.table.rows[:3], route.order, self._speed, wind, left, self._ratio.ratio),
+            *(motion.level_w, motion.slope_w, self._ripple_w, max_w),
         )
+        if not math.isfinite(total_s):
+            return None
+        self._times[shares] = whole, turning
         if self._climb is not None:
             whole = whole * self._ratio.ratio
             times, motion_w, climb_w = self._climb.loaded(route, whole, times, motion_w)
             total_s, motion_j = max(float(times.sum()), 1e-3), float(motion_w @ times)
             peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
         time_var = self._ratio.variance_s2(total_s) + total_s**2 * self._wind_share(route)
-        energy_var = self._motion.energy_variance_j2(total_s, bank_s)
+        energy_var = motion.energy_variance_j2(total_s, bank_s)
         drain = self._drain_per_s(motion_j / total_s + self._computing_w) * total_s
         used, charge_var = self._charge.use(drain)
         stds = math.sqrt(time_var), math.sqrt(energy_var)
@@ -759,13 +763,21 @@ class Forecaster:
             unflown_m = end.length_m - end.flown_m
             if ahead_m - unflown_m < -PASSED_S * self._speed:
                 continue
-            unflown = np.zeros(len(route.of_legs))
+            unflown = np.zeros(len(route.order))
             unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, MIN_STD))
             unflown[end.leg + 1 :] = 1.0
             reached = reach.cdf(end.clearance_m)
             ends.append((reached - before, unflown))
             before = reached
         return tuple(ends)
+
+    def _left_of_first(self, route: Route, wind: Point) -> float:
+        """Remaining share of the route's first leg; routes mostly share it."""
+        row = int(route.order[0])
+        if row not in self._left:
+            times, _ = jitted(leg_times_s)(*route.table.rows[:3], route.order[:1], self._speed, wind)
+            self._left[row] = self._left_share(route, self._time_s, self._position, float(times[0]) * self._ratio.ratio)
+        return self._left[row]
 
     def _left_share(self, route: Route, time_s: float, position: Point, leg_s: float) -> float:
         """Remaining share of the first leg, which takes `leg_s` [s], by the position; elapsed time distinguishes the
@@ -840,7 +852,7 @@ class Forecaster:
             if speed <= 0:
                 return -math.inf
             seconds = distance / speed + 2 * math.pi * HOME_RADII * self._mission.turn_radius_m / self._speed
-        power_w = float(load.motion_w.min()) + min(float(envelope.powers_w[0]) for envelope in terms.kinds)
+        power_w = float(load.motion_w.min()) + float(terms.base_w.min())
         drain = self._drain_per_s(power_w) * seconds
         used, charge_var = self._charge.use(drain)
         energy_j2 = self._motion.energy_variance_j2(seconds, 0.0) + power_w**2 * self._ratio.variance_s2(seconds)
@@ -851,23 +863,32 @@ class Forecaster:
 
 @in_loops(kernels.remaining_load)
 def _remaining_load(
-    whole_s: FloatArray,
-    turning_s: FloatArray,
+    nodes: Nodes,
+    first: IntArray,
+    airspeeds_mps: FloatArray,
+    order: IntArray,
+    airspeed_mps: float,
+    wind_mps: Point,
     left: float,
     ratio: float,
     level_w: float,
     slope_w: float,
     ripple_w: float,
     max_w: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
-    """Times [s], motion powers and their maxima [W] of legs, the first only in part; time, ∫ tan² φ [s], energy [J]."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]:
+    """Whole times of legs and ∫ tan² φ as forecast, see `leg_times_s`; and, the first only in part, the times left [s],
+    motion powers and their maxima [W]; time, ∫ tan² φ [s] and energy [J] left."""
+    whole_s, turning_s = leg_times_s(nodes, first, airspeeds_mps, order, airspeed_mps, wind_mps)
+    if not np.isfinite(whole_s.sum()):
+        return whole_s, turning_s, whole_s, whole_s, whole_s, math.inf, 0.0, 0.0
     times_s = whole_s * ratio
     times_s[0] *= left
     bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio
     slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
     motion_w = np.maximum(level_w + slope_w * slopes, 0.0)
     peak_w = np.maximum(np.minimum(motion_w + ripple_w, max_w), motion_w)
-    return times_s, motion_w, peak_w, max(times_s.sum(), 1e-3), bank_s, (motion_w * times_s).sum()
+    energy_j = (motion_w * times_s).sum()
+    return whole_s, turning_s, times_s, motion_w, peak_w, max(times_s.sum(), 1e-3), bank_s, energy_j
 
 
 def _shares_of(load: RouteLoad) -> tuple[float, ...]:

@@ -11,12 +11,15 @@ import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.flight.battery import drain_per_s, power_at, voltage_for
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.tracks import Nodes
+from eadp.models.plan.leg_table import leg_times_s
 
 Cell = tuple[float, float, float, float, float, float, float]
 """Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
 cut-off voltage [V]."""
 
-AllIncrements = tuple[IntArray, IntArray, FloatArray, FloatArray, float, float, float]
+AllIncrements = tuple[IntArray, IntArray, FloatArray, FloatArray, float, float]
 Limits = tuple[FloatArray, FloatArray, BoolArray, BoolArray, float, float, float]
 
 DELIVERABLE = 0.98
@@ -24,16 +27,21 @@ DELIVERABLE = 0.98
 
 
 def remaining_load(
-    whole_s: FloatArray,
-    turning_s: FloatArray,
+    nodes: Nodes,
+    first: IntArray,
+    airspeeds_mps: FloatArray,
+    order: IntArray,
+    airspeed_mps: float,
+    wind_mps: Point,
     left: float,
     ratio: float,
     level_w: float,
     slope_w: float,
     ripple_w: float,
     max_w: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]:
     """See `forecaster`."""
+    whole_s, turning_s = leg_times_s(nodes, first, airspeeds_mps, order, airspeed_mps, wind_mps)
     count = len(whole_s)
     times_s, motion_w, peak_w = np.zeros(count), np.zeros(count), np.zeros(count)
     total_s = bank_s = energy_j = 0.0
@@ -46,12 +54,13 @@ def remaining_load(
         total_s += times_s[i]
         bank_s += turning_s[i] * ratio * share
         energy_j += motion_w[i] * times_s[i]
-    return times_s, motion_w, peak_w, max(total_s, 1e-3), bank_s, energy_j
+    return whole_s, turning_s, times_s, motion_w, peak_w, max(total_s, 1e-3), bank_s, energy_j
 
 
 def quality(
     free: FloatArray,
     shares: FloatArray,
+    order: IntArray,
     times_s: FloatArray,
     past_s: FloatArray,
     past_areas_s: FloatArray,
@@ -59,14 +68,14 @@ def quality(
     path: int,
 ) -> tuple[FloatArray, float]:
     """See `terms`."""
-    count, legs = free.shape
+    count = len(weights)
     rates, areas_s, total = np.zeros(count), past_areas_s.copy(), 0.0
     for j in range(count):
         free_s = past_s[j]
-        for i in range(legs):
-            free_s += free[j, i] * times_s[i]
+        for i, row in enumerate(order):
+            free_s += free[row, j] * times_s[i]
             if j < path:
-                areas_s[j] += shares[j, i] * times_s[i]
+                areas_s[j] += shares[row, j] * times_s[i]
         if free_s > 0.0 and weights[j] > 0.0:
             rates[j] = weights[j] / max(free_s, 1e-9)
             total += weights[j]
@@ -129,6 +138,33 @@ def power_limits(
     return volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc
 
 
+def limits_and_increments(
+    times_s: FloatArray,
+    expected_s: FloatArray,
+    motion_w: FloatArray,
+    peak_w: FloatArray,
+    extremes_w: FloatArray,
+    group_of: IntArray,
+    soc: float,
+    floor: float,
+    cell: Cell,
+    ends: IntArray,
+    powers_w: FloatArray,
+    values: FloatArray,
+    scale: float,
+) -> tuple[Limits, AllIncrements, bool, float, float]:
+    """See `terms`."""
+    limits = power_limits(times_s, motion_w, peak_w, extremes_w, group_of, soc, floor, cell)
+    volts, truncates, sum_v = limits[0], False, 0.0
+    for i in range(len(volts)):
+        truncates |= limits[2][i]
+        sum_v += volts[i]
+    increments, mean_w = all_increments(
+        group_of, ends, powers_w, values, times_s, expected_s, motion_w, volts, cell, scale
+    )
+    return limits, increments, truncates, mean_w, sum_v / len(volts)
+
+
 def all_increments(
     kind_of: IntArray,
     ends: IntArray,
@@ -139,14 +175,15 @@ def all_increments(
     motion_w: FloatArray,
     volts: FloatArray,
     cell: Cell,
-) -> AllIncrements:
+    scale: float,
+) -> tuple[AllIncrements, float]:
     """See `terms`."""
     size = 0
     for kind in kind_of:
         size += ends[kind] - (ends[kind - 1] if kind else 0) - 1
     segment, level = np.zeros(size, np.intp), np.zeros(size, np.intp)
     use, gain = np.zeros(size), np.zeros(size)
-    base_use = base_value = energy_j = 0.0
+    base_use = base_value = energy_j = total_s = 0.0
     at = first = 0
     for kind in range(len(ends)):
         last = ends[kind] - 1
@@ -155,13 +192,14 @@ def all_increments(
                 continue
             before = times_s[i] * drain_per_s(motion_w[i] + powers_w[first], volts[i], cell[2], cell[3])
             base_use += before
-            base_value += expected_s[i] * values[first]
+            base_value += expected_s[i] * scale * values[first]
+            total_s += times_s[i]
             energy_j += times_s[i] * (motion_w[i] + (powers_w[first] + powers_w[last]) / 2)
             for n in range(first, last):
                 after = times_s[i] * drain_per_s(motion_w[i] + powers_w[n + 1], volts[i], cell[2], cell[3])
                 segment[at], level[at] = i, n - first
-                use[at], gain[at] = after - before, expected_s[i] * (values[n + 1] - values[n])
+                use[at], gain[at] = after - before, expected_s[i] * scale * (values[n + 1] - values[n])
                 before = after
                 at += 1
         first = last + 1
-    return segment, level, use, gain, base_use, base_value, energy_j
+    return (segment, level, use, gain, base_use, base_value), energy_j / max(total_s, 1e-9)

@@ -10,6 +10,8 @@ Source: Dantzig 1957 for the greedy filling, Sinha and Zoltners 1979 for multipl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +39,11 @@ class ConcaveEnvelope:
     values: FloatArray
     configurations: FloatArray
 
+    @cached_property
+    def rises_w(self) -> FloatArray:
+        """Rise of the power from each configuration to the next [W], shape (k - 1,)."""
+        return np.diff(self.powers_w)
+
     def scaled(self, scale: float) -> ConcaveEnvelope:
         """The envelope with all values multiplied by `scale`."""
         return ConcaveEnvelope(self.powers_w, self.values * scale, self.configurations)
@@ -55,8 +62,7 @@ def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: F
     return ConcaveEnvelope(powers_w[kept], values[kept], configurations[kept])
 
 
-@dataclass(frozen=True)
-class Increments:
+class Increments(NamedTuple):
     """Increments of all segments' envelopes: the use of charge and the gain from each vertex to the next.
 
     Attributes
@@ -79,12 +85,11 @@ class Increments:
     @property
     def efficiency(self) -> FloatArray:
         """Gain over use; infinite for increments without use."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.use > 0, self.gain / np.maximum(self.use, 1e-300), np.inf)
+        ratio: FloatArray = np.full(len(self.use), np.inf)
+        return np.divide(self.gain, self.use, out=ratio, where=self.use > 0)
 
 
-@dataclass(frozen=True)
-class Allocation:
+class Allocation(NamedTuple):
     """A filling of the knapsack.
 
     Attributes
@@ -130,7 +135,7 @@ def _filled(increments: Increments, spare: float) -> FloatArray:
     """Share of each increment that is taken."""
     use = increments.use
     shares = np.zeros(len(use))
-    order = np.argsort(-increments.efficiency, kind="stable")
+    order = (-increments.efficiency).argsort(kind="stable")
     after = use[order].cumsum()
     whole = int(after.searchsorted(max(spare, 0.0) + FULL, side="right"))
     shares[order[:whole]] = 1.0

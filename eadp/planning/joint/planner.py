@@ -70,7 +70,7 @@ RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
 share of the remaining time: thresholds to rise to it, once more of it for each fall, to stay with it, and to rise at
 most."""
 
-HELD_SHARE = 0.1
+HELD_SHARE = 0.2
 """Longest time between re-plannings as a share of the time that is left."""
 
 SURPRISE_VALUE, SURPRISE_SHARE = 1e-3, 0.05
@@ -230,8 +230,8 @@ class JointPlanner(TrackingPlanner):
         if not solution.allocation.feasible or self._home_spare is not None:
             return
         self._holds_until_s += min(self._max_interval_s, HELD_SHARE * remaining_s, self._steady_s)
-        powers_w = terms.kinds[terms.kind_of[0]].powers_w
-        step = float(np.diff(powers_w).min(initial=math.inf)) * remaining_s * terms.soc_per_j
+        rises_w = terms.relative[terms.kind_of[0]].rises_w
+        step = float(rises_w.min(initial=math.inf)) * remaining_s * terms.soc_per_j
         over = max(solution.candidate.available - solution.allocation.use, 0.0)
         price = self._program.price(solution)
         self._tolerance = over + min(SURPRISE_VALUE / max(price, ROUNDING), SURPRISE_SHARE * step)
@@ -273,7 +273,7 @@ class JointPlanner(TrackingPlanner):
             return None
         if 0 < candidate.increments.base_use - candidate.available < candidate.tolerance:
             # the parameters in force stay valid within the tolerance
-            candidate = replace(candidate, available=candidate.increments.base_use)
+            candidate = candidate._replace(available=candidate.increments.base_use)
         return best_at(candidate)
 
     def _optimised(self, kept: Solution | None) -> Solution:
@@ -437,13 +437,13 @@ def _sustained_w(terms: KnapsackTerms, solution: Solution, remaining_s: float) -
     Held constant, it uses as much charge as the optimal mix over time.
     """
     kind = terms.kind_of[0]
-    envelope, increments = terms.kinds[kind], terms.increments
+    envelope, increments = terms.relative[kind], terms.increments
     mine = terms.kind_of[increments.segment] == kind
     level, use = increments.level[mine], increments.use[mine]
     whole = np.bincount(level, use, len(envelope.powers_w) - 1)
     taken = np.bincount(level, use * solution.allocation.shares[mine], len(envelope.powers_w) - 1)
     shares = np.divide(taken, whole, out=np.zeros(len(whole)), where=whole > 0)
-    power = float(envelope.powers_w[0] + shares @ np.diff(envelope.powers_w))
+    power = float(envelope.powers_w[0] + shares @ envelope.rises_w)
     # charge left above the most expensive configurations, over the remaining time
     over = solution.candidate.available - solution.allocation.use
     return power + max(over, 0.0) / max(terms.soc_per_j * remaining_s, 1e-12)

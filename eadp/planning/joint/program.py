@@ -24,7 +24,6 @@ import heapq
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +50,9 @@ MIN_GAIN = 1e-7
 PROXIMAL = (1e-4, 1e-3)
 """Weight of the proximal term, for a gradient scaled to 1: with the path kept, and with path parameters free."""
 
+SIZES = 16
+"""Problems have a multiple of so many increments."""
+
 TOLERANCE, DIGITS = 1e-7, 7
 """Tolerance of OSQP, and the digits of a path parameter's share that it gives."""
 
@@ -65,8 +67,7 @@ RECENTRED = 2
 """Maximum number of QPs with a proximal term around the last one's solution, where the gap is larger."""
 
 
-@dataclass(frozen=True)
-class Candidate:
+class Candidate(NamedTuple):
     """The knapsack at given path parameters: increments and available state of charge.
 
     `shape` identifies the step that it lies on; `base_value` of the increments includes the path's value. Shortfalls
@@ -80,8 +81,7 @@ class Candidate:
     tolerance: float = 0.0
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """A solution of the program.
 
     Attributes
@@ -261,7 +261,7 @@ class MissionProgram:
         if not start.allocation.feasible:
             return start
         movable = movable and self.dimensions > 0
-        best, kept = replace(start, status=NOTHING_TO_CHOOSE), None
+        best, kept = start._replace(status=NOTHING_TO_CHOOSE), None
         try:
             if len(start.candidate.increments.use):
                 kept = None if movable else self._kept(start.candidate)
@@ -273,7 +273,7 @@ class MissionProgram:
         except SolverFailed:
             self.report.fallbacks += 1
             self._last = None
-            return replace(start, status=FALLBACK)
+            return start._replace(status=FALLBACK)
         closed = start.allocation
         if best.candidate is not start.candidate:
             closed = fill_greedy(best.candidate.increments, best.candidate.available)
@@ -284,7 +284,7 @@ class MissionProgram:
             return Solution(best.candidate, closed, CLOSED_FORM, best.iterations, gap)
         if kept is not None:
             self.report.skipped += 1
-        return replace(best, gap=gap)
+        return best._replace(gap=gap)
 
     def _kept(self, candidate: Candidate) -> _Allocated | None:
         """The last solution, if it is feasible and its multiplier proves that it is optimal under the new data."""
@@ -375,15 +375,20 @@ class MissionProgram:
         has entries of 1 then, whatever the leg. A path parameter's is scaled by the larger of its use and its gain.
         """
         paths, rest = len(below), len(gain) - len(below)
-        lower = np.concatenate((np.negative(below), np.zeros(rest)))
-        upper = np.concatenate((above, np.ones(rest)))
         use_size, gain_size = (float(np.abs(array[paths if rest else 0 :]).mean()) or 1.0 for array in (use, gain))
+        # variables without effect, for increments of legs flown since: one program serves problems of many sizes
+        first, count = paths + -rest % SIZES, paths + rest + -rest % SIZES
+        gain, use, now = (
+            np.concatenate((array[:paths], np.zeros(first - paths), array[paths:])) for array in (gain, use, now)
+        )
+        lower, upper = np.zeros(count), np.ones(count)
+        lower[:paths], upper[:paths], upper[paths:first] = np.negative(below), above, 0.0
         column = np.abs(use) / use_size
         column[:paths] = np.maximum(column[:paths], np.abs(gain[:paths]) / gain_size)
         column = np.maximum(column, MIN_COLUMN)
+        column[paths:first] = 1.0
         scaled = gain / column
         largest = float(np.abs(scaled).max()) or 1.0
-        count = len(gain)
         if (count, paths) not in self._programs:
             matrix = np.vstack([np.ones((1, count)), np.eye(count)])
             program = QuadraticProgram(matrix > 0, PROXIMAL[paths > 0], self.report, TOLERANCE)
@@ -400,7 +405,9 @@ class MissionProgram:
             np.concatenate(([room], upper * column)),
             np.clip(now, lower, upper) * column,
         )
-        return solution.x / column, max(float(solution.multipliers[0]), 0.0) * largest / use_size, solution.iterations
+        z = solution.x / column
+        multiplier = max(float(solution.multipliers[0]), 0.0) * largest / use_size
+        return np.concatenate((z[:paths], z[first:])), multiplier, solution.iterations
 
     def _slope(self, candidate_at: CandidateAt, at: Solution, axis: int) -> tuple[float, float]:
         """One-sided derivatives of value, and of use minus available charge, by a path parameter at fixed shares."""

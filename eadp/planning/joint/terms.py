@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from eadp.core.compiled import in_loops, jitted
 from eadp.core.flight.battery import drain_per_s, drains_per_s, max_power_w, min_voltage_v, power_at, voltage_for
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
+from eadp.models.plan.leg_table import LegTable, grown
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
@@ -77,10 +79,12 @@ class KnapsackTerms:
     Attributes
     ----------
     increments : Increments
-    kinds : tuple of ConcaveEnvelope
-        The distinct envelopes.
+    relative : tuple of ConcaveEnvelope
+        The distinct envelopes, with values relative to `scale`.
+    scale : float
+        Greatest value of a computation's share per second.
     kind_of : array of int, shape (segments,)
-        Index of each segment's envelope in `kinds`.
+        Index of each segment's envelope in `relative`.
     soc_per_j : float
         Derivative of the final state of charge by energy, dI/dP k_b/Q_c at the mean power [1/J].
     mean_w : float
@@ -97,7 +101,8 @@ class KnapsackTerms:
     """
 
     increments: Increments
-    kinds: tuple[ConcaveEnvelope, ...]
+    relative: tuple[ConcaveEnvelope, ...]
+    scale: float
     kind_of: IntArray
     soc_per_j: float
     mean_w: float
@@ -113,6 +118,11 @@ class KnapsackTerms:
         """Final state of charge that the limits of power require."""
         return max(self.letter_soc, self.delivered_soc)
 
+    @cached_property
+    def kinds(self) -> tuple[ConcaveEnvelope, ...]:
+        """The distinct envelopes, see `kind_of`."""
+        return tuple([envelope.scaled(self.scale) for envelope in self.relative])
+
     @property
     def envelopes(self) -> tuple[ConcaveEnvelope, ...]:
         """Envelope of each segment."""
@@ -122,15 +132,15 @@ class KnapsackTerms:
     def rises_w(self) -> FloatArray:
         """Rise of the computations' power by each increment [W], shape (increments,)."""
         rises, kind_of = np.zeros(len(self.increments.use)), self.kind_of[self.increments.segment]
-        for kind, envelope in enumerate(self.kinds):
+        for kind, envelope in enumerate(self.relative):
             chosen = kind_of == kind
-            rises[chosen] = np.diff(envelope.powers_w)[self.increments.level[chosen]]
+            rises[chosen] = envelope.rises_w[self.increments.level[chosen]]
         return rises
 
     @property
     def base_w(self) -> FloatArray:
         """Minimum power of the computations on each segment [W], shape (segments,)."""
-        return np.array([envelope.powers_w[0] for envelope in self.kinds])[self.kind_of]
+        return np.array([envelope.powers_w[0] for envelope in self.relative])[self.kind_of]
 
 
 class TermBuilder:
@@ -160,7 +170,10 @@ class TermBuilder:
         self.weights = np.array([weights.get(name, 0.0) if weights else 1.0 for name in mission.plan.names])
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
         self._envelopes: dict[object, ConcaveEnvelope] = {}
+        self._rates: dict[tuple[float, ...], tuple[float, ...]] = {}
+        self._joined: dict[object, _Joined] = {}
         self._scale_s = 0.0
+        self._table: LegTable | None = None
         b = mission.battery
         empty_v = b.voltage_at(0.0)
         limits = b.power_per_soc_w, b.max_current_a, b.cutoff_voltage_v or 0.0
@@ -177,56 +190,90 @@ class TermBuilder:
         soc, reserve_soc : float
             State of charge now, and the one to keep at the end.
         """
-        times, total_s = load.times_s, float(load.times_s.sum())
-        expected_s = load.expected_s
-        value_rates, base_value = self._value_rates(route, expected_s, past)
-        b = self._battery
-        groups, group_of = self._groups(route)
-        extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in groups])
-        per_as = b.drain_per_as * load.use_ratio
+        rates, base_value = self._value_rates(route, load.expected_s, past)
+        group_of, groups, extremes_w = self._groups(route)
+        relative, scale = self._relative(rates)
+        joined = self._all(groups, relative)
+        per_as = self._battery.drain_per_as * load.use_ratio
         cell = (*self._cell[:3], per_as, *self._cell[4:])
         # the reserve bounds the state of charge from below on the whole route
-        volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = jitted(
-            _power_limits, drain_per_s, power_at, voltage_for
-        )(times, load.motion_w, load.peak_w, extremes_w, group_of, soc, min(reserve_soc, soc), cell)
-        kinds, kind_of = self._kinds(groups, group_of, room if truncated.any() else None, value_rates)
-        ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
-        segment, level, use, gain, base_use, own_value, energy_j = jitted(_all_increments, drain_per_s)(
-            *(kind_of, ends, *_joined(kinds), times, expected_s, load.motion_w, volts, cell)
+        limits, found, truncates, mean_w, mean_v = jitted(
+            _limits_and_increments, kernels.power_limits, kernels.all_increments, drain_per_s, power_at, voltage_for
+        )(
+            *(load.times_s, load.expected_s, load.motion_w, load.peak_w, extremes_w, group_of),
+            soc,
+            min(reserve_soc, soc),
+            cell,
+            *joined[1:],
+            scale,
         )
-        mean_w = energy_j / max(total_s, 1e-9)
-        voltage = float(volts.mean())
-        discriminant = max(voltage**2 - 4 * b.resistance_ohm * mean_w, (0.1 * voltage) ** 2)
-        slope = per_as / math.sqrt(discriminant)
+        kinds, kind_of = joined.kinds, group_of
+        volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = limits
+        if truncates:
+            kinds, kind_of = self._truncated(groups, group_of, room, relative)
+            found, mean_w = jitted(_all_increments, drain_per_s)(
+                *(kind_of, *_join(kinds)[1:], load.times_s, load.expected_s, load.motion_w, volts, cell, scale)
+            )
+        segment, level, use, gain, base_use, own_value = found
+        discriminant = max(mean_v**2 - 4 * self._battery.resistance_ohm * mean_w, (0.1 * mean_v) ** 2)
         increments = Increments(segment, level, use, gain, base_use, base_value + own_value)
         return KnapsackTerms(
-            *(increments, tuple(kinds), kind_of, slope, mean_w, beyond, letter_soc, delivered_soc),
-            *(volts, truncated, by_letter),
+            *(increments, kinds, scale, kind_of, per_as / math.sqrt(discriminant), mean_w, beyond),
+            *(letter_soc, delivered_soc, volts, truncated, by_letter),
         )
 
     # --- kinds of segments
 
-    def _groups(self, route: Route) -> tuple[list[_Group], IntArray]:
-        """Configurations that legs of a route have, and which of them each leg has."""
-        index: dict[tuple[object, ...], int] = {}
-        groups: list[_Group] = []
-        of_kind = []
-        firsts, order = route.kinds
-        for first in firsts:
-            sets, own = route.of_legs[first].sets, route.parameters[first]
-            key = self._key(sets, own)
-            if key not in index:
-                index[key] = len(groups)
-                groups.append(_Group(sets, own, self.configurations(sets, own)[1]))
-            of_kind.append(index[key])
-        return groups, np.array(of_kind)[order]
+    def _groups(self, route: Route) -> tuple[IntArray, list[_Group], FloatArray]:
+        """Which group of configurations each leg of a route has; the groups, and their least and greatest power [W]."""
+        table = route.table
+        if table is not self._table:
+            self._table, self._index, self._known = table, dict[object, int](), list[_Group]()
+            self._of_row, self._rows, self._extremes_w = np.zeros(0, dtype=np.intp), 0, np.zeros((0, 2))
+        rows = len(table.stages)
+        if self._rows < rows:
+            self._of_row = grown(self._of_row, self._rows, rows)
+            for row in range(self._rows, rows):
+                self._of_row[row] = self._group(table.stages[row].sets, table.parameters[row])
+            self._rows = rows
+            if len(self._extremes_w) < len(self._known):
+                self._extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._known])
+        group_of = self._of_row[route.order]
+        if not self._trade_offs:
+            return group_of, self._known, self._extremes_w
+        # with trade-offs, each value of a path parameter has its own
+        used, group_of = np.unique(group_of, return_inverse=True)
+        return group_of, [self._known[number] for number in used.tolist()], self._extremes_w[used]
 
-    def _kinds(
-        self, groups: Sequence[_Group], group_of: IntArray, room: FloatArray | None, value_rates: FloatArray
-    ) -> tuple[list[ConcaveEnvelope], IntArray]:
-        """Envelopes, and which each segment has: of the configurations for which there is room [W], or of all."""
-        if room is None:
-            return [self._envelope(*group, len(group.powers_w), value_rates) for group in groups], group_of
+    def _group(self, sets: Sequence[Box], own: Vector) -> int:
+        """The number of the group of a stage."""
+        number = self._index.setdefault(self._key(sets, own), len(self._known))
+        if number == len(self._known):
+            self._known.append(_Group(sets, own, self.configurations(sets, own)[1]))
+        return number
+
+    def _relative(self, rates: FloatArray) -> tuple[tuple[float, ...], float]:
+        """Value of each computation's share per second, relative to the greatest, and that."""
+        own = rates.tolist()[self._rho :]
+        scale = max(own, default=0.0)
+        relative = tuple([rate / scale for rate in own] if scale > 0 else own)
+        # rates that differ by less share their envelopes
+        return self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative), max(scale, 0.0)
+
+    def _all(self, groups: Sequence[_Group], relative: tuple[float, ...]) -> _Joined:
+        """Envelopes of all configurations of groups."""
+        key = (
+            relative,
+            tuple([self._key(group.sets, group.own) for group in groups]) if self._trade_offs else len(groups),
+        )
+        if key not in self._joined:
+            self._joined[key] = _join([self._envelope(*group, len(group.powers_w), relative) for group in groups])
+        return self._joined[key]
+
+    def _truncated(
+        self, groups: Sequence[_Group], group_of: IntArray, room: FloatArray, relative: tuple[float, ...]
+    ) -> tuple[tuple[ConcaveEnvelope, ...], IntArray]:
+        """Envelopes of the configurations for which there is room [W], and which each segment has."""
         kinds: list[ConcaveEnvelope] = []
         kind_of = np.zeros(len(group_of), dtype=np.intp)
         for number, group in enumerate(groups):
@@ -234,8 +281,8 @@ class TermBuilder:
             allowed = np.maximum(np.searchsorted(group.powers_w, room[members], side="right"), 1)
             for count in sorted({*allowed.tolist()}):
                 kind_of[members[allowed == count]] = len(kinds)
-                kinds.append(self._envelope(*group, count, value_rates))
-        return kinds, kind_of
+                kinds.append(self._envelope(*group, count, relative))
+        return tuple(kinds), kind_of
 
     # --- values
 
@@ -247,30 +294,27 @@ class TermBuilder:
             # Σ w c dt, relative to the maximum on the first route, so that it too lies in about 0..1
             maxima = np.array([self._plan.hull(j).hi if j >= rho else 0.0 for j in range(count)])
             if not self._scale_s:
-                self._scale_s = float((times_s + route.free @ times).max(initial=1.0))
+                self._scale_s = float((times_s + times @ route.free).max(initial=1.0))
             rates = self.weights * np.where(np.arange(count) >= rho, 1.0, 0.0)
             rates /= max(float((rates * maxima).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return rates, 0.0
-        return jitted(_quality)(route.free, route.shares, times, times_s, areas_s, self.weights, rho)
+        rows = route.table.rows
+        return jitted(_quality)(rows.free, rows.shares, route.order, times, times_s, areas_s, self.weights, rho)
 
     # --- envelopes
 
     def _envelope(
-        self, sets: Sequence[Box], own: Vector, powers_w: FloatArray, allowed: int, value_rates: FloatArray
+        self, sets: Sequence[Box], own: Vector, powers_w: FloatArray, allowed: int, relative: tuple[float, ...]
     ) -> ConcaveEnvelope:
         """Envelope of the first `allowed` configurations of a stage, of powers [W] in ascending order."""
-        rates = value_rates[self._rho :]
-        scale = float(rates.max(initial=0.0))
-        # cached for a largest rate of 1
-        relative = rates / scale if scale > 0 else rates
-        key = (self._key(sets, own), allowed, tuple(np.round(relative, 4).tolist()))
+        key = self._key(sets, own), allowed, relative
         if key not in self._envelopes:
             configurations = self.configurations(sets, own)[0]
             values = self._values_of(configurations[:allowed], sets, relative)
             self._envelopes[key] = concave_envelope(powers_w[:allowed], values, configurations[:allowed])
-        return self._envelopes[key].scaled(scale)
+        return self._envelopes[key]
 
-    def _values_of(self, configurations: FloatArray, sets: Sequence[Box], rates: FloatArray) -> FloatArray:
+    def _values_of(self, configurations: FloatArray, sets: Sequence[Box], rates: Sequence[float]) -> FloatArray:
         """Value of configurations per second in a stage, from the rate of each computation's share."""
         values = np.zeros(len(configurations))
         for k, box in enumerate(sets[self._rho :]):
@@ -328,11 +372,19 @@ class _Group(NamedTuple):
     powers_w: FloatArray
 
 
-def _joined(kinds: Sequence[ConcaveEnvelope]) -> tuple[FloatArray, FloatArray]:
-    """Powers and values of envelopes, one after the other."""
-    if len(kinds) == 1:
-        return kinds[0].powers_w, kinds[0].values
-    return np.concatenate([kind.powers_w for kind in kinds]), np.concatenate([kind.values for kind in kinds])
+class _Joined(NamedTuple):
+    """Envelopes, and their powers and values one after the other: those of kind k end at `ends[k]`."""
+
+    kinds: tuple[ConcaveEnvelope, ...]
+    ends: IntArray
+    powers_w: FloatArray
+    values: FloatArray
+
+
+def _join(kinds: Sequence[ConcaveEnvelope]) -> _Joined:
+    ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
+    powers_w, values = (np.concatenate(arrays) for arrays in zip(*((k.powers_w, k.values) for k in kinds), strict=True))
+    return _Joined(tuple(kinds), ends, powers_w, values)
 
 
 _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
@@ -345,6 +397,7 @@ _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray,
 def _quality(
     free: FloatArray,
     shares: FloatArray,
+    order: IntArray,
     times_s: FloatArray,
     past_s: FloatArray,
     past_areas_s: FloatArray,
@@ -353,9 +406,9 @@ def _quality(
 ) -> tuple[FloatArray, float]:
     """Value of each parameter's share per second in U, and of the flown shares and the first `path` parameters."""
     # of each parameter: time with a free set, and time integral of its share, flown and, of the path, ahead
-    free_s = past_s + free @ times_s
+    free_s = past_s + times_s @ free[order]
     areas_s = past_areas_s.copy()
-    areas_s[:path] += shares[:path] @ times_s
+    areas_s[:path] += times_s @ shares[order, :path]
     live = (free_s > 0.0) & (weights > 0.0)
     weight = np.where(live, weights, 0.0).sum()
     value_rates: FloatArray = np.where(live, weights / (max(weight, 1e-12) * np.maximum(free_s, 1e-9)), 0.0)
@@ -407,6 +460,30 @@ def _power_limits(
     return volts, room, max_w > room, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
 
 
+@in_loops(kernels.limits_and_increments)
+def _limits_and_increments(
+    times_s: FloatArray,
+    expected_s: FloatArray,
+    motion_w: FloatArray,
+    peak_w: FloatArray,
+    extremes_w: FloatArray,
+    group_of: IntArray,
+    soc: float,
+    floor: float,
+    cell: Cell,
+    ends: IntArray,
+    powers_w: FloatArray,
+    values: FloatArray,
+    scale: float,
+) -> tuple[Limits, AllIncrements, bool, float, float]:
+    """Limits, increments without them, whether they exclude any configurations; mean power [W] and mean voltage [V]."""
+    limits = _power_limits(times_s, motion_w, peak_w, extremes_w, group_of, soc, floor, cell)
+    increments, mean_w = _all_increments(
+        group_of, ends, powers_w, values, times_s, expected_s, motion_w, limits[0], cell, scale
+    )
+    return limits, increments, bool(limits[2].any()), mean_w, float(limits[0].mean())
+
+
 @in_loops(kernels.all_increments)
 def _all_increments(
     kind_of: IntArray,
@@ -418,11 +495,11 @@ def _all_increments(
     motion_w: FloatArray,
     volts: FloatArray,
     cell: Cell,
-) -> AllIncrements:
+    scale: float,
+) -> tuple[AllIncrements, float]:
     """Increments of all segments, one kind of envelope after the other: segment, level, use and gain.
 
-    After them use and value with every segment at minimum power, and the energy with computations half way [J]. The
-    powers and values of kind k end at `ends[k]`.
+    After them use and value with every segment at minimum power; and the mean power with computations half way [W].
     """
     size = 0
     for k in range(len(ends)):
@@ -433,7 +510,7 @@ def _all_increments(
     energy_j = (motion_w * times_s).sum()
     at = first = 0
     for k in range(len(ends)):
-        own_w, own_values = powers_w[first : ends[k]], values[first : ends[k]]
+        own_w, own_values = powers_w[first : ends[k]], scale * values[first : ends[k]]
         index = np.nonzero(kind_of == k)[0]
         seconds, expected, least, own_segment, own_level, own_use, own_gain = _increments(
             index, times_s, expected_s, motion_w, volts, own_w, own_values, cell
@@ -444,7 +521,7 @@ def _all_increments(
         base_value += expected * own_values[0]
         energy_j += seconds * (own_w[0] + own_w[-1]) / 2
         at, first = end, ends[k]
-    return segment, level, use, gain, base_use, base_value, energy_j
+    return (segment, level, use, gain, base_use, base_value), energy_j / max(times_s.sum(), 1e-9)
 
 
 def _increments(

@@ -375,7 +375,7 @@ def test_expected_losses_are_kept_back_as_a_poisson_process_takes_them():
         forecaster.assume((0.0, 0.0), 0.0, 1.0)
         forecaster.start_at(0.0, inputs.world.start_m, 0.0)
         candidate = forecaster.candidate(forecaster.shares)
-        ends.append(forecaster.forecast(best_at(replace(candidate, available=candidate.increments.base_use))))
+        ends.append(forecaster.forecast(best_at(candidate._replace(available=candidate.increments.base_use))))
     without, with_losses = ends
     rng = np.random.default_rng(0)
     counts = rng.poisson(6.0 * with_losses.remaining_s / 3600, 100_000)

@@ -221,7 +221,7 @@ def test_qps_find_the_computations_of_a_fixed_path(compared):
 def test_a_solution_is_kept_while_its_multiplier_proves_that_it_is_optimal():
     mission, report = feasible_mission(), SolverReport()
     here = mission((0.42,))
-    binding = replace(here, available=here.increments.base_use + 0.6 * float(here.increments.use.sum()))
+    binding = here._replace(available=here.increments.base_use + 0.6 * float(here.increments.use.sum()))
     program, start = MissionProgram(1, report), best_at(binding)
     first = program.decided(mission, start, movable=False)
     assert report.skipped == 0
@@ -231,9 +231,9 @@ def test_a_solution_is_kept_while_its_multiplier_proves_that_it_is_optimal():
     # less charge than it uses, more charge to use, another order of what is worth most: none is kept
     increments, available = start.candidate.increments, start.candidate.available
     others = [
-        replace(start.candidate, available=available - 1e-4),
-        replace(start.candidate, available=available + 1e-4),
-        replace(start.candidate, increments=replace(increments, gain=increments.gain[::-1].copy())),
+        start.candidate._replace(available=available - 1e-4),
+        start.candidate._replace(available=available + 1e-4),
+        start.candidate._replace(increments=increments._replace(gain=increments.gain[::-1].copy())),
     ]
     for candidate in others:
         calls = report.calls
@@ -251,7 +251,7 @@ def test_flown_legs_leave_the_last_solution():
     i = start.candidate.increments
     rest = Increments(*(array[1:] for array in (i.segment, i.level, i.use, i.gain)), i.base_use, i.base_value)
     spare = float(i.use[1:] @ start.allocation.shares[1:])
-    shorter = replace(start.candidate, increments=rest, available=i.base_use + spare)
+    shorter = start.candidate._replace(increments=rest, available=i.base_use + spare)
     solution = program.decided(mission, best_at(shorter), movable=False)
     assert best_at(shorter).value - solution.value <= module.OUTDONE
     longer = program.decided(mission, start, movable=False)
@@ -373,7 +373,7 @@ def test_of_plans_that_lack_alike_the_best_is_taken(tolerance):
     mission = Mission(6, 1, tight=-0.5)
 
     def candidate_at(shares):
-        return replace(mission(shares), tolerance=tolerance)
+        return mission(shares)._replace(tolerance=tolerance)
 
     solution = MissionProgram(1).solve(candidate_at, (0.7,))
     least = MissionProgram(1).solve(mission, (0.7,))
@@ -460,7 +460,7 @@ def test_a_worse_solution_of_the_qp_is_replaced_by_the_closed_form_and_counted(m
 
     def nothing_taken(at, kept):
         increments = at.candidate.increments
-        return replace(at, allocation=allocation_of(increments, np.zeros(len(increments.use))), status=SOLVED)
+        return at._replace(allocation=allocation_of(increments, np.zeros(len(increments.use))), status=SOLVED)
 
     monkeypatch.setattr(program, "_allocation", nothing_taken)
     solution = program.decided(mission, start, movable=False)

@@ -1,0 +1,193 @@
+"""The legs of a plan's routes in arrays: a leg that repeats from lap to lap is one row, and a route a list of rows."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import in_loops
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.tracks import Nodes
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box, Stage
+
+A = TypeVar("A", FloatArray, IntArray)
+
+
+class LegRows(NamedTuple):
+    """Arrays of a `LegTable`.
+
+    Attributes
+    ----------
+    nodes : Nodes
+        Quadrature of all rows, one after the other.
+    first : array of int, shape (rows + 1,)
+        Where the nodes of each row begin, and of the last one end.
+    airspeeds_mps : array, shape (rows,)
+        Airspeed that the stage commands [m/s]; NaN for none.
+    stages : array of int, shape (rows,)
+        Stage of each row, from 1.
+    free : array, shape (rows, parameters)
+        1 where a parameter has a choice on a leg that depends on it, else 0.
+    shares : array, shape (rows, parameters)
+        Share of its set that each parameter has; 0 where it has no choice.
+    """
+
+    nodes: Nodes
+    first: IntArray
+    airspeeds_mps: FloatArray
+    stages: IntArray
+    free: FloatArray
+    shares: FloatArray
+
+
+class LegTable:
+    """Rows of legs: a stage, the parameters in force on it, and nodes to integrate over.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Attributes
+    ----------
+    stages : list of Stage
+        Stage of each row.
+    parameters : list of tuple of float
+        Parameters in force on each row; computations there mean nothing.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.stages: list[Stage] = []
+        self.parameters: list[Vector] = []
+        no_sets = (Box(0.0, 0.0),) * len(plan.names)
+        self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
+        self._nodes: list[Nodes] = []
+        self._numbers: dict[tuple[int, int, Vector], int] = {}
+        self._filled = 0
+        none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
+        zero = np.zeros(1, dtype=np.intp)
+        self._rows = LegRows(Nodes(none, none, none, none), zero, none, zero[1:], nothing, nothing)
+
+    def row(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
+        """The row of a leg; a new one for what is not in the table yet."""
+        key = stage.index, id(nodes), parameters
+        number = self._numbers.setdefault(key, len(self.stages))
+        if number == len(self.stages):
+            self.stages.append(stage)
+            self.parameters.append(parameters)
+            self._nodes.append(nodes)
+        return number
+
+    @property
+    def rows(self) -> LegRows:
+        """The arrays, with every row that is in the table now; some behind them are of no row."""
+        if self._filled < len(self.stages):
+            self._fill()
+        return self._rows
+
+    def _fill(self) -> None:
+        """Write the new rows to the arrays."""
+        old, known, count = self._rows, self._filled, len(self.stages)
+        nodes = [np.concatenate(arrays) for arrays in zip(*self._nodes[known:], strict=True)]
+        used = int(old.first[known])
+        last = used + len(nodes[0])
+        rows = LegRows(
+            Nodes(*(grown(array, used, last) for array in old.nodes)),
+            grown(old.first, known + 1, count + 1),
+            grown(old.airspeeds_mps, known, count),
+            grown(old.stages, known, count),
+            grown(old.free, known, count),
+            grown(old.shares, known, count),
+        )
+        for array, values in zip(rows.nodes, nodes, strict=True):
+            array[used:last] = values
+        for number in range(known, count):
+            stage, own = self.stages[number], self.parameters[number]
+            rows.first[number + 1] = rows.first[number] + len(self._nodes[number].weights_m)
+            rows.airspeeds_mps[number] = stage.airspeed_mps or math.nan
+            rows.stages[number] = stage.index
+            sets = self._sets[stage.index - 1]
+            rows.free[number] = [float(width > 0) for _, width in sets]
+            rows.shares[number] = [
+                min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
+                for (low, width), value in zip(sets, own, strict=True)
+            ]
+        self._rows, self._filled = rows, count
+
+
+def grown(array: A, used: int, needed: int) -> A:
+    """An array with room for `needed` rows, the first `used` of them as they are."""
+    if len(array) >= needed:
+        return array
+    grown = np.zeros((2 * needed, *array.shape[1:]), dtype=array.dtype)
+    grown[:used] = array[:used]
+    return grown
+
+
+def _times_in_loops(
+    nodes: Nodes, first: IntArray, airspeeds_mps: FloatArray, order: IntArray, airspeed_mps: float, wind_mps: Point
+) -> tuple[FloatArray, FloatArray]:
+    """`leg_times_s` for compiled code."""
+    weights_m, cosine, sine, curvature_per_m = nodes
+    wx, wy = wind_mps
+    count = len(order)
+    times_s, turning_s = np.zeros(count), np.zeros(count)
+    known = np.full(len(airspeeds_mps), -1)
+    for leg in range(count):
+        row = order[leg]
+        if known[row] >= 0:
+            times_s[leg], turning_s[leg] = times_s[known[row]], turning_s[known[row]]
+            continue
+        known[row] = leg
+        s = airspeed_mps if math.isnan(airspeeds_mps[row]) else airspeeds_mps[row]
+        for i in range(first[row], first[row + 1]):
+            cross = wx * sine[i] - wy * cosine[i]
+            along = math.sqrt(max(s * s - cross * cross, 0.0))
+            speed = wx * cosine[i] + wy * sine[i] + along if abs(cross) < s else 0.0
+            if speed > 0.0:
+                seconds = weights_m[i] / speed
+                turn = curvature_per_m[i] * speed * speed / max(along, 1e-3 * s)
+                times_s[leg] += seconds
+                turning_s[leg] += seconds * (s * turn / GRAVITY_MPS2) ** 2
+            else:
+                times_s[leg] = math.inf
+    return times_s, turning_s
+
+
+@in_loops(_times_in_loops)
+def leg_times_s(
+    nodes: Nodes, first: IntArray, airspeeds_mps: FloatArray, order: IntArray, airspeed_mps: float, wind_mps: Point
+) -> tuple[FloatArray, FloatArray]:
+    """Time on each leg of a route [s], and the time integral of tan² of the bank, see `Route.times_s`.
+
+    Parameters
+    ----------
+    nodes, first, airspeeds_mps : arrays
+        As in `LegRows`.
+    order : array of int, shape (legs,)
+        Row of each leg.
+    airspeed_mps : float
+        Airspeed where a stage has none of its own [m/s].
+    wind_mps : (float, float)
+        Wind [m/s].
+    """
+    rows, of_leg = np.unique(order, return_inverse=True)
+    counts = first[rows + 1] - first[rows]
+    of_node = np.repeat(np.arange(len(rows)), counts)
+    at = np.arange(len(of_node)) + (first[rows] - np.cumsum(counts) + counts)[of_node]
+    weights_m, cosine, sine, curvature_per_m = (array[at] for array in nodes)
+    own = airspeeds_mps[rows]
+    speed = np.where(np.isnan(own), airspeed_mps, own)[of_node]
+    speeds, along = ground_speeds_mps(cosine, sine, speed, wind_mps)
+    forward = speeds > 0.0
+    seconds = weights_m / np.where(forward, speeds, 1.0)
+    slopes = squared_bank_slopes(curvature_per_m, speeds, along, speed)
+    turning = np.bincount(of_node, np.where(forward, seconds * slopes, 0.0))
+    times_s = np.bincount(of_node, np.where(forward, seconds, np.inf))
+    return times_s[of_leg].astype(np.float64), turning[of_leg].astype(np.float64)
