@@ -61,6 +61,9 @@ class EveryStep:
         self.asked += 1
         return self._planner.update(observation)
 
+    def estimates(self, times_s):
+        return self._planner.estimates(times_s)
+
     def ingest(self, readings):
         raise AssertionError("readings are seen in observations")
 

@@ -32,6 +32,9 @@ class Recorder:
     def ingest(self, readings):
         return self._planner.ingest(readings)
 
+    def estimates(self, times_s):
+        return self._planner.estimates(times_s)
+
     def update(self, observation):
         decision = self._planner.update(observation)
         self.seen.append(observation)
