@@ -419,9 +419,7 @@ class TrackingPlanner:
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the parameters stay."""
-        beside_w = self._computing_w
-        motion = [None if power_w is None else power_w - beside_w for power_w in readings.powers_w]
-        self._estimator.observe(readings.times_s, motion, beside_w)
+        self._estimator.observe(readings.times_s, readings.powers_w, self._computing_w)
         self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
         return self._decision
 
@@ -461,8 +459,7 @@ class TrackingPlanner:
         if o.time_s < self._next_reading_s - 1e-9:
             return
         self._next_reading_s = o.time_s + self._sensor_every_s
-        motion = None if o.power_w is None else o.power_w - self._computing_w
-        self._estimator.observe([o.time_s], [motion], self._computing_w)
+        self._estimator.observe([o.time_s], [o.power_w], self._computing_w)
 
 
 def allowed_levels(

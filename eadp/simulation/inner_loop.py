@@ -309,17 +309,21 @@ class InnerLoop:
         at = max(k - rows, 0) % rows * SNAPSHOT
         return tuple(map(float, self._late[at : at + SNAPSHOT]))
 
-    def readings(self) -> tuple[list[int], list[list[float]]]:
-        """Steps of the readings since the last call, and a list of values for each measured variable."""
+    def readings(self) -> list[list[float]]:
+        """Readings since the last call: a list of their steps, and one for each measured variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
-        values: list[float] = flat.tolist() if self._compiled else flat
-        return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
+        if self._compiled:
+            columns: list[list[float]] = flat.reshape(-1, READING).T.tolist()
+            return columns
+        return [flat[i::READING] for i in range(READING)]
 
     def rows(self) -> list[list[float]]:
         """Rows of the log since the last call, which is before the next run."""
         count = int(self._s[ROWS])
+        if not count:
+            return []
         self._s[ROWS] = 0
         flat = self._rows[: ROW * count]
         values: list[float] = flat.tolist() if self._compiled else flat

@@ -265,18 +265,17 @@ class _SensorBridge:
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
-        steps, snapshots = self._inner_loop.readings()
-        if steps and steps[-1] > k:
-            steps.pop()
-            for numbers in snapshots:
+        columns = self._inner_loop.readings()
+        if columns[0] and columns[0][-1] > k:
+            for numbers in columns:
                 numbers.pop()
+        steps, x, y, true_w, charges, vx, vy, headings = columns
         if not steps:
             return
-        x, y, true_w, charges, vx, vy, headings = snapshots
-        powers_w: list[float | None] = [*true_w]
+        powers_w: list[float | None] = true_w  # type: ignore[assignment]
         if not self._ideal:
             suite = self._suite
-            for i, n in enumerate(steps):
+            for i, n in enumerate(map(int, steps)):
                 x[i], y[i] = suite.position_m(n, x[i], y[i])
                 powers_w[i] = suite.power_w(n, true_w[i])
                 charges[i] = suite.soc(n, charges[i])

@@ -66,10 +66,10 @@ class DeferredEstimator:
         """See `ExactEstimator.forecast`."""
         return self.now.forecast(ahead_s)
 
-    def observe(self, times_s: Sequence[float], motion_w: Sequence[float | None], beside_w: float) -> None:
-        """Take readings of the motion [W] in order, None where there is none, beside the computations' power [W]."""
+    def observe(self, times_s: Sequence[float], powers_w: Sequence[float | None], beside_w: float) -> None:
+        """Take readings [W] in order, None where there is none; `beside_w` of each is the computations' power."""
         self._times_s.extend(times_s)
-        self._motion_w.extend([math.nan if power_w is None else power_w for power_w in motion_w])
+        self._motion_w.frombytes((np.array(powers_w, dtype=float) - beside_w).tobytes())
         self._beside.append((len(times_s), beside_w))
         if len(self._times_s) > MOST_WAITING:
             self._process()
