@@ -182,16 +182,18 @@ def _note(
     k: int,
 ) -> None:
     """Store the measured variables of a step, and append a reading and a row of the log if they are due."""
-    kept = int(c[LATE]) + 1
-    at = (k - 1) % kept * SNAPSHOT
-    late[at], late[at + 1], late[at + 2], late[at + 3] = s[X], s[Y], s[POWER], s[SOC]
-    late[at + 4], late[at + 5], late[at + 6] = s[VX], s[VY], s[HEADING]
+    late_by = int(c[LATE])
+    if late_by > 0:
+        _measure(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
     if k == s[READ_AT]:
-        at = max(k - 1 - int(c[LATE]), 0) % kept * SNAPSHOT
         n = int(s[READINGS]) * READING
         readings[n] = k
-        for i in range(SNAPSHOT):
-            readings[n + 1 + i] = late[at + i]
+        if late_by > 0:
+            at = max(k - 1 - late_by, 0) % (late_by + 1) * SNAPSHOT
+            for i in range(SNAPSHOT):
+                readings[n + 1 + i] = late[at + i]
+        else:
+            _measure(s, readings, n + 1)
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
     if k == s[LOG_AT]:
@@ -200,8 +202,15 @@ def _note(
         rows[n + 4], rows[n + 5], rows[n + 6] = s[HEADING], s[POWER], s[SOC]
         s[ROWS] += 1
         s[LOG_AT] += c[LOG_EVERY]
-    # the late sensors' buffer takes every step
-    s[NOTE_AT] = min(s[READ_AT], s[LOG_AT]) if kept == 1 else 0.0
+    if late_by == 0:  # else the buffer takes every step
+        read_at, log_at = s[READ_AT], s[LOG_AT]
+        s[NOTE_AT] = read_at if read_at < log_at else log_at
+
+
+def _measure(s: State, to: MutableSequence[float], at: int) -> None:
+    """Copy the measured variables."""
+    to[at], to[at + 1], to[at + 2], to[at + 3] = s[X], s[Y], s[POWER], s[SOC]
+    to[at + 4], to[at + 5], to[at + 6] = s[VX], s[VY], s[HEADING]
 
 
 def drain_constants(battery: Battery, step_s: float) -> list[float]:
@@ -217,7 +226,9 @@ class InnerLoop:
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
-        self._fly = compiled.jitted(run_steps, drain, replayed_soc, _note, *FLYING, *WATCHING, makes_arrays=False)
+        self._fly = compiled.jitted(
+            run_steps, drain, replayed_soc, _note, _measure, *FLYING, *WATCHING, makes_arrays=False
+        )
         self._replay = self._numbers(battery.replay)
         self._rng = rng
         first = rng.standard_normal(2)
