@@ -54,7 +54,7 @@ class Nobody:
     """A planner that is never asked again and hears no sensor."""
 
     def __init__(self, parameters: Vector) -> None:
-        self.report = SolverReport()
+        self.report, self.takes_arrays = SolverReport(), False
         self.period_s = None
         self.reading_every_s = self.next_update_s = math.inf
         self._decision = Decision(parameters)

@@ -60,15 +60,17 @@ class Computing:
         Infeasible
             If the configuration lies outside what was measured.
         """
-        key = (*parameters, *sets)
-        if key not in self._powers_w:
+        key = (*parameters, id(sets))
+        known = self._powers_w.get(key)
+        if known is None:
             if len(self._powers_w) >= KEPT_POWERS:
                 self._powers_w.clear()
-            self._powers_w[key] = self._power_w(parameters, sets)
-        return self._powers_w[key]
+            known = self._powers_w[key] = (self._power_w(parameters, sets), sets)
+        return known[0]
 
     @cached_property
-    def _powers_w(self) -> dict[tuple[object, ...], float]:
+    def _powers_w(self) -> dict[tuple[float, ...], tuple[float, Sequence[Box]]]:
+        """Powers known; beside each the sets, which last as long as their number."""
         return {}
 
     def _power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:

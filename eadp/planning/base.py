@@ -326,6 +326,8 @@ class Planner(Protocol):
     """The interface of a planner."""
 
     report: SolverReport
+    takes_arrays: bool
+    """Whether it takes readings as arrays, too."""
 
     @property
     def period_s(self) -> float | None:
@@ -363,6 +365,8 @@ class TrackingPlanner:
 
     optimises_to_end: ClassVar[bool] = False
     """Whether the planner chooses its parameters so that they last to the end of the mission."""
+
+    takes_arrays = False
 
     def __init__(
         self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission, own: Any = None
@@ -420,7 +424,7 @@ class TrackingPlanner:
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the parameters stay."""
         self._estimator.observe(readings.times_s, readings.powers_w, self._computing_w)
-        self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
+        self._next_reading_s = float(readings.times_s[-1]) + self._sensor_every_s
         return self._decision
 
     def update(self, observation: Observation) -> Decision:

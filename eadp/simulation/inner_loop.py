@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eadp.core import compiled
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight.battery import replayed_soc
 from eadp.models.battery import Battery
@@ -320,13 +321,13 @@ class InnerLoop:
         at = max(k - rows, 0) % rows * SNAPSHOT
         return tuple(map(float, self._late[at : at + SNAPSHOT]))
 
-    def readings(self) -> list[list[float]]:
-        """Readings since the last call: a list of their steps, and one for each measured variable."""
+    def readings(self) -> list[list[float]] | FloatArray:
+        """Readings since the last call: their steps, and the values of each measured variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
         if self._compiled:
-            columns: list[list[float]] = flat.reshape(-1, READING).T.tolist()
+            columns: FloatArray = flat.reshape(-1, READING).T.copy()
             return columns
         return [flat[i::READING] for i in range(READING)]
 

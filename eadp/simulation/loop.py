@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -265,22 +265,25 @@ class _SensorBridge:
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
-        columns = self._inner_loop.readings()
-        if columns[0] and columns[0][-1] > k:
-            for numbers in columns:
-                numbers.pop()
-        steps, x, y, true_w, charges, vx, vy, headings = columns
-        if not steps:
+        columns: Any = self._inner_loop.readings()
+        count = len(columns[0])
+        if count and columns[0][-1] > k:
+            count -= 1
+            columns = [numbers[:count] for numbers in columns]
+        if not count:
             return
-        powers_w: list[float | None] = true_w  # type: ignore[assignment]
+        if isinstance(columns[0], np.ndarray) and not (self._ideal and self._planner.takes_arrays):
+            columns = [numbers.tolist() for numbers in columns]
+        steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
             suite = self._suite
             for i, n in enumerate(map(int, steps)):
                 x[i], y[i] = suite.position_m(n, x[i], y[i])
-                powers_w[i] = suite.power_w(n, true_w[i])
+                powers_w[i] = suite.power_w(n, powers_w[i])
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
-        readings = Readings([n * step_s for n in steps], x, y, powers_w, charges, vx, vy, headings)
+        times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
+        readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings)
         self.decision = self._planner.ingest(readings)
 
 

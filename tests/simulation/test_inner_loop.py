@@ -52,6 +52,7 @@ class EveryStep:
 
     reading_every_s = math.inf
     next_update_s = 0.0
+    takes_arrays = False
 
     @property
     def period_s(self):

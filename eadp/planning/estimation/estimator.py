@@ -503,14 +503,14 @@ class PublishedEstimator:
             if record is not None:
                 record.append(Estimates(times_s, periods_s.tolist(), 1.0, forecasts_w, states))
             return float(forecasts_w[-1])
-        periods_s, forecasts, known = array("d"), array("d"), array("d")
+        periods, forecasts, known = array("d"), array("d"), array("d")
         for time_s, value in zip(times_s, power_w.tolist(), strict=True):
             forecasts.append(self.observe(time_s, None if math.isnan(value) else value))
-            periods_s.append(self.period_s)
+            periods.append(self.period_s)
             known.extend(self._state)
         if record is not None:
             states = np.pad(np.array(known).reshape(len(power_w), -1), ((0, 0), (0, 2)))
-            record.append(Estimates(times_s, periods_s, 1.0, np.array(forecasts), states))
+            record.append(Estimates(times_s, periods.tolist(), 1.0, np.array(forecasts), states))
         return forecasts[-1]
 
     def _published_gain(self, turn: float) -> list[float]:

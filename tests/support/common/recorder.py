@@ -9,6 +9,8 @@ class Recorder:
     `every_step`: it is shown every step, not only those that the planner wants to see.
     """
 
+    takes_arrays = False
+
     def __init__(self, planner, *, every_step=False):
         self._planner, self._every_step = planner, every_step
         self.report = planner.report
