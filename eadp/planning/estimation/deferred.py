@@ -93,7 +93,7 @@ class DeferredEstimator:
     def estimates(
         self, times_s: Sequence[float], computing_w: float, horizon_s: Callable[[float | None], float]
     ) -> tuple[list[float], list[PowerEstimate]]:
-        """Forecast of the last reading [W] and the estimate, at instants since this was called last.
+        """Forecast of the last reading [W] and the estimate, at instants since anything was asked last.
 
         Parameters
         ----------
