@@ -102,7 +102,8 @@ def _leg(cursor: PlanCursor, start: Point) -> Leg:
     return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
-def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
+@lru_cache(KEPT_ROUTES)
+def default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
     """Position [m] and heading [rad] to start from: the plan's own, or on the first path 100 m before its trigger.
 
     On a circle it is a quarter of it before its trigger.
