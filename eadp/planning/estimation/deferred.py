@@ -124,19 +124,23 @@ class DeferredEstimator:
 
     def _process(self, record: list[Estimates] | None = None) -> None:
         """Process what waits, in order; record the estimates before it, and after each reading and each event."""
-        times_s, motion_w, events = self._times_s, self._motion_w, self._events
-        beside_w = np.repeat([power_w for _, power_w in self._beside], [count for count, _ in self._beside])
+        times_s, motion_w, beside, events = self._times_s, self._motion_w, self._beside, self._events
+        if record is None and not times_s and not events:
+            return
         self._times_s, self._motion_w, self._beside, self._events = array("d"), array("d"), [], []
+        if record is not None:
+            beside_w = np.repeat([power_w for _, power_w in beside], [count for count, _ in beside])
         done = 0
         for end, event in ((0, None), *events, (len(times_s), None)):
             if end > done:
-                found: list[Estimates] = []
-                expected_w = self._estimator.observe_batch(
-                    times_s[done:end], motion_w[done:end], None if record is None else found
-                )
-                self._forecast_w = expected_w + float(beside_w[end - 1])
-                if record is not None:
+                readings = times_s[done:end], motion_w[done:end]
+                if record is None:
+                    self._forecast_w = self._estimator.observe_batch(*readings) + beside[-1][1]
+                else:
+                    found: list[Estimates] = []
+                    self._estimator.observe_batch(*readings, found)
                     record += _beside(found, beside_w[done:end])
+                    self._forecast_w = float(record[-1].forecasts_w[-1])
                 done = end
             if event is not None:
                 event()
