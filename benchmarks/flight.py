@@ -18,6 +18,7 @@ import resource
 import statistics
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
@@ -29,6 +30,7 @@ from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.cursor import Vector
 from eadp.planning.base import Decision, Observation, SolverReport
+from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,14 +54,18 @@ class Nobody:
     """A planner that is never asked again and hears no sensor."""
 
     def __init__(self, parameters: Vector) -> None:
-        self.report = SolverReport()
+        self.report, self.takes_arrays = SolverReport(), False
         self.period_s = None
         self.reading_every_s = self.next_update_s = math.inf
-        self._decision = Decision(parameters, 0.0)
+        self._decision = Decision(parameters)
 
     def update(self, _observation: Observation) -> Decision:
         """Keep the parameters."""
         return self._decision
+
+    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
+        """Nothing is known."""
+        return [0.0 for _ in times_s], []
 
     ingest = None
 

@@ -124,8 +124,8 @@ def _compiled(function: F, helpers: tuple[Callable[..., Any], ...], makes_arrays
 
 @cache
 def _registered(register: Callable[..., Any], helper: Callable[..., Any], makes_arrays: bool) -> None:
-    """Register a helper once, inlined into its callers: calls that pass arrays cost a quarter of the flight loop."""
-    register(forceinline=True, _nrt=makes_arrays)(helper)
+    """Register a helper once; inlined into a flight loop, of which calls that pass arrays cost a quarter."""
+    register(forceinline=not makes_arrays, _nrt=makes_arrays)(helper)
 
 
 def in_loops(loops: Callable[..., Any]) -> Callable[[F], F]:

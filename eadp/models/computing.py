@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
@@ -13,6 +14,9 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
+
+KEPT_POWERS = 1000
+"""Powers kept: a flight asks for the same ones at each stage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,20 @@ class Computing:
         Infeasible
             If the configuration lies outside what was measured.
         """
+        key = (*parameters, id(sets))
+        known = self._powers_w.get(key)
+        if known is None:
+            if len(self._powers_w) >= KEPT_POWERS:
+                self._powers_w.clear()
+            known = self._powers_w[key] = (self._power_w(parameters, sets), sets)
+        return known[0]
+
+    @cached_property
+    def _powers_w(self) -> dict[tuple[float, ...], tuple[float, Sequence[Box]]]:
+        """Powers known; beside each the sets, which last as long as their number."""
+        return {}
+
+    def _power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
             return 0.0

@@ -25,6 +25,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.vehicle import FixedWing
+from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.estimation.estimator import (
     MIN_NOISE_W,
     ONE_LAP_SHARE,
@@ -114,14 +115,13 @@ class Readings(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """The parameters to fly with, the power forecast for the last reading [W], and the reason.
+    """The parameters to fly with, and the reason.
 
     `record` describes the last re-planning, a new object for each; None from planners without records. `returns_home`
     is whether to give the plan up and fly home.
     """
 
     parameters: Vector
-    power_forecast_w: float
     reason: str = ""
     record: DecisionRecord | None = None
     returns_home: bool = False
@@ -326,6 +326,8 @@ class Planner(Protocol):
     """The interface of a planner."""
 
     report: SolverReport
+    takes_arrays: bool
+    """Whether it takes readings as arrays, too."""
 
     @property
     def period_s(self) -> float | None:
@@ -345,8 +347,8 @@ class Planner(Protocol):
     def ingest(self, readings: Readings) -> Decision:
         """Take the readings since the last observation; stage and parameters have not changed."""
 
-    def estimate(self) -> PowerEstimate:
-        """The power as estimated after the last reading."""
+    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
+        """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
 
     def hold(self, held: Mapping[int, float]) -> None:
         """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
@@ -364,15 +366,17 @@ class TrackingPlanner:
     optimises_to_end: ClassVar[bool] = False
     """Whether the planner chooses its parameters so that they last to the end of the mission."""
 
+    takes_arrays = False
+
     def __init__(
         self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission, own: Any = None
     ) -> None:
         self.report = SolverReport()
         self._settings = settings
         self._mission = mission
-        self._decision = Decision(mission.parameters, 0.0)
+        self._decision = Decision(mission.parameters)
         self._lap_stages = mission.plan.primitive_stages
-        self._estimator = _estimator(estimator, mission, self._lap_stages)
+        self._estimator = DeferredEstimator(_estimator(estimator, mission, self._lap_stages))
         self._sensor_every_s = estimator.every_s
         self._next_reading_s = 0.0
         self._stages_started = 1
@@ -406,19 +410,21 @@ class TrackingPlanner:
 
     @property
     def horizon_s(self) -> float:
-        """How far it looks ahead at the power [s]: one period."""
-        return self.period_s or UNKNOWN_PERIOD_S
+        """How far it looks ahead at the power [s]."""
+        return self._horizon_at_s(self.period_s)
 
-    def estimate(self) -> PowerEstimate:
-        """The power as estimated after the last reading."""
-        return self._estimator.estimate(self._computing_w, self.horizon_s)
+    def _horizon_at_s(self, period_s: float | None) -> float:
+        """`horizon_s` at a period [s]: one period."""
+        return period_s or UNKNOWN_PERIOD_S
+
+    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
+        """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
+        return self._estimator.estimates(times_s, self._computing_w, self._horizon_at_s)
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the parameters stay."""
-        motion = [None if power_w is None else power_w - self._computing_w for power_w in readings.powers_w]
-        expected = self._estimator.observe_batch(readings.times_s, motion) + self._computing_w
-        self._next_reading_s = readings.times_s[-1] + self._sensor_every_s
-        self._decision = self._decision._replace(power_forecast_w=expected)
+        self._estimator.observe(readings.times_s, readings.powers_w, self._computing_w)
+        self._next_reading_s = float(readings.times_s[-1]) + self._sensor_every_s
         return self._decision
 
     def update(self, observation: Observation) -> Decision:
@@ -457,9 +463,7 @@ class TrackingPlanner:
         if o.time_s < self._next_reading_s - 1e-9:
             return
         self._next_reading_s = o.time_s + self._sensor_every_s
-        motion = None if o.power_w is None else o.power_w - self._computing_w
-        expected = self._estimator.observe(o.time_s, motion) + self._computing_w
-        self._decision = self._decision._replace(power_forecast_w=expected)
+        self._estimator.observe([o.time_s], [o.power_w], self._computing_w)
 
 
 def allowed_levels(

@@ -154,7 +154,7 @@ class LiveFlight:
         self._located: tuple[float, Point] = (0.0, (0.0, 0.0))
         self._usual_s = 0.0
         self._last: tuple[float, float] = (0.0, 1.0)
-        self._decision = Decision(mission.parameters, 0.0)
+        self._decision = Decision(mission.parameters)
         self._next_s = -math.inf
         self._lost = self._empty = False
         self._past_stage: int | None = None

@@ -13,6 +13,8 @@ class StaticPlanner(TrackingPlanner):
     Source: flights I and II of the letter.
     """
 
+    takes_arrays = True
+
     @property
     def next_update_s(self) -> float:
         """Infinity: no decisions."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eadp.core import compiled
+from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight.battery import replayed_soc
 from eadp.models.battery import Battery
@@ -23,6 +24,7 @@ from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AIRCRAFT_CONSTANTS,
     AIRCRAFT_STATE,
+    ALTITUDE,
     CRUISE_M,
     FIXED_WING_MODEL,
     FLYING,
@@ -46,13 +48,14 @@ from eadp.simulation.aircraft import (
     next_gust,
 )
 
-SOC, POWER, ENERGY, DISTANCE, MIN_POWER, MAX_POWER, READ_AT, READINGS = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 8)
-STATE = AIRCRAFT_STATE + 8
+SOC, POWER, ENERGY, DISTANCE, MIN_POWER, MAX_POWER = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 6)
+NOTE_AT, READ_AT, READINGS, LOG_AT, ROWS = range(AIRCRAFT_STATE + 6, AIRCRAFT_STATE + 11)
+STATE = AIRCRAFT_STATE + 11
 """State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]; the step of
-the next reading, number of readings."""
+the next reading or row of the log, that of the next reading, number of readings, and the same for rows of the log."""
 
-BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 10
-EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE = range(
+BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 11
+EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE, LOG_EVERY = range(
     AIRCRAFT_CONSTANTS, BATTERY_CONSTANTS
 )
 Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(BATTERY_CONSTANTS, BATTERY_CONSTANTS + 11)
@@ -67,8 +70,11 @@ cannot deliver the power."""
 SNAPSHOT = 7
 """Number of measured variables, which a sensor may delay: x, y, power, charge, ground velocity, heading."""
 
-READING, MAX_READINGS = 1 + SNAPSHOT, 500
+READING, MAX_READINGS = 1 + SNAPSHOT, 5000
 """Length of a reading, its step and the measured variables; maximum number of readings in one run."""
+
+ROW, MAX_ROWS = 7, 500
+"""Length of a row of the log: step, x, y, altitude, heading, power, charge; maximum number of rows in one run."""
 
 NOISE = 2000
 """Random numbers of gusts per draw."""
@@ -84,6 +90,7 @@ def run_steps(
     replay: Sequence[float],
     late: MutableSequence[float],
     readings: MutableSequence[float],
+    rows: MutableSequence[float],
     k: int,
     end: int,
     path: PathFunction | None,
@@ -103,6 +110,8 @@ def run_steps(
         Ring buffer of the measured variables of the last `LATE` + 1 steps.
     readings
         Readings of the sensors, appended to.
+    rows
+        Rows of the log, appended to.
     path, curve
         Of a stage whose path is a general curve.
     """
@@ -135,8 +144,8 @@ def run_steps(
         failed = drain(s, c, power_w, k, replay)
         if failed:
             return k, failed
-        if c[LATE] != 0.0 or k == s[READ_AT]:
-            _sense(s, c, late, readings, k)
+        if k >= s[NOTE_AT]:
+            _note(s, c, late, readings, rows, k)
         events = watched(w, s[X], s[Y], curve)
         if events:
             return k, events
@@ -165,20 +174,44 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Sequence[float
     return 0
 
 
-def _sense(s: State, c: Constants, late: MutableSequence[float], readings: MutableSequence[float], k: int) -> None:
-    """Store the measured variables of a step, and append a reading if one is due."""
-    rows = int(c[LATE]) + 1
-    at = (k - 1) % rows * SNAPSHOT
-    late[at], late[at + 1], late[at + 2], late[at + 3] = s[X], s[Y], s[POWER], s[SOC]
-    late[at + 4], late[at + 5], late[at + 6] = s[VX], s[VY], s[HEADING]
+def _note(
+    s: State,
+    c: Constants,
+    late: MutableSequence[float],
+    readings: MutableSequence[float],
+    rows: MutableSequence[float],
+    k: int,
+) -> None:
+    """Store the measured variables of a step, and append a reading and a row of the log if they are due."""
+    late_by = int(c[LATE])
+    if late_by > 0:
+        _measure(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
     if k == s[READ_AT]:
-        at = max(k - 1 - int(c[LATE]), 0) % rows * SNAPSHOT
         n = int(s[READINGS]) * READING
         readings[n] = k
-        for i in range(SNAPSHOT):
-            readings[n + 1 + i] = late[at + i]
+        if late_by > 0:
+            at = max(k - 1 - late_by, 0) % (late_by + 1) * SNAPSHOT
+            for i in range(SNAPSHOT):
+                readings[n + 1 + i] = late[at + i]
+        else:
+            _measure(s, readings, n + 1)
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
+    if k == s[LOG_AT]:
+        n = int(s[ROWS]) * ROW
+        rows[n], rows[n + 1], rows[n + 2], rows[n + 3] = k, s[X], s[Y], s[ALTITUDE]
+        rows[n + 4], rows[n + 5], rows[n + 6] = s[HEADING], s[POWER], s[SOC]
+        s[ROWS] += 1
+        s[LOG_AT] += c[LOG_EVERY]
+    if late_by == 0:  # else the buffer takes every step
+        read_at, log_at = s[READ_AT], s[LOG_AT]
+        s[NOTE_AT] = read_at if read_at < log_at else log_at
+
+
+def _measure(s: State, to: MutableSequence[float], at: int) -> None:
+    """Copy the measured variables."""
+    to[at], to[at + 1], to[at + 2], to[at + 3] = s[X], s[Y], s[POWER], s[SOC]
+    to[at + 4], to[at + 5], to[at + 6] = s[VX], s[VY], s[HEADING]
 
 
 def drain_constants(battery: Battery, step_s: float) -> list[float]:
@@ -194,7 +227,9 @@ class InnerLoop:
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
-        self._fly = compiled.jitted(run_steps, drain, replayed_soc, _sense, *FLYING, *WATCHING, makes_arrays=False)
+        self._fly = compiled.jitted(
+            run_steps, drain, replayed_soc, _note, _measure, *FLYING, *WATCHING, makes_arrays=False
+        )
         self._replay = self._numbers(battery.replay)
         self._rng = rng
         first = rng.standard_normal(2)
@@ -207,7 +242,8 @@ class InnerLoop:
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
         self._noise: Any = self._numbers([])
         self._late: Any = self._numbers([])
-        self._readings: Any = self._numbers([0.0] * (READING * MAX_READINGS))
+        self._readings: Any = self._zeros(READING * MAX_READINGS)
+        self._rows: Any = self._zeros(ROW * MAX_ROWS)
         self._path: PathFunction | None = None
         self._curve: CurveProgress | None = None
         self._watch: Any = []
@@ -217,11 +253,14 @@ class InnerLoop:
     def _numbers(self, values: list[float]) -> Any:
         return np.array(values) if self._compiled else values
 
-    def sense(self, every: int, late: int) -> None:
-        """Take a reading every so many steps from the first on, with a delay in steps."""
-        self._s[READ_AT] = 1
-        self._c[READ_EVERY], self._c[LATE] = every, late
-        self._late = self._numbers([0.0] * (SNAPSHOT * (late + 1)))
+    def _zeros(self, count: int) -> Any:
+        return np.zeros(count) if self._compiled else [0.0] * count
+
+    def note(self, every: int, late: int, log_every: int) -> None:
+        """Take a reading every so many steps from the first on, with a delay in steps; and a row of the log."""
+        self._s[READ_AT], self._s[LOG_AT] = 1, log_every
+        self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
+        self._late = self._zeros(SNAPSHOT * (late + 1))
 
     def fault(self, step: int, drop: float) -> None:
         """The next sudden loss of charge."""
@@ -246,7 +285,7 @@ class InnerLoop:
         self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
-        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room for readings end.
+        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room end.
 
         At least one step, unless it is `full`.
         """
@@ -257,21 +296,20 @@ class InnerLoop:
                 self._s[NOISE_LEFT] = NOISE
             end = min(end, k + int(self._s[NOISE_LEFT]) // 2)
         room = MAX_READINGS - int(self._s[READINGS])
-        end = min(end, k + room * int(self._c[READ_EVERY]))
+        end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
             return self._run_uncompiled(k, end)
-        state = (self._s, self._watch, self._c, self._noise, self._replay, self._late, self._readings)
+        state = (self._s, self._watch, self._c, self._noise, self._replay, self._late, self._readings, self._rows)
         k, events = self._fly(*state, k, end, self._path, self._curve)
         return k, events
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
-        arrays = (self._s, self._watch, self._late, self._readings)
-        s, w, late, readings = (array.tolist() for array in arrays)
-        c, noise, replay = self._c.tolist(), self._noise.tolist(), self._replay.tolist()
-        k, events = run_steps(s, w, c, noise, replay, late, readings, k, end, self._path, self._curve)
-        for array, values in zip(arrays, (s, w, late, readings), strict=True):
-            array[:] = values
+        state, watch = self._s.tolist(), self._watch.tolist()
+        constants = (self._c.tolist(), self._noise.tolist(), self._replay.tolist())
+        notes = self._late, self._readings, self._rows
+        k, events = run_steps(state, watch, *constants, *notes, k, end, self._path, self._curve)
+        self._s[:], self._watch[:] = state, watch
         return k, events
 
     def measured(self, k: int) -> tuple[float, ...]:
@@ -283,13 +321,25 @@ class InnerLoop:
         at = max(k - rows, 0) % rows * SNAPSHOT
         return tuple(map(float, self._late[at : at + SNAPSHOT]))
 
-    def readings(self) -> tuple[list[int], list[list[float]]]:
-        """Steps of the readings since the last call, and a list of values for each measured variable."""
+    def readings(self) -> list[list[float]] | FloatArray:
+        """Readings since the last call: their steps, and the values of each measured variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
+        if self._compiled:
+            columns: FloatArray = flat.reshape(-1, READING).T.copy()
+            return columns
+        return [flat[i::READING] for i in range(READING)]
+
+    def rows(self) -> list[list[float]]:
+        """Rows of the log since the last call, which is before the next run."""
+        count = int(self._s[ROWS])
+        if not count:
+            return []
+        self._s[ROWS] = 0
+        flat = self._rows[: ROW * count]
         values: list[float] = flat.tolist() if self._compiled else flat
-        return [int(k) for k in values[::READING]], [values[i::READING] for i in range(1, READING)]
+        return [values[i : i + ROW] for i in range(0, len(values), ROW)]
 
     @property
     def full(self) -> bool:

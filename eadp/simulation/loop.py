@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
 from eadp.planning.base import HOME_RADII, Decision, DecisionRecord, Observation, Planner, Readings
+from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.homing import home_plan
 from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
@@ -55,6 +56,7 @@ class World:
     rules: Rules
     step_s: float = 0.01
     log_every_s: float = 0.1
+    """Time between rows of the log [s]; infinite for no log, not even of the end."""
     time_limit_s: float = 7200.0
     seed: int = 0
     sensors: Sensors = field(default_factory=Sensors)
@@ -104,20 +106,23 @@ class Outcome:
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
     records: list[DecisionRecord] = field(default_factory=list)
+    estimates: list[PowerEstimate] = field(default_factory=list)
+    """The planner's estimate of the power at each step of the log."""
 
 
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
 
-    The inner loop (`eadp.simulation.inner_loop`) runs until the planner, a row of the log, a loss of charge or a new
-    stage is due.
+    The inner loop (`eadp.simulation.inner_loop`) runs until the planner, a loss of charge or a new stage is due, and
+    writes the rows of the log on the way.
 
     Raises
     ------
     PathUndefined
         If the first path cannot be evaluated where the flight starts.
     """
-    step_s, log_every = world.step_s, max(1, round(world.log_every_s / world.step_s))
+    step_s, unlogged = world.step_s, math.isinf(world.log_every_s)
+    log_every = MAX_STEPS if unlogged else max(1, round(world.log_every_s / step_s))
     executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
     steady_mps = world.wind.steady_mps
     inner_loop = InnerLoop(
@@ -127,7 +132,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
         world.wind,
         np.random.default_rng(world.seed),
     )
-    bridge = _SensorBridge(world, planner, inner_loop, outcome.records)
+    bridge = _SensorBridge(world, planner, inner_loop, outcome, log_every)
     losses = _losses(world)
     alarms = [step + bridge.late for step, _ in losses]
     parameters, stage, sets = executor.parameters, executor.stage, world.plan.quality_sets
@@ -138,13 +143,7 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason, returning = TIME_LIMIT, False
-    k, next_update, last_logged = 0, 1, -1
-
-    def logged() -> Step:
-        motion = (variable(X), variable(Y), variable(ALTITUDE), variable(HEADING))
-        forecast_w = bridge.decision.power_forecast_w
-        return Step(k * step_s, plan_stage, *motion, variable(POWER), forecast_w, variable(SOC), parameters)
-
+    k, next_update = 0, 1
     variable = inner_loop.variable
     while k < steps:
         if k >= losses[-1][0]:
@@ -153,22 +152,25 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             alarms.pop()
         loss, alarm = losses[-1], alarms[-1]
         inner_loop.fault(*loss)
-        k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm, k - k % log_every + log_every))
+        k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm))
         time_s = k * step_s
-        if events & (LOST | EMPTY | SAGS):
+        failed = events & (LOST | EMPTY | SAGS)
+        due = (k >= next_update or k == alarm) and not returning and not failed
+        rows = inner_loop.rows()
+        last = [rows.pop()] if due and rows and rows[-1][0] == k else []
+        if rows:
+            yield from bridge.logged(rows, k - due, plan_stage, parameters)
+        elif inner_loop.full:
+            bridge.ingest(k - due)
+        if failed:
             reason = _failure(events, world, inner_loop, plan_stage, k)
             if events & SAGS:
                 outcome.battery_limit = world.battery.limit_at(world.battery.voltage_at(variable(SOC)))
             break
-        due = (k >= next_update or k == alarm) and not returning
         if due:
             bridge.update(k, executor)
-        if k % log_every == 0:
-            bridge.ingest(k)
-            last_logged = k
-            yield logged()
-        elif inner_loop.full:
-            bridge.ingest(k)
+        if last:
+            yield from bridge.logged(last, k, plan_stage, parameters)
         try:
             changed = executor.handle(events, variable(X), variable(Y)) if events else False
             if executor.complete:
@@ -198,9 +200,10 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
         elif due:
             next_update = max(k + 1, step_at(planner.next_update_s, step_s, steps))
-    if k != last_logged:
-        bridge.ingest(k)
-        yield logged()
+    bridge.ingest(k)
+    if not unlogged and bridge.logged_to != k:
+        now = [variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
+        yield from bridge.logged([[k, *now]], k, plan_stage, parameters)
     totals = outcome.totals
     totals.energy_j, totals.distance_m = variable(ENERGY) * step_s, variable(DISTANCE) * step_s
     totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
@@ -219,9 +222,9 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
 
 
 class _SensorBridge:
-    """Measurements from the inner loop to the planner, and its last decision."""
+    """Measurements from the inner loop to the planner, its last decision, and rows of the log with its estimates."""
 
-    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, records: list[DecisionRecord]) -> None:
+    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, outcome: Outcome, log_every: int) -> None:
         self._step_s = world.step_s
         self._planner = planner
         self._inner_loop = inner_loop
@@ -229,9 +232,11 @@ class _SensorBridge:
         self._suite = SensorSuite(world.sensors, world.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
         """Delay of the measurements in steps."""
-        inner_loop.sense(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late)
-        self._records = records
-        self.decision = Decision(world.parameters, 0.0)
+        inner_loop.note(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late, log_every)
+        self._outcome = outcome
+        self.logged_to = -1
+        """The last step logged."""
+        self.decision = Decision(world.parameters)
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`."""
@@ -241,28 +246,44 @@ class _SensorBridge:
         observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
         decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
         if decision.record is not None and decision.record is not self.decision.record:
-            self._records.append(decision.record)
+            self._outcome.records.append(decision.record)
         self.decision = decision
+
+    def logged(self, rows: list[list[float]], k: int, stage: int, parameters: Vector) -> list[Step]:
+        """Rows of the inner loop with what the planner forecast and estimated, after readings up to step `k`."""
+        self.ingest(k)
+        self.logged_to = int(rows[-1][0])
+        times_s = [row[0] * self._step_s for row in rows]
+        forecasts_w, estimates = self._planner.estimates(times_s)
+        self._outcome.estimates += estimates
+        return [
+            Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, parameters)
+            for time_s, (_, x, y, altitude, heading, power_w, soc), forecast_w in zip(
+                times_s, rows, forecasts_w, strict=True
+            )
+        ]
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
-        steps, snapshots = self._inner_loop.readings()
-        if steps and steps[-1] > k:
-            steps.pop()
-            for numbers in snapshots:
-                numbers.pop()
-        if not steps:
+        columns: Any = self._inner_loop.readings()
+        count = len(columns[0])
+        if count and columns[0][-1] > k:
+            count -= 1
+            columns = [numbers[:count] for numbers in columns]
+        if not count:
             return
-        x, y, true_w, charges, vx, vy, headings = snapshots
-        powers_w: list[float | None] = [*true_w]
+        if isinstance(columns[0], np.ndarray) and not (self._ideal and self._planner.takes_arrays):
+            columns = [numbers.tolist() for numbers in columns]
+        steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
             suite = self._suite
-            for i, n in enumerate(steps):
+            for i, n in enumerate(map(int, steps)):
                 x[i], y[i] = suite.position_m(n, x[i], y[i])
-                powers_w[i] = suite.power_w(n, true_w[i])
+                powers_w[i] = suite.power_w(n, powers_w[i])
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
-        readings = Readings([n * step_s for n in steps], x, y, powers_w, charges, vx, vy, headings)
+        times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
+        readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings)
         self.decision = self._planner.ingest(readings)
 
 

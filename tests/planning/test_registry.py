@@ -80,8 +80,8 @@ def test_a_planner_is_named_in_the_registry_alone():
 def test_static_never_changes_and_forecasts():
     pilot = planner(settings=replace(SETTINGS, name="static"))
     assert run(pilot, 30, soc=lambda t: 1 - t / 40) == [(0.1, (0.0, 10.0))]
-    decision = pilot.update(observation(31.0))
-    assert decision.power_forecast_w == pytest.approx(36.0, abs=0.05)
+    pilot.update(observation(31.0))
+    assert pilot.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
     assert pilot.report.replans == 0
 
 
@@ -90,8 +90,8 @@ def test_readings_are_taken_as_often_as_the_sensor_has_them():
     assert pilot.next_update_s == 0.0
     pilot.update(observation(1.0, power_w=30.0))
     assert pilot.next_update_s == pytest.approx(1.1)
-    before = pilot.update(observation(1.05, power_w=90.0))
-    assert before.power_forecast_w == pytest.approx(30.0)
+    pilot.update(observation(1.05, power_w=90.0))
+    assert pilot.estimates([1.05])[0] == pytest.approx([30.0])
     assert pilot.next_update_s == pytest.approx(1.1)
     zeros = [0.0] * 3
     pilot.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros))
@@ -375,8 +375,8 @@ def test_a_sensor_without_readings_is_lived_with():
     pilot = planner()
     for k in range(1, 50):
         power = 36.0 if k < 20 else None
-        decision = pilot.update(observation(0.1 * k, power_w=power))
-    assert decision.power_forecast_w == pytest.approx(36.0, abs=0.1)
+        pilot.update(observation(0.1 * k, power_w=power))
+    assert pilot.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
 
 
 def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
@@ -392,13 +392,13 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
 def test_a_fit_is_what_the_estimator_starts_from():
     fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
     pilot = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
-    estimator = pilot._estimator
+    estimator = pilot._estimator.now
     assert estimator.state_w == pytest.approx(fitted.state_w(3))
     assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
     assert estimator.disturbance == (0.3, 7.0)
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
     white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
-    assert white._estimator.disturbance == (0.5, 5.0)
+    assert white._estimator.now.disturbance == (0.5, 5.0)
     mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
     assert mean._estimator.state_w.tolist() == [31.0]
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -52,6 +54,7 @@ class EveryStep:
 
     reading_every_s = math.inf
     next_update_s = 0.0
+    takes_arrays = False
 
     @property
     def period_s(self):
@@ -61,15 +64,18 @@ class EveryStep:
         self.asked += 1
         return self._planner.update(observation)
 
+    def estimates(self, times_s):
+        return self._planner.estimates(times_s)
+
     def ingest(self, readings):
         raise AssertionError("readings are seen in observations")
 
 
-def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False):
+def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda it: it, on=False, world=lambda it: it):
     inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
     compiled.enable(on)
     outcome = Outcome()
-    steps = list(fly(inputs.world, wrapped(inputs.planner()), outcome))
+    steps = list(fly(world(inputs.world), wrapped(inputs.planner()), outcome))
     return outcome, steps
 
 
@@ -163,6 +169,49 @@ def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_st
     often = flown(overrides, wrapped=wrapped)
     assert asked[0].asked >= len(often[1])
     same(flown(overrides), often)
+
+
+@fast
+@pytest.mark.skipif(sys.platform != "linux", reason="numba may call another C library than Python")
+@pytest.mark.parametrize("vehicle", ["paper", "fixed-wing", "power-curve"])
+def test_static_flights_are_the_same_to_the_last_bit(vehicle, no_longer_compiled):
+    """All of a flight but what its estimator forecasts."""
+    overrides = {
+        "vehicle.airframe.model": vehicle,
+        "planner.name": "static",
+        "wind.speed_mps": 6.0,
+        "wind.gust_std_mps": 0.4,
+        "sensors.delay_s": 0.1,
+        "battery.capacity_ah": 0.35,
+        "step_s": 0.02,
+        "faults": [{"at_s": 60, "soc_drop": 0.05}],
+        "log_every_s": 0.5,
+    }
+    flights = [flown(overrides, on=on) for on in (True, False)]
+    (a, compiled_steps), (b, plain_steps) = flights
+    assert [step._replace(power_forecast_w=0.0) for step in compiled_steps] == [
+        step._replace(power_forecast_w=0.0) for step in plain_steps
+    ]
+    assert len(plain_steps) > 500
+    for name in ("completed", "reason", "duration_s", "soc_final", "totals", "stage_times_s"):
+        assert getattr(a, name) == getattr(b, name)
+
+
+@pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
+@pytest.mark.parametrize("planner", ["static", "joint"])
+def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
+    overrides = {"planner.name": planner, "step_s": 0.05, "faults": [], "battery.capacity_ah": 0.4}
+    (logged, steps), (unlogged, nothing) = (
+        flown({**overrides}, on=on, world=lambda world, every_s=every_s: replace(world, log_every_s=every_s))
+        for every_s in (0.1, math.inf)
+    )
+    assert steps
+    assert not nothing
+    assert not unlogged.estimates
+    assert len(logged.estimates) == len(steps)
+    for name in ("completed", "reason", "duration_s", "soc_final", "totals", "stage_times_s"):
+        assert getattr(logged, name) == getattr(unlogged, name)
+    assert [record.parameters for record in logged.records] == [record.parameters for record in unlogged.records]
 
 
 def test_what_is_logged_does_not_change_the_flight():

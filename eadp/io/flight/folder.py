@@ -253,14 +253,17 @@ def fly_flight(
     overrides: Sequence[str] = (),
 ) -> Flight:
     """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
-    planner, outcome, steps, estimates = inputs.planner(), Outcome(), [], []
+    planner, outcome, steps = inputs.planner(), Outcome(), []
     for step in fly(inputs.world, planner, outcome):
         steps.append(step)
-        estimates.append(planner.estimate())
         on_step(step)
     summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
-    flight = Flight(inputs, summary, steps, outcome.records, overrides, estimates)
-    if inputs.world.plan.field is not None and (covered := flown_coverage(inputs.world.plan, flight.lists, 1)):
+    flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
+    if (
+        steps
+        and inputs.world.plan.field is not None
+        and (covered := flown_coverage(inputs.world.plan, flight.lists, 1))
+    ):
         summary["coverage"] = covered[1][-1]
     return flight
 

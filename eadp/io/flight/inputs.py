@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, TypeVar
 
 from eadp import __version__
@@ -20,11 +21,11 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
-from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import MARGIN_M, RoutePredictor
+from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, Stage
-from eadp.models.plan.trace import default_start
+from eadp.models.plan.trace import default_start, whole_route
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
@@ -233,7 +234,7 @@ def load_flight(
 def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenario, airspeed_mps: float) -> float:
     """Time limit of a flight without one [s]: a multiple of the forecast at the parameters of take-off."""
     try:
-        route = RoutePredictor().route(PlanCursor.start(plan, parameters, scenario.rules), start, MARGIN_M)
+        route = whole_route(plan, parameters, scenario.rules, start, MARGIN_M)
     except PathUndefined:
         return LIMIT_S
     forecast_s = float(route.times_s(airspeed_mps, scenario.keys.wind.steady_mps)[0].sum())
@@ -370,6 +371,7 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 
 
+@lru_cache
 def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
     """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
     rho = plan.path_count

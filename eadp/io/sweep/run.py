@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -22,7 +23,6 @@ from eadp.simulation.sweep.design import Result, Run, interleaved, make_runs
 from eadp.simulation.sweep.engines.base import EngineOptions
 from eadp.simulation.sweep.engines.registry import open_engine
 
-UNLOGGED_S = 1e9
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 
@@ -60,7 +60,7 @@ class FlyRun:
     def _summary(self, run: Run) -> dict[str, Any]:
         inputs = self._files.load(run)
         if self._keep is None:
-            inputs = replace(inputs, world=replace(inputs.world, log_every_s=UNLOGGED_S))
+            inputs = replace(inputs, world=replace(inputs.world, log_every_s=math.inf))
         flight = fly_flight(inputs, overrides=override_texts(run.overrides))
         if self._keep is not None:
             flight.write(Path(self._keep) / run.key, force=True)

@@ -80,6 +80,10 @@ class Plan:
     field: Field | None = None
     swath_m: float | None = None
 
+    def __hash__(self) -> int:
+        """Cheap, as plans are keys of what is kept from one flight to the next."""
+        return hash((self.name, len(self.stages)))
+
     @property
     def has_sets(self) -> bool:
         """Whether the stages carry their parameters' sets."""

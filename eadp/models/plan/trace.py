@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.legs import Leg, TracePoint, leg_points
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.route import Route, RoutePredictor
 
 MAX_POINTS = 5_000_000
+KEPT_ROUTES = 16
+
+
+@lru_cache(KEPT_ROUTES)
+def whole_route(plan: Plan, parameters: Vector, rules: Rules, start: Point, margin_m: float = 0.0) -> Route:
+    """`RoutePredictor.route` from the plan's start, kept for the next flight."""
+    return RoutePredictor().route(PlanCursor.start(plan, parameters, rules), start, margin_m)
 
 
 def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> tuple[Leg, ...]:
@@ -34,7 +42,7 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
     if plan.has_sets:  # computations that are left out do not change the path
         values += tuple(plan.hull(i).hi for i in range(len(values), len(plan.parameters)))
     start = start or default_start(plan, values)[0]
-    return RoutePredictor().route(PlanCursor.start(plan, values), start).legs
+    return whole_route(plan, values, Rules(), start).legs
 
 
 def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]) -> tuple[tuple[Leg, ...], ...]:
@@ -94,7 +102,8 @@ def _leg(cursor: PlanCursor, start: Point) -> Leg:
     return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
-def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
+@lru_cache(KEPT_ROUTES)
+def default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
     """Position [m] and heading [rad] to start from: the plan's own, or on the first path 100 m before its trigger.
 
     On a circle it is a quarter of it before its trigger.

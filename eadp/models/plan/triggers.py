@@ -23,14 +23,15 @@ FIRES_IN, TRIGGER_X, TRIGGER_Y, RADIUS, RADIUS_SQUARED = range(5)
 ARMED, FLOWN, HALF_LENGTH, LAST_X, LAST_Y = range(5, 10)
 """Whether it is armed, the distance flown until then, half the stage's length, the last position."""
 
-PASSED_BY, PASS_X, PASS_Y, PASS_P, PASS_Q, PROGRESS, BEARING = range(10, 17)
+PASSED_BY, PASS_X, PASS_Y, PASS_P, PASS_Q, PROGRESS, BEARING, SEEN_X, SEEN_Y, REACH_SQUARED = range(10, 20)
 """What passes it: `BY_LINE`, a point and the direction of travel (P, Q); `BY_CIRCLE`, the centre, the turn (P) and the
-angle to go (Q); the angle gone, and the last direction from the centre."""
+angle to go (Q); the angle gone, and the last direction from the centre, at the position where it was computed; the
+square of the distance from there within which the angle cannot be gone."""
 
-ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(17, 23)
+ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(20, 26)
 """Whether the plan ends beyond the final point; that point, the sides of it, the radius across them."""
 
-WATCHED = 23
+WATCHED = 26
 BOX, DISC = 1.0, 2.0
 NEVER, BY_LINE, BY_CIRCLE = 0.0, 1.0, 2.0
 
@@ -55,8 +56,10 @@ def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress 
             if w[PASSED_BY] == BY_LINE:
                 fires = (x - w[PASS_X]) * w[PASS_P] + (y - w[PASS_Y]) * w[PASS_Q] >= 0
             elif w[PASSED_BY] == BY_CIRCLE:
-                _turned(w, x, y)
-                fires = w[PROGRESS] >= w[PASS_Q]
+                ex, ey = x - w[SEEN_X], y - w[SEEN_Y]
+                if ex * ex + ey * ey >= w[REACH_SQUARED]:
+                    _turned(w, x, y)
+                    fires = w[PROGRESS] >= w[PASS_Q]
             if curve is not None:
                 fires = curve(x, y)
     elif w[FIRES_IN] == BOX:
@@ -68,8 +71,13 @@ def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress 
 
 
 def _turned(w: MutableSequence[float], x: float, y: float) -> None:
-    """Add the angle flown round a circle since the last position."""
-    now = math.atan2(y - w[PASS_Y], x - w[PASS_X])
+    """Add the angle flown round a circle since the last position where it was computed.
+
+    Seen from the centre, at a distance r, a disc of radius r sin a has the half angle a. Within it an angle a cannot be
+    gone, and no turn is missed.
+    """
+    dx, dy = x - w[PASS_X], y - w[PASS_Y]
+    now = math.atan2(dy, dx)
     turned = now - w[BEARING]
     # the remainder by 2π, exactly: the difference of two directions is within ±2π
     if turned > math.pi:
@@ -77,7 +85,9 @@ def _turned(w: MutableSequence[float], x: float, y: float) -> None:
     elif turned < -math.pi:
         turned += 2 * math.pi
     w[PROGRESS] += w[PASS_P] * turned
-    w[BEARING] = now
+    w[BEARING], w[SEEN_X], w[SEEN_Y] = now, x, y
+    share = math.sin(max(min(w[PASS_Q] - w[PROGRESS], math.pi / 2), 0.0))
+    w[REACH_SQUARED] = (dx * dx + dy * dy) * share * share
 
 
 def _is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
@@ -106,7 +116,7 @@ class TriggerWatch:
 
     Attributes
     ----------
-    numbers : list or array of float, shape (23,)
+    numbers : list or array of float, shape (26,)
         What `watched` reads and updates; may be replaced by an array of the same numbers.
     curve : CurveProgress or None
         Progress along a general curve.
@@ -150,10 +160,15 @@ class TriggerWatch:
         """Go on with the stage where a share of it has been flown."""
         w = self.numbers
         if w[PASSED_BY] == BY_CIRCLE:
-            w[PROGRESS] += 2 * math.pi * round((share * w[PASS_Q] - w[PROGRESS]) / (2 * math.pi))
+            self._add_turns((share * w[PASS_Q] - w[PROGRESS]) / (2 * math.pi))
         if self.curve is not None:
             self.curve.resume(share)
         w[FLOWN] = 2 * share * w[HALF_LENGTH]
+
+    def _add_turns(self, turns: float) -> None:
+        """Add whole turns round the circle to the angle gone."""
+        self.numbers[PROGRESS] += 2 * math.pi * round(turns)
+        self.numbers[REACH_SQUARED] = 0.0
 
     def _watch_passing(
         self,
@@ -180,8 +195,7 @@ class TriggerWatch:
             _turned(w, *position_m)  # from where the stage was joined in the plan to where the robot is
             if before is not None and before.numbers[PASSED_BY] == BY_CIRCLE:
                 # the path has moved under the robot: whole turns flown stay flown
-                flown = before.numbers[PROGRESS] - w[PROGRESS]
-                w[PROGRESS] += 2 * math.pi * round(flown / (2 * math.pi))
+                self._add_turns((before.numbers[PROGRESS] - w[PROGRESS]) / (2 * math.pi))
             return circle.radius_m * sweep
         start = project(path, join)
         length_m = curve_length_m(path, start, local, stage.sense)

@@ -138,11 +138,28 @@ class PowerEstimate(NamedTuple):
         return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
-def _one_by_one(estimator: Estimator, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-    expected = 0.0
-    for time_s, value in zip(times_s, motion_w, strict=True):
-        expected = estimator.observe(time_s, value)
-    return expected
+class Estimates(NamedTuple):
+    """Estimates in a row: after readings, or at one moment.
+
+    Attributes
+    ----------
+    times_s : sequence of float
+        Time of the last reading [s].
+    periods_s : sequence of float or None
+        [s].
+    disturbance_s : float
+        Time constant of the disturbance [s].
+    forecasts_w : array, shape (n,)
+        Forecast of the last reading [W].
+    states : array, shape (n, 2r + 3)
+        As in `PowerEstimate`.
+    """
+
+    times_s: Sequence[float]
+    periods_s: Sequence[float | None]
+    disturbance_s: float
+    forecasts_w: FloatArray
+    states: FloatArray
 
 
 class ExactEstimator:
@@ -192,6 +209,11 @@ class ExactEstimator:
         self._learn_at_s = math.inf
 
     @property
+    def follows_laps(self) -> bool:
+        """Whether laps change the period."""
+        return self._order > 0
+
+    @property
     def state_w(self) -> FloatArray:
         """The energy state q [W]."""
         return self._filter.state[:-2]
@@ -238,23 +260,33 @@ class ExactEstimator:
                 self._learn(time_s)
         return expected
 
-    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
-        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W]."""
+    def observe_batch(
+        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
+    ) -> float:
+        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W].
+
+        None or NaN is no reading. The estimates after each are appended to `record`.
+        """
+        power_w = np.array(motion_w, dtype=float)
+        missing = [*np.flatnonzero(np.isnan(power_w)).tolist(), len(power_w)]
         expected, n = 0.0, 0
-        while n < len(times_s):
-            # up to the next noise estimate
-            end = bisect.bisect_left(times_s, self._learn_at_s, n)
-            readings = [value for value in motion_w[n:end] if value is not None]
-            if self._time_s is None or not self._started or self._settings.gate_w or not readings:
+        while n < len(power_w):
+            # up to the next noise estimate, or the next reading that is missing
+            end = min(bisect.bisect_left(times_s, self._learn_at_s, n), missing[bisect.bisect_left(missing, n)])
+            if self._time_s is None or not self._started or self._settings.gate_w or end == n:
                 end = n + 1
-                expected = self.observe(times_s[n], motion_w[n])
-            elif len(readings) < end - n:
-                expected = _one_by_one(self, times_s[n:end], motion_w[n:end])
+                expected = self.observe(times_s[n], None if np.isnan(power_w[n]) else float(power_w[n]))
+                if record is not None:
+                    record.append(self.estimates(expected))
             else:
-                expected = self._filter.follow_batch(self._time_s, times_s[n:end], readings)
+                forecasts_w, states = self._filter.follow_batch(self._time_s, times_s[n:end], power_w[n:end])
+                expected = float(forecasts_w[-1])
                 self._time_s = times_s[end - 1]
                 if self._settings.learn_noise:
-                    self._keep(times_s[n:end], readings)
+                    self._keep(times_s[n:end], power_w[n:end].tolist())
+                if record is not None:
+                    periods_s = [self.period_s] * (end - n)
+                    record.append(Estimates(times_s[n:end], periods_s, self._noise[2], forecasts_w, states))
             n = end
         return expected
 
@@ -303,6 +335,11 @@ class ExactEstimator:
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
         self._filter.state[0] += by_w
+
+    def estimates(self, forecast_w: float) -> Estimates:
+        """The estimate after the last reading, whose forecast was `forecast_w` [W]."""
+        times_s, state = [self._time_s or 0.0], self._filter.state
+        return Estimates(times_s, [self.period_s], self._noise[2], np.array([forecast_w]), state[None].copy())
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
@@ -451,14 +488,30 @@ class PublishedEstimator:
         self._state = state
         return expected
 
-    def observe_batch(self, times_s: Sequence[float], motion_w: Sequence[float | None]) -> float:
+    def observe_batch(
+        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
+    ) -> float:
         """One step each; see `ExactEstimator.observe_batch`."""
-        if not enabled() or None in motion_w:
-            return _one_by_one(self, times_s, motion_w)
-        state, clock = np.array(self._state), (self._lap_started_s, self._lap_s, self._time_s)
-        self._lap_s, expected = jitted(_published)(state, *clock, np.array(times_s), np.array(motion_w, dtype=float))
-        self._state, self.period_s, self._time_s = state.tolist(), self._lap_s, times_s[-1]
-        return expected
+        power_w = np.array(motion_w, dtype=float)
+        if enabled() and not np.isnan(power_w).any():
+            states, clock = np.zeros((len(power_w), len(self._state) + 2)), (self._lap_started_s, self._lap_s)
+            periods_s, forecasts_w = jitted(_published)(
+                np.array(self._state), *clock, self._time_s, np.array(times_s), power_w, states
+            )
+            self._lap_s = self.period_s = float(periods_s[-1])
+            self._state, self._time_s = states[-1, :-2].tolist(), times_s[-1]
+            if record is not None:
+                record.append(Estimates(times_s, periods_s.tolist(), 1.0, forecasts_w, states))
+            return float(forecasts_w[-1])
+        periods, forecasts, known = array("d"), array("d"), array("d")
+        for time_s, value in zip(times_s, power_w.tolist(), strict=True):
+            forecasts.append(self.observe(time_s, None if math.isnan(value) else value))
+            periods.append(self.period_s)
+            known.extend(self._state)
+        if record is not None:
+            states = np.pad(np.array(known).reshape(len(power_w), -1), ((0, 0), (0, 2)))
+            record.append(Estimates(times_s, periods.tolist(), 1.0, np.array(forecasts), states))
+        return forecasts[-1]
 
     def _published_gain(self, turn: float) -> list[float]:
         # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
@@ -480,6 +533,11 @@ class PublishedEstimator:
         """Step α0 by a known change of power [W]."""
         self._state[0] += by_w
 
+    def estimates(self, forecast_w: float) -> Estimates:
+        """As `ExactEstimator.estimates`; there is no disturbance."""
+        state = np.array([[*self._state, 0.0, 0.0]])
+        return Estimates([self._time_s], [self.period_s], 1.0, np.array([forecast_w]), state)
+
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """As `ExactEstimator.estimate`; there is no disturbance."""
         state = np.array([*self._state, 0.0, 0.0])
@@ -491,10 +549,16 @@ class PublishedEstimator:
 
 
 def _published(
-    state: FloatArray, started_s: float, lap_s: float, time_s: float, times_s: FloatArray, motion_w: FloatArray
-) -> tuple[float, float]:
-    """`PublishedEstimator.observe` for compiled code; the state is changed. Returns the lap's time and the forecast."""
-    expected = 0.0
+    state: FloatArray,
+    started_s: float,
+    lap_s: float,
+    time_s: float,
+    times_s: FloatArray,
+    motion_w: FloatArray,
+    states: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """`PublishedEstimator.observe` for compiled code: fill in the states; return periods and forecasts."""
+    periods_s, forecasts_w = np.empty(len(times_s)), np.empty(len(times_s))
     for n in range(len(times_s)):
         lap_s, step_s, time_s = max(lap_s, times_s[n] - started_s), times_s[n] - time_s, times_s[n]
         step_s = math.floor(step_s * 1e9 + 0.5) / 1e9
@@ -515,7 +579,10 @@ def _published(
             j = (i + 1) // 2
             state[i] += ((1 + turn * j) * total + count) / scale * error
             state[i + 1] += ((1 - turn * j) * total + count) / scale * error
-    return lap_s, expected
+        periods_s[n], forecasts_w[n] = lap_s, expected
+        for i in range(len(state)):
+            states[n, i] = state[i]
+    return periods_s, forecasts_w
 
 
 Estimator = ExactEstimator | PublishedEstimator

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 from eadp.core.compiled import in_loops, jitted
@@ -114,12 +115,21 @@ class EnergyFilter:
 
     def follow(self, step_s: float, measured_w: float) -> float:
         """Predict over a step, update with a reading, and return its forecast [W]."""
-        return self.follow_batch(0.0, [step_s], [measured_w])
+        return float(self.follow_batch(0.0, [step_s], [measured_w])[0][0])
 
-    def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
-        """`follow` readings at some times [s], the first after `before_s`; return the forecast of the last [W]."""
-        steps, measured = np.diff(np.array([before_s, *times_s])), np.array(measured_w)
-        expected, n, count = 0.0, 0, len(steps)
+    def follow_batch(
+        self, before_s: float, times_s: Sequence[float], measured_w: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """`follow` readings at some times [s], the first after `before_s`.
+
+        Returns
+        -------
+        forecasts_w, states : array, shapes (n,) and (n, m)
+            Forecast of each reading [W], and the state after it.
+        """
+        steps, measured = np.diff(np.array([before_s, *times_s])), np.asarray(measured_w, dtype=float)
+        n, count = 0, len(steps)
+        forecasts_w, states = np.empty(count), np.empty((count, len(self.state)))
         while n < count:
             other = abs(steps[n] - self._step_s) >= SAME_STEP_S
             if other:
@@ -127,15 +137,18 @@ class EnergyFilter:
                 self._prepare(float(steps[n]))
             irregular = np.flatnonzero(np.abs(steps[n:] - self._step_s) >= SAME_STEP_S)
             end = n + int(irregular[0]) if len(irregular) else count
-            expected = self._follow_evenly(measured[n:end], settling=not other)
+            self._follow_evenly(measured[n:end], forecasts_w[n:end], states[n:end], settling=not other)
             n = end
-        return expected
+        return forecasts_w, states
 
-    def _follow_evenly(self, measured_w: FloatArray, *, settling: bool) -> float:
+    def _follow_evenly(
+        self, measured_w: FloatArray, forecasts_w: FloatArray, states: FloatArray, *, settling: bool
+    ) -> None:
         """Take evenly spaced readings, the first of them as far from the one before it if `settling`."""
-        expected, n = 0.0, 0
+        n = 0
         while self._held == STEPPING and n < len(measured_w):
-            expected = self._take(float(measured_w[n]))
+            forecasts_w[n] = self._take(float(measured_w[n]))
+            states[n] = self.state
             n += 1
             before, self._gain = self._gain, self._gain_now()
             if (settling or n > 1) and self._change(before) < SETTLED:
@@ -144,8 +157,10 @@ class EnergyFilter:
             blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
             moving = self.state, self._covariance, self._gain, self._held
             model = self._transition, self._output, self._dynamics.noise_w**2, self._maps[-1]
-            self.state, self._covariance, self._gain, self._held, expected = blocks(*moving, *model, measured_w[n:])
-        return float(expected)
+            self._covariance, self._gain, self._held = blocks(
+                *moving, *model, measured_w[n:], forecasts_w[n:], states[n:]
+            )
+            self.state = states[-1].copy()
 
     def _take(self, measured_w: float) -> float:
         """Predict and correct with a reading; return its forecast [W]."""
@@ -198,20 +213,30 @@ def _in_blocks(
     variance: float,
     block: FloatArray,
     measured_w: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, int, float]:
-    """Take evenly spaced readings with the gain held, `block` the map of one; return what changes, and the forecast.
+    forecasts_w: FloatArray,
+    states: FloatArray,
+) -> tuple[FloatArray, FloatArray, int]:
+    """Take evenly spaced readings with the gain held, `block` the map of one, and fill in forecasts and states.
 
-    `held` is how many readings of its block the covariance has still to pass. The forecast is that of the last reading.
+    `held` is how many readings of its block the covariance has still to pass; returns what else changes.
     """
-    expected, n, count = 0.0, 0, len(measured_w)
+    n, count = 0, len(measured_w)
     while n < count:
         end = min(count, n + BLOCK - held)
-        state, expected = _held(transition, output, gain, state, measured_w[n:end])
+        _held(
+            transition,
+            output,
+            gain,
+            state if n == 0 else states[n - 1],
+            measured_w[n:end],
+            forecasts_w[n:end],
+            states[n:end],
+        )
         held, n = held + end - n, end
         if held == BLOCK:
             covariance, held = applied(block, covariance), 0
             gain = _gain(covariance, output, variance)
-    return state, covariance, gain, held, expected
+    return covariance, gain, held
 
 
 def _gain_in_loops(covariance: FloatArray, output: FloatArray, variance: float) -> FloatArray:
@@ -230,32 +255,43 @@ def _gain(covariance: FloatArray, output: FloatArray, variance: float) -> FloatA
 
 
 def _held_in_loops(
-    transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
-) -> tuple[FloatArray, float]:
+    transition: FloatArray,
+    output: FloatArray,
+    gain: FloatArray,
+    state: FloatArray,
+    measured_w: FloatArray,
+    forecasts_w: FloatArray,
+    states: FloatArray,
+) -> None:
     """`_held` for a transition of one number and blocks of two, which is what `EnergyDynamics` has."""
-    now, expected = state.copy(), 0.0
-    for value in measured_w:
-        now[0] *= transition[0, 0]
+    before = state
+    for n in range(len(measured_w)):
+        now = states[n]
+        now[0] = transition[0, 0] * before[0]
         expected = output[0] * now[0]
         for i in range(1, len(now), 2):
-            a, b = now[i], now[i + 1]
+            a, b = before[i], before[i + 1]
             now[i] = transition[i, i] * a + transition[i, i + 1] * b
             now[i + 1] = transition[i + 1, i] * a + transition[i + 1, i + 1] * b
             expected += output[i] * now[i] + output[i + 1] * now[i + 1]
-        error = value - expected
+        error = measured_w[n] - expected
         for i in range(len(now)):
             now[i] += gain[i] * error
-    return now, expected
+        forecasts_w[n], before = expected, now
 
 
 @in_loops(_held_in_loops)
 def _held(
-    transition: FloatArray, output: FloatArray, gain: FloatArray, state: FloatArray, measured_w: FloatArray
-) -> tuple[FloatArray, float]:
-    """The state after readings with the gain held, and the forecast of the last one [W]."""
-    expected = 0.0
-    for value in measured_w:
+    transition: FloatArray,
+    output: FloatArray,
+    gain: FloatArray,
+    state: FloatArray,
+    measured_w: FloatArray,
+    forecasts_w: FloatArray,
+    states: FloatArray,
+) -> None:
+    """Fill in the forecasts of readings with the gain held [W], and the states after them."""
+    for n, value in enumerate(measured_w):
         state = transition @ state
-        expected = np.dot(output, state)
-        state = state + gain * (value - expected)
-    return state, expected
+        forecasts_w[n] = expected = np.dot(output, state)
+        states[n] = state = state + gain * (value - expected)

@@ -219,7 +219,7 @@ class JointPlanner(TrackingPlanner):
         forecaster.expect(solution)
         self._hold(o, solution, terms, remaining_s)
         forecaster.decide(chosen, settled)
-        self._decision = Decision(chosen, self._decision.power_forecast_w, reason, record, returns_home)
+        self._decision = Decision(chosen, reason, record, returns_home)
 
     def _hold(self, o: Observation, solution: Solution, terms: KnapsackTerms, remaining_s: float) -> None:
         """Set until when the forecast holds at most, and how much charge it may be off by.

@@ -193,11 +193,9 @@ class PaperPlanner(TrackingPlanner):
         """Time of the next re-planning; infinite before the first periods are flown."""
         return self._next_s if self._laps_known() else math.inf
 
-    @property
-    def horizon_s(self) -> float:
-        """Length of the horizon [s]."""
+    def _horizon_at_s(self, period_s: float | None) -> float:
         own_s = self._own.horizon_s
-        return super().horizon_s if own_s == "period" else own_s
+        return super()._horizon_at_s(period_s) if own_s == "period" else own_s
 
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the fall of the charge within it is no jump."""
@@ -252,7 +250,7 @@ class PaperPlanner(TrackingPlanner):
             reason=reason,
             battery_limit=outcome.battery_limit,
         )
-        self._decision = Decision(parameters, self._decision.power_forecast_w, reason, record)
+        self._decision = Decision(parameters, reason, record)
 
     def _apply_gains(self, path: Vector) -> None:
         """Step the estimator's level by Ω (c − c⁻) where the path parameters have changed. Source: 002, Eq. 7."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
 
@@ -20,6 +21,7 @@ from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
+from eadp.models.plan.triggers import FIRED, PASS_P, PASS_Q, PASS_X, PASS_Y, PROGRESS, RADIUS_SQUARED
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9
@@ -835,6 +837,27 @@ def test_what_is_watched_may_be_an_array():
         assert plain.advance(x, y) == arrayed.advance(x, y)
         assert list(plain.watch.numbers) == list(arrayed.watch.numbers)
     assert plain.stage.index == 2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_circle_is_passed_where_the_angle_is_gone(seed):
+    """The angle added up at every position, on a way that wanders, turns back and comes near the centre."""
+    rng = np.random.default_rng(seed)
+    itinerary = begun(plan_of(ROUND_AND_ON), position=(50.0, 0.0))
+    w = itinerary.watch.numbers
+    w[RADIUS_SQUARED] = -1.0  # it cannot fire by its disc
+    centre, turn, to_go = complex(w[PASS_X], w[PASS_Y]), w[PASS_P], w[PASS_Q]
+    at, gone, fired = complex(50.0, 0.0), w[PROGRESS], False
+    for k in range(1, 4000):
+        out = (at - centre) / abs(at - centre)
+        after = at + out * complex(rng.normal(0.0, 2.0 if k % 300 else 45.0), turn * rng.normal(1.0, 3.0))
+        gone, at = gone + turn * cmath.phase((after - centre) / (at - centre)), after
+        fired = bool(itinerary.watch.events(at.real, at.imag) & FIRED)
+        assert fired == (gone >= to_go)
+        if fired:
+            break
+    assert fired
+    assert w[PROGRESS] == pytest.approx(gone, abs=1e-9)
 
 
 # --- where others tell what is flown

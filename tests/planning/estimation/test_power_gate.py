@@ -70,8 +70,8 @@ class Corrupted(TrackingPlanner):
     def reading_every_s(self):
         return self._planner.reading_every_s
 
-    def estimate(self):
-        return self._planner.estimate()
+    def estimates(self, times_s):
+        return self._planner.estimates(times_s)
 
     def ingest(self, readings):
         powers_w = [self._false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]

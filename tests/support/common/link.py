@@ -121,9 +121,12 @@ class Autopilot:
     next_update_s = LINES_EVERY_S
     ingest = None
 
+    def estimates(self, times_s):
+        return [0.0 for _ in times_s], []
+
     def __post_init__(self) -> None:
         self._replanner = Replanner(self.inputs, "telemetry", None, self.answers.append, self.warnings.append)
-        self._decision = Decision(self.inputs.mission.parameters, 0.0)
+        self._decision = Decision(self.inputs.mission.parameters)
         self._numbers = 0
 
     def update(self, o: Observation) -> Decision:
@@ -145,7 +148,7 @@ class Autopilot:
             asked = answer["parameters"]
             parameters = tuple(kept[name] if name in self.deaf_to else value for name, value in asked.items())
             if parameters != self._decision.parameters:
-                self._decision = Decision(parameters, 0.0)
+                self._decision = Decision(parameters)
         return self._decision
 
     def _line(self, o: Observation) -> Line:

@@ -9,6 +9,8 @@ class Recorder:
     `every_step`: it is shown every step, not only those that the planner wants to see.
     """
 
+    takes_arrays = False
+
     def __init__(self, planner, *, every_step=False):
         self._planner, self._every_step = planner, every_step
         self.report = planner.report
@@ -31,6 +33,9 @@ class Recorder:
 
     def ingest(self, readings):
         return self._planner.ingest(readings)
+
+    def estimates(self, times_s):
+        return self._planner.estimates(times_s)
 
     def update(self, observation):
         decision = self._planner.update(observation)
