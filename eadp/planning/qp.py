@@ -155,7 +155,8 @@ class QuadraticProgram:
         self._fault: Callable[..., int] = _fault
         self._optimal: Callable[..., bool] = _is_optimal
         if compiled.enabled():
-            self._fault, self._optimal = compiled.jitted(fault_of), compiled.jitted(is_optimal)
+            self._fault = compiled.jitted(fault_of, makes_arrays=False)
+            self._optimal = compiled.jitted(is_optimal, makes_arrays=False)
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -297,18 +298,20 @@ def is_optimal(
     y: FloatArray,
 ) -> bool:
     """`_is_optimal` in loops, for compiled code."""
-    forces, largest, complementary = gradient + proximal * (x - centre), 1.0, 0.0
+    largest, complementary = 1.0, 0.0
     for i in range(len(lower)):
         value = 0.0
         for k in range(len(x)):
             value += matrix[i, k] * x[k]
-            forces[k] += y[i] * matrix[i, k]
         below, above = upper[i] - value, value - lower[i]
         if not (below >= -VERIFIED and above >= -VERIFIED):
             return False
         largest = max(largest, abs(y[i]))
         complementary += abs(y[i]) * min(below if y[i] > 0 else above, ROOM)
     for k in range(len(x)):
-        if not abs(forces[k]) <= VERIFIED * largest:
+        force = gradient[k] + proximal * (x[k] - centre[k])
+        for i in range(len(lower)):
+            force += y[i] * matrix[i, k]
+        if not abs(force) <= VERIFIED * largest:
             return False
     return complementary <= VERIFIED * largest

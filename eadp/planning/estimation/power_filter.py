@@ -67,6 +67,7 @@ class EnergyFilter:
         self._gain = np.zeros(len(state))
         self._maps: tuple[FloatArray, ...] = ()
         self._held = STEPPING
+        self._blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
 
     @property
     def covariance(self) -> FloatArray:
@@ -118,15 +119,16 @@ class EnergyFilter:
 
     def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
         """`follow` readings at some times [s], the first after `before_s`; return the forecast of the last [W]."""
-        steps, measured = np.diff(np.array([before_s, *times_s])), np.array(measured_w)
+        times, measured = np.array([before_s, *times_s]), np.array(measured_w)
+        steps = times[1:] - times[:-1]
         expected, n, count = 0.0, 0, len(steps)
         while n < count:
             other = abs(steps[n] - self._step_s) >= SAME_STEP_S
             if other:
                 self._step_by_step()
                 self._prepare(float(steps[n]))
-            irregular = np.flatnonzero(np.abs(steps[n:] - self._step_s) >= SAME_STEP_S)
-            end = n + int(irregular[0]) if len(irregular) else count
+            regular = int((np.abs(steps[n:] - self._step_s) >= SAME_STEP_S).argmax())  # 0: all; the first one is
+            end = n + regular if regular else count
             expected = self._follow_evenly(measured[n:end], settling=not other)
             n = end
         return expected
@@ -141,10 +143,10 @@ class EnergyFilter:
             if (settling or n > 1) and self._change(before) < SETTLED:
                 self._hold()
         if n < len(measured_w):
-            blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
             moving = self.state, self._covariance, self._gain, self._held
             model = self._transition, self._output, self._dynamics.noise_w**2, self._maps[-1]
-            self.state, self._covariance, self._gain, self._held, expected = blocks(*moving, *model, measured_w[n:])
+            found = self._blocks(*moving, *model, measured_w[n:])
+            self.state, self._covariance, self._gain, self._held, expected = found
         return float(expected)
 
     def _take(self, measured_w: float) -> float:

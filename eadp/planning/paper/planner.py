@@ -374,7 +374,8 @@ class PaperPlanner(TrackingPlanner):
             key = known.period_s, known.disturbance_s, len(known.state), steps
             if key != self._rows_of:
                 self._rows_of, self._rows = key, known.power_rows(self._instants_s)
-            limit, mean = self._kernels.stepped(self._rows, known.state, steps, worst)
+            limit, mean = motion = np.empty((2, steps))
+            self._kernels.stepped(self._rows, known.state, worst, motion)
         else:
             motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
             limit = motion.max(axis=1) if worst else motion[:, -1]
@@ -422,7 +423,7 @@ class PaperPlanner(TrackingPlanner):
             return self._moved(parameters, down)
         if self._own.raise_path:
             raised = self._moved(parameters, -down)
-            if self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
+            if raised != parameters and self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
                 return raised
         return parameters
 
