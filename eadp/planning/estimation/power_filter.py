@@ -115,26 +115,30 @@ class EnergyFilter:
 
     def follow(self, step_s: float, measured_w: float) -> float:
         """Predict over a step, update with a reading, and return its forecast [W]."""
-        return self.follow_batch(0.0, [step_s], [measured_w])
+        return self._follow_evenly(step_s, np.array([measured_w]))
 
     def follow_batch(self, before_s: float, times_s: Sequence[float], measured_w: Sequence[float]) -> float:
         """`follow` readings at some times [s], the first after `before_s`; return the forecast of the last [W]."""
+        if len(times_s) == 1:
+            return self.follow(times_s[0] - before_s, measured_w[0])
         times, measured = np.array([before_s, *times_s]), np.array(measured_w)
         steps = times[1:] - times[:-1]
         expected, n, count = 0.0, 0, len(steps)
         while n < count:
-            other = abs(steps[n] - self._step_s) >= SAME_STEP_S
-            if other:
-                self._step_by_step()
-                self._prepare(float(steps[n]))
-            regular = int((np.abs(steps[n:] - self._step_s) >= SAME_STEP_S).argmax())  # 0: all; the first one is
+            step_s = float(steps[n])
+            step_s = self._step_s if abs(step_s - self._step_s) < SAME_STEP_S else step_s
+            regular = int((np.abs(steps[n:] - step_s) >= SAME_STEP_S).argmax())  # 0: all; the first one is
             end = n + regular if regular else count
-            expected = self._follow_evenly(measured[n:end], settling=not other)
+            expected = self._follow_evenly(step_s, measured[n:end])
             n = end
         return expected
 
-    def _follow_evenly(self, measured_w: FloatArray, *, settling: bool) -> float:
-        """Take evenly spaced readings, the first of them as far from the one before it if `settling`."""
+    def _follow_evenly(self, step_s: float, measured_w: FloatArray) -> float:
+        """Take readings, each a step after the one before it; the gain settles where the last step was the same."""
+        settling = abs(step_s - self._step_s) < SAME_STEP_S
+        if not settling:
+            self._step_by_step()
+            self._prepare(step_s)
         expected, n = 0.0, 0
         while self._held == STEPPING and n < len(measured_w):
             expected = self._take(float(measured_w[n]))
