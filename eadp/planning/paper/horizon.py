@@ -51,8 +51,6 @@ from eadp.planning.paper.kernels import (
     MIN_REACH,
     MIXTURE_W,
     NO_LIMIT,
-    NOTHING,
-    RAISABLE,
     SCALE,
     SPARE,
     UNDELIVERABLE,
@@ -447,23 +445,21 @@ class Horizon:
         mixture = self._mixtures.get(None) if shape.straight else None
         early = mixture is not None and self._follows(mixture)
         first = mixture if mixture is not None and early else self._nothing
-        done, deliverable, least, *found = self._planned(forecast, first, shape, tabling=True, proving=early)
+        kept, deliverable, least, *found = self._planned(forecast, first, shape, tabling=True, proving=early)
         _require(least)
-        iterations, kept = 0, True
-        if done == NOTHING:
+        iterations = 0
+        if not kept or not early:
             drop, limit = self._table[DROP], self._table[LIMIT]
             table = _Table(values, drop, limit, deliverable, self._numbers[SPARE], least)
             mixture = self._mixture(table, shape.straight)
-            if mixture is not first and self._follows(mixture):
-                done, _, _, *found = self._planned(forecast, mixture, shape, proving=True)
-            if done == NOTHING:
-                kept, iterations = False, self._optimised(mixture)
-                done, _, _, *found = self._planned(forecast, mixture, shape)
+            kept = mixture is not first and self._follows(mixture)
+            if kept:
+                kept, _, _, *found = self._planned(forecast, mixture, shape, proving=True)
+            if not kept:
+                iterations = self._optimised(mixture)
+                _, _, _, *found = self._planned(forecast, mixture, shape)
             self._last = mixture, mixture.z, mixture.multipliers
         objective, bound, above = found
-        if done == RAISABLE and self._kernels:
-            steps = self._table, self._numbers, self._places
-            objective, above = self._kernels.improved(*steps, forecast.soc, self._limited)
         made, power_w = self._places[MADE], self._numbers[MIXTURE_W].copy()
         chosen, chosen_w = self.choices.take(made, axis=0), self.powers_w.take(made)
         return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept, self._named(above))

@@ -46,9 +46,6 @@ MADE, MIXED, ABOVE = 0, 1, 2
 STEP, LOWER, UPPER = 0, 1, 2
 """Rows of the variables."""
 
-NOTHING, CHOSEN, RAISABLE = 0, 1, 2
-"""What `planned` has done: no choices; choices and their value; choices that `improved` may raise, which few need."""
-
 SCALE, BOUND, GRADIENT = 0, 1, 2
 """Rows of the scaled QP's vectors: reach of the variables and units of the rows, upper bounds, gradient."""
 
@@ -58,7 +55,6 @@ class Kernels(NamedTuple):
 
     stepped: Callable[..., Any]
     planned: Callable[..., Any]
-    improved: Callable[..., Any]
     scaled: Callable[..., Any]
     unscaled: Callable[..., Any]
 
@@ -67,11 +63,10 @@ def kernels() -> Kernels | None:
     """Them, compiled; None where compiled code is off."""
     if not compiled.enabled():
         return None
-    parts = tabled, bound_of, rounded, valued, best_of, violated_by
+    parts = tabled, bound_of, rounded, valued, best_of, violated_by, raised, lowered_for
     return Kernels(
         compiled.jitted(stepped, makes_arrays=False),
         compiled.jitted(planned, *parts, makes_arrays=False),
-        compiled.jitted(improved, raised, lowered_for, valued, violated_by, makes_arrays=False),
         compiled.jitted(scaled, makes_arrays=False),
         compiled.jitted(unscaled, makes_arrays=False),
     )
@@ -118,11 +113,11 @@ def planned(
     limited: bool,
     rising: bool,
     optimal: float,
-) -> tuple[int, bool, float, float, float, int]:
+) -> tuple[bool, bool, float, float, float, int]:
     """The table if `tabling`; then, unless it is for no proof, the choices of the last solution.
 
     If `proving`, of that solution a step later, if it keeps to the constraints and is optimal within `optimal` of its
-    bound; it is the last one then. Returns what was done; whether all powers are delivered, and the least
+    bound; it is the last one then. Returns whether choices were made; whether all powers are delivered, and the least
     charge that the lowest ones leave, NaN if anything is not finite; value of the choices, its bound, and the limit
     above them.
     """
@@ -131,7 +126,7 @@ def planned(
         battery = voltage_v, resistance_ohm, per_as, delivered_w, power_per_soc_w
         deliverable, least = tabled(limit_motion_w, mean_motion_w, powers_w, soc, step_s, battery, table, numbers)
         if not (proving and deliverable and least >= 0):
-            return NOTHING, deliverable, least, 0.0, 0.0, NO_LIMIT
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
     # the last step's variables and their multiplier: as before, and 0
     ahead = 1 if proving else 0
     later = ahead * (size // steps)
@@ -147,26 +142,18 @@ def planned(
             power_w += share * (powers_w[high] - powers_w[low])
             v += 1
         if proving and taken + required > numbers[SPARE, m]:
-            return NOTHING, deliverable, least, 0.0, 0.0, NO_LIMIT
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
         numbers[MIXTURE_W, m] = power_w
     if proving:
         if not bound - value <= optimal * abs(bound):
-            return NOTHING, deliverable, least, 0.0, 0.0, NO_LIMIT
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
         for v in range(size - later):
             z[v] = z[v + later]
         for m in range(steps):
             multipliers[m] = multipliers[m + 1] if m + 1 < steps else 0.0
-    if rounded(powers_w, rising, table, numbers, places, soc):
-        return RAISABLE, deliverable, least, 0.0, bound, NO_LIMIT
+    rounded(powers_w, rising, table, numbers, places, soc)
     objective, above = valued(table, places, soc, limited)
-    return CHOSEN, deliverable, least, objective, bound, above
-
-
-def improved(table: FloatArray, numbers: FloatArray, places: IntArray, soc: float, limited: bool) -> tuple[float, int]:
-    """Raise the choices where that is feasible; their value, and the limit above them."""
-    while raised(table, numbers, places, soc):
-        pass
-    return valued(table, places, soc, limited)
+    return True, deliverable, least, objective, bound, above
 
 
 def valued(table: FloatArray, places: IntArray, soc: float, limited: bool) -> tuple[float, int]:
@@ -276,8 +263,8 @@ def unscaled(
 
 def rounded(
     powers_w: FloatArray, rising: bool, table: FloatArray, numbers: FloatArray, places: IntArray, soc: float
-) -> bool:
-    """The best choice of each step within the mixture's power, verified; whether it is above any: see `Horizon`."""
+) -> None:
+    """The best choice of each step within the mixture's power, verified; see `Horizon`."""
     steps, slack = table.shape[1], FLOOR_SLACK * (powers_w[-1] - powers_w[0])
     violated, attempt = steps - 1, 0
     while violated >= 0:  # within the tolerance, exactly, and then a step lower each time
@@ -296,7 +283,8 @@ def rounded(
     for m in range(steps):
         places[MIXED, m] = numbers[MIXTURE_W, m] > powers_w[places[MADE, m]] + slack
         mixed = mixed or places[MIXED, m] > 0
-    return mixed
+    while mixed:
+        mixed = raised(table, numbers, places, soc)
 
 
 def best_of(table: FloatArray, step: int, count: int) -> int:
