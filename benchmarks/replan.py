@@ -46,6 +46,7 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
+from eadp.planning.paper import horizon
 from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings
 from eadp.planning.qp import OsqpSolver, QuadraticProgram
@@ -126,7 +127,7 @@ class Ours:
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
         self._horizon = self._planner._horizon(self._observation, [1], steps, (0.0,))
-        self._horizon._kept = lambda *_: None  # type: ignore[method-assign]
+        horizon.OPTIMAL = -np.inf  # nothing is kept
         self._steps = steps
 
     def prepare(self, instance: Instance) -> Observation:
@@ -229,13 +230,14 @@ OPTIONS = {
 PARTS = {
     "forecast": (PaperPlanner, "_horizon_forecast"),
     "table of levels": (Horizon, "table"),
+    "table, levels, bound, compiled": (Horizon, "_planned"),
     "scaled QP": (Horizon, "_scaled"),
     "checks of the data": (QuadraticProgram, "_check"),
     "update": (OsqpSolver, "update"),
     "warm start, solve, copies": (OsqpSolver, "run"),
-    "levels, bound": (Horizon, "_levels"),
+    "levels": (Horizon, "_rounded"),
 }
-"""What a re-planning consists of: methods, none within another."""
+"""What a re-planning consists of: methods, none within another; some are of the plain or the compiled form alone."""
 
 
 @dataclass(frozen=True)
@@ -320,12 +322,13 @@ def excess_w(c: np.ndarray, forecast: HorizonForecast) -> float:
 def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
     """Median of each part [us], of OSQP's own clock, and of what is left; clocks add about 0.2 us to each."""
     spent: dict[str, list[float]] = defaultdict(list)
+    now = dict.fromkeys(PARTS, 0.0)
 
     def clocked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any, **named: Any) -> Any:
             started = time.perf_counter()
-            result = method(*arguments)
-            spent[name].append(time.perf_counter() - started)
+            result = method(*arguments, **named)
+            now[name] += time.perf_counter() - started
             return result
 
         return call
@@ -339,6 +342,9 @@ def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
             started = time.perf_counter()
             ours.solve(observation)
             spent["all"].append(time.perf_counter() - started)
+            for name in PARTS:
+                spent[name].append(now[name])
+                now[name] = 0.0
             (mixture,) = ours._horizon._mixtures.values()
             spent["of it OSQP's solve in C"].append(mixture.program._solver._extension.info.solve_time)
     each = {name: 1e6 * float(np.median(times)) for name, times in spent.items()}
@@ -366,7 +372,7 @@ def main() -> None:
     for steps in (10, round(PERIOD_S)):
         print(f"\nwhere it goes, {steps} s, in us:")
         for name, us in parts(np.random.default_rng(options.seed), options.instances, steps).items():
-            print(f"  {name:26} {us:7.1f}")
+            print(f"  {name:32} {us:7.1f}")
     print()
     print(f"{'horizon':>8} {'ahead of the peer: least':>25} {'mean':>8} {'largest':>8}", end="")
     print(f" {'gap, median':>12} {'violation [W]':>14}")

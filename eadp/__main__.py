@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 INTERRUPTED = 130
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-COLLECTED_AFTER = 200_000
+COLLECTED_AFTER = 400_000
 """New objects after which Python looks for cycles: its 700 cost a tenth of the time in which libraries are imported."""
 
 

@@ -1,4 +1,4 @@
-"""Quadratic programs by OSQP, imported here only: set up once, updated, warm-started, every solution verified.
+"""Quadratic programs by OSQP, imported here only, and late: set up once, updated, warm-started, every run verified.
 
 minimise gᵀ z + ½ ε |z − z₀|²  subject to  l ≤ A z ≤ u
 
@@ -20,17 +20,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import osqp
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, eye
 
 from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.errors import SolverFailed
 from eadp.planning.base import SolverReport
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 UNBOUNDED = 1e30
 SETTINGS: dict[str, float] = {"scaling": 0, "max_iter": 4000}
@@ -47,7 +48,6 @@ ROOM = 1e3
 """Maximum distance from a bound that counts in the complementarity of its multiplier."""
 
 SOLVED, UNVERIFIED = "solved", "solved, not verified"
-OSQP_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
 SILENT = {"verbose": False, "polishing": False, "warm_starting": True}
 
 NOT_FINITE, CROSSED = 1, 2
@@ -103,6 +103,9 @@ class OsqpSolver:
         upper: FloatArray,
         settings: dict[str, Any],
     ) -> None:
+        import osqp
+        from scipy.sparse import eye
+
         self.rows, self.columns = rows.shape
         identity = diagonal * eye(self.columns, format="csc")
         self._owner = osqp.OSQP()
@@ -155,7 +158,8 @@ class QuadraticProgram:
         self._fault: Callable[..., int] = _fault
         self._optimal: Callable[..., bool] = _is_optimal
         if compiled.enabled():
-            self._fault, self._optimal = compiled.jitted(fault_of), compiled.jitted(is_optimal)
+            self._fault = compiled.jitted(fault_of, makes_arrays=False)
+            self._optimal = compiled.jitted(is_optimal, makes_arrays=False)
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -203,6 +207,8 @@ class QuadraticProgram:
 
     def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
+        import osqp
+
         report = self._report
         report.calls += 1
         status, solution = SOLVED, None
@@ -210,7 +216,7 @@ class QuadraticProgram:
             run = self._result(data, proximal, settings)
             # OSQP may write its next solution into the same memory
             solution = QpSolution(np.array(run.x), np.array(run.y), run.iterations)
-            if run.status != OSQP_SOLVED:
+            if run.status != osqp.SolverStatus.OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
                 status = run.name
             elif not self._optimal(*data, proximal, run.x, run.y):
@@ -230,6 +236,8 @@ class QuadraticProgram:
         entries = matrix.take(self._places)
         before, self._entries = self._entries, entries.tobytes()
         if self._solver is None:
+            from scipy.sparse import csc_matrix
+
             rows = csc_matrix((entries, self._indices, self._indptr), shape=(self._rows, self._columns))
             tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
             self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
@@ -297,18 +305,20 @@ def is_optimal(
     y: FloatArray,
 ) -> bool:
     """`_is_optimal` in loops, for compiled code."""
-    forces, largest, complementary = gradient + proximal * (x - centre), 1.0, 0.0
+    largest, complementary = 1.0, 0.0
     for i in range(len(lower)):
         value = 0.0
         for k in range(len(x)):
             value += matrix[i, k] * x[k]
-            forces[k] += y[i] * matrix[i, k]
         below, above = upper[i] - value, value - lower[i]
         if not (below >= -VERIFIED and above >= -VERIFIED):
             return False
         largest = max(largest, abs(y[i]))
         complementary += abs(y[i]) * min(below if y[i] > 0 else above, ROOM)
     for k in range(len(x)):
-        if not abs(forces[k]) <= VERIFIED * largest:
+        force = gradient[k] + proximal * (x[k] - centre[k])
+        for i in range(len(lower)):
+            force += y[i] * matrix[i, k]
+        if not abs(force) <= VERIFIED * largest:
             return False
     return complementary <= VERIFIED * largest

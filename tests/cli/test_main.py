@@ -81,6 +81,22 @@ def test_help_imports_nothing_slow(arguments):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize(
+    ("planner", "unused"),
+    [("static", "sympy scipy osqp matplotlib shapely"), ("joint", "sympy scipy.special matplotlib shapely")],
+)
+def test_a_flight_imports_what_it_uses(planner, unused, root):
+    """A simple shift needs no sympy, a planner without a program no OSQP, a flight without files no figures."""
+    flight = ("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=5")
+    code = (
+        "import sys; from eadp.cli.main import main; main(sys.argv[2:]);"
+        "slow = set(sys.argv[1].split()) & set(sys.modules); sys.exit(str(slow) if slow else 0)"
+    )
+    command = [sys.executable, "-c", code, unused, *flight, "--planner", planner]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
+    assert done.returncode == 0, done.stderr
+
+
 def test_linear_algebra_keeps_to_one_thread_unless_asked():
     """numpy reads the variable once, when it is first imported."""
     code = (

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -106,18 +107,89 @@ def to_sympy(node: Node) -> Any:
 
 
 def simplified(expression: Expression) -> Expression:
-    """The expression multiplied out and collected by sympy, where that makes it shorter; else unchanged.
+    """The expression multiplied out and collected as by sympy, where that makes it shorter; else unchanged.
 
     Only trees whose expansion is small are given to sympy: a power of a sum has as many terms as its exponent allows.
+    Where it is a number and a multiple of one symbol or of one root, as the shift of most plans, sympy is not imported.
     """
     if not _expands_shortly(expression):
         return expression
-    sympy = load_sympy()
     try:
-        simple = from_sympy(sympy.expand(to_sympy(expression.node)))
+        text = _collected(expression.node)
+        if text is not None:
+            simple = read_expression(text, expression.names)
+        else:
+            simple = from_sympy(load_sympy().expand(to_sympy(expression.node)))
     except (ExpressionError, ArithmeticError, ValueError, TypeError):  # for example atan2(0, 0)
         return expression
     return simple if len(simple.text) < len(expression.text) else expression
+
+
+def _collected(node: Node) -> str | None:
+    """What sympy shows of a tree multiplied out, if it is a number and a multiple of one term at most; else None."""
+    multiples = _multiples(node)
+    if multiples is None:
+        return None
+    number = multiples.pop("", Fraction(0))
+    parts = [f"{number}"] if number or not multiples else []
+    for term, multiple in multiples.items():
+        above, below = abs(multiple.numerator), multiple.denominator
+        text = f"{above}*{term}" if above > 1 else term
+        parts += ["-" if multiple < 0 else "+", f"{text}/{below}" if below > 1 else text]
+    if not number and multiples:
+        parts = ["".join(parts).removeprefix("+")]
+    return " ".join(parts) if len(multiples) < 2 else None
+
+
+def _multiples(node: Node) -> dict[str, Fraction] | None:
+    """A tree as the sum of multiples of symbols and roots by their texts, and of a number, whose text is empty.
+
+    None for any other tree. A root is that of a symbol and a whole number: sympy takes factors out of others.
+    """
+    if isinstance(node, tree.Number):
+        return {"": Fraction(repr(node.value))}
+    if isinstance(node, tree.Symbol):
+        return None if node.name == "pi" else {node.name: Fraction(1)}
+    found = []
+    for part in tree.children(node):
+        multiples = _multiples(part)
+        if multiples is None:
+            return None
+        found.append(multiples)
+    if isinstance(node, tree.Call) and node.function == "sqrt":
+        number, names = found[0].pop("", Fraction(0)), list(found[0])
+        if len(names) == 1 and found[0][names[0]] == 1 and number.denominator == 1:
+            return {f"sqrt({number} + {names[0]})" if number else f"sqrt({names[0]})": Fraction(1)}
+        return None
+    if isinstance(node, tree.Sum):
+        signs = [-1 if minus else 1 for minus, _ in node.terms]
+    elif isinstance(node, tree.Negative):
+        signs = [-1]
+    elif isinstance(node, tree.Product):
+        return _product([(divides, part) for (divides, _), part in zip(node.factors, found, strict=True)])
+    else:
+        return None
+    result: dict[str, Fraction] = {}
+    for sign, multiples in zip(signs, found, strict=True):
+        for term, multiple in multiples.items():
+            result[term] = result.get(term, Fraction(0)) + sign * multiple
+    return {term: multiple for term, multiple in result.items() if multiple}
+
+
+def _product(factors: Sequence[tuple[bool, dict[str, Fraction]]]) -> dict[str, Fraction] | None:
+    """The product of such sums, of which one at most is no number; None for others, and for a division by 0."""
+    result = {"": Fraction(1)}
+    for divides, part in factors:
+        number = part.get("", Fraction(0))
+        if part.keys() <= {""}:
+            if divides and not number:
+                return None
+            result = {term: multiple / number if divides else multiple * number for term, multiple in result.items()}
+        elif divides or not result.keys() <= {""}:
+            return None
+        else:
+            result = {term: multiple * result[""] for term, multiple in part.items()}
+    return {term: multiple for term, multiple in result.items() if multiple}
 
 
 def cancels(expression: Expression) -> bool:

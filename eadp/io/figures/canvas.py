@@ -50,6 +50,7 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "axes.titlelocation": "left",
     "axes.titlesize": 10,
+    "axes.titley": 1.0,  # above the axes, wherever their ticks are: matplotlib would look for them in each drawing
     "legend.frameon": False,
     "legend.fontsize": 8,
     "svg.hashsalt": "eadp",

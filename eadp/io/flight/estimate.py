@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from eadp.models.battery import Battery
 from eadp.planning.estimation.estimator import LOOK_AHEADS, PowerEstimate
@@ -22,11 +25,26 @@ def estimate_rows(
         *("horizon_s", *(f"forecast_{k}_w" for k in range(LOOK_AHEADS + 1))),
     ]
     last_s = None
+    read = []
     for step, one in zip(steps, estimates, strict=True):
-        if one.time_s == last_s:
-            continue
-        last_s, battery_wh = one.time_s, battery.energy_wh(step.soc)
-        limits = one.computing_w, battery_wh, battery.power_limit_w(step.soc)
-        values = [*one.state[:size].tolist(), *limits, one.horizon_s, *one.horizon_w().tolist()]
-        period = "" if one.period_s is None else round(one.period_s, DIGITS)
-        yield [round(one.time_s, 9), period, *("" if value == math.inf else round(value, DIGITS) for value in values)]
+        if one.time_s != last_s:
+            last_s = one.time_s
+            read.append((step, one))
+    for _, same in itertools.groupby(read, key=lambda each: _horizon(each[1])):
+        group = list(same)
+        states = np.array([one.state for _, one in group])
+        limits = [
+            (one.computing_w, battery.energy_wh(step.soc), battery.power_limit_w(step.soc), one.horizon_s)
+            for step, one in group
+        ]
+        first = group[0][1]
+        forecasts_w = states @ first.horizon_rows().T + np.array([[one.computing_w] for _, one in group])
+        period = "" if first.period_s is None else round(first.period_s, DIGITS)
+        values = np.round(np.hstack([states[:, :size], limits, forecasts_w]), DIGITS)
+        for (_, one), row in zip(group, values.tolist(), strict=True):
+            yield [round(one.time_s, 9), period, *("" if value == math.inf else value for value in row)]
+
+
+def _horizon(one: PowerEstimate) -> tuple[float | None, ...]:
+    """What the forecasts of estimates are the same function of their states for."""
+    return one.period_s, one.disturbance_s, one.horizon_s

@@ -185,12 +185,16 @@ class Flight:
     @cached_property
     def columns(self) -> dict[str, FloatArray]:
         """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
-        return dict(zip(self._names, np.array([*map(self._row, self.steps)], dtype=float).T, strict=True))
+        return dict(zip(self._names, np.array(self._rows, dtype=float).T, strict=True))
 
     @cached_property
     def lists(self) -> dict[str, list[float]]:
         """`columns` as lists."""
         return {name: column.tolist() for name, column in self.columns.items()}
+
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        return [*map(self._row, self.steps)]
 
     @property
     def _names(self) -> list[str]:
@@ -227,7 +231,7 @@ class Flight:
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
-            _write_csv(target / "flight.csv", [self._names, *map(self._row, self.steps)])
+            _write_csv(target / "flight.csv", [self._names, *self._rows])
             estimates = list(estimate_rows(self.steps, self.estimates, world.battery))
             _write_csv(target / "estimate.csv", estimates)
             summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)

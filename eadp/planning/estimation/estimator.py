@@ -135,7 +135,12 @@ class PowerEstimate(NamedTuple):
 
     def horizon_w(self) -> FloatArray:
         """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""
-        return self.forecast_w(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
+        power: FloatArray = self.horizon_rows() @ self.state + self.computing_w
+        return power
+
+    def horizon_rows(self) -> FloatArray:
+        """`power_rows` over the horizon, shape (13, 2r + 3): now, and at the end of each twelfth of it."""
+        return self.power_rows(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
 class Estimates(NamedTuple):

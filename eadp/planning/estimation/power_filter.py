@@ -68,6 +68,7 @@ class EnergyFilter:
         self._gain = np.zeros(len(state))
         self._maps: tuple[FloatArray, ...] = ()
         self._held = STEPPING
+        self._blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
 
     @property
     def covariance(self) -> FloatArray:
@@ -154,10 +155,9 @@ class EnergyFilter:
             if (settling or n > 1) and self._change(before) < SETTLED:
                 self._hold()
         if n < len(measured_w):
-            blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
             moving = self.state, self._covariance, self._gain, self._held
             model = self._transition, self._output, self._dynamics.noise_w**2, self._maps[-1]
-            self._covariance, self._gain, self._held = blocks(
+            self._covariance, self._gain, self._held = self._blocks(
                 *moving, *model, measured_w[n:], forecasts_w[n:], states[n:]
             )
             self.state = states[-1].copy()

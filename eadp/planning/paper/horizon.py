@@ -26,7 +26,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,12 +40,21 @@ from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
 from eadp.planning.paper.kernels import (
     BATTERYS,
+    BOUND,
+    DROP,
     FEASIBLE_W,
     FLOOR_SLACK,
+    GRADIENT,
     LETTERS,
+    LIMIT,
+    MADE,
     MIN_REACH,
+    MIXTURE_W,
     NO_LIMIT,
+    SCALE,
+    SPARE,
     UNDELIVERABLE,
+    VALUE,
     kernels,
 )
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
@@ -224,7 +233,8 @@ class _Mixture:
     def __init__(self, vertices: Sequence[Sequence[int]], powers_w: FloatArray, report: SolverReport) -> None:
         steps = len(vertices)
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
-        self.step, self.low, self.high = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
+        self.variables: IntArray = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
+        self.step, self.low, self.high = self.variables
         self.size, each = len(pairs), np.arange(len(pairs))
         # entries of the table and of the rows, by their places
         self.below, self.above = (self.step * len(powers_w) + end for end in (self.low, self.high))
@@ -235,6 +245,8 @@ class _Mixture:
         self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
         self.matrix = np.vstack([np.eye(self.size), np.zeros((steps, self.size))])
         self.lower = np.concatenate([np.zeros(self.size), np.full(steps, -UNBOUNDED)])
+        # what the loops fill
+        self.vectors, self.z, self.multipliers = np.zeros((3, self.size + steps)), np.zeros(self.size), np.zeros(steps)
         # the same variables a step later
         self.shifts = all(list(own) == list(vertices[0]) for own in vertices)
         per_step = self.size // steps
@@ -304,6 +316,14 @@ class Horizon:
         self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
         self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
         self._kernels = kernels()
+        self._nothing = _Mixture([[0]] * steps, self.powers_w, self._report)
+        # what the loops take and fill
+        b = battery
+        self._constants = b.voltage_v, b.resistance_ohm, b.drain_per_as, self._delivered_w, b.power_per_soc_w
+        self._limited = b.letter_crate_per_h is not None
+        self._table = np.zeros((3, steps, len(self.choices)))
+        self._table[VALUE] = self._constant
+        self._numbers, self._places = np.zeros((4, steps)), np.zeros((3, steps), dtype=np.intp)
 
     def _listed(self) -> tuple[FloatArray, FloatArray]:
         """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
@@ -334,10 +354,6 @@ class Horizon:
     def table(self, forecast: HorizonForecast) -> _Table:
         """Value, use of charge and limit of every choice at every step."""
         b, p, values = self._battery, self.powers_w, self._values(forecast)
-        if self._kernels:
-            motion = forecast.limit_motion_w, forecast.mean_motion_w
-            battery = b.voltage_v, b.resistance_ohm, b.drain_per_as, self._delivered_w, b.power_per_soc_w
-            return _Table(values, *self._kernels.tabled(*motion, p, forecast.soc, forecast.step_s, *battery))
         power = forecast.mean_motion_w[:, None] + p
         drop = drains_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
         deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
@@ -401,11 +417,10 @@ class Horizon:
         """
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
+        if self._kernels:
+            return self._solved_in_loops(forecast)
         table = self.table(forecast)
-        if math.isnan(table.least):
-            raise SolverFailed("a forecast that is not finite")
-        if table.least < 0:
-            raise Infeasible("even the computations of minimum power exceed what the battery allows")
+        _require(table.least)
         shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
         mixture = self._mixture(table, shape.straight)
         iterations, kept = 0, self._kept(mixture, table, forecast.soc)
@@ -414,32 +429,78 @@ class Horizon:
         else:
             z, multipliers, iterations = self._solved(mixture, table)
         self._last = mixture, z, multipliers
-        levels = self._levels(z, multipliers, mixture, table, shape.rising, forecast.soc)
-        made, power_w, objective, bound, limit = levels
+        power_w = self.powers_w[0] + mixture.power_w(z)
+        made = self._rounded(power_w, table, shape.rising, forecast.soc)
+        objective = float(table.value.take(self._at + made).sum())
+        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
+        bound = _bound(multipliers, table, forecast.soc)
         chosen, chosen_w = self.choices[made], self.powers_w[made]
         return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept is not None, limit)
 
-    def _levels(
+    def _solved_in_loops(self, forecast: HorizonForecast) -> HorizonSolution:
+        """`solve` in compiled code: in one call where the last solution is kept, and its mixture needs no table."""
+        values, shape = self._values(forecast), self._constant_shape
+        if values is not self._constant:
+            self._table[VALUE], shape = values, self._shape_of(values)
+        mixture = self._mixtures.get(None) if shape.straight else None
+        early = mixture is not None and self._follows(mixture)
+        first = mixture if mixture is not None and early else self._nothing
+        kept, deliverable, least, *found = self._planned(forecast, first, shape, tabling=True, proving=early)
+        _require(least)
+        iterations = 0
+        if not kept or not early:
+            drop, limit = self._table[DROP], self._table[LIMIT]
+            table = _Table(values, drop, limit, deliverable, self._numbers[SPARE], least)
+            mixture = self._mixture(table, shape.straight)
+            kept = mixture is not first and self._follows(mixture)
+            if kept:
+                kept, _, _, *found = self._planned(forecast, mixture, shape, proving=True)
+            if not kept:
+                iterations = self._optimised(mixture)
+                _, _, _, *found = self._planned(forecast, mixture, shape)
+            self._last = mixture, mixture.z, mixture.multipliers
+        objective, bound, above = found
+        made, power_w = self._places[MADE], self._numbers[MIXTURE_W].copy()
+        chosen, chosen_w = self.choices.take(made, axis=0), self.powers_w.take(made)
+        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept, self._named(above))
+
+    def _planned(
         self,
-        z: FloatArray,
-        multipliers: FloatArray,
+        forecast: HorizonForecast,
         mixture: _Mixture,
-        table: _Table,
-        rising: bool,
-        soc: float,
-    ) -> tuple[IntArray, FloatArray, float, float, str | None]:
-        """The choices of mixtures, the mixtures' power [W], the choices' value, its bound, and the limit above them."""
-        if self._kernels:
-            variables = mixture.step, mixture.low, mixture.high, self.powers_w, rising
-            limited = self._battery.letter_crate_per_h is not None
-            levels = self._kernels.levels_of(z, multipliers, *variables, *table[:3], soc, limited)
-            made, power_w, objective, bound, above = levels
-            return made, power_w, objective, bound, self._named(above)
-        power_w = self.powers_w[0] + mixture.power_w(z)
-        made = self._rounded(power_w, table, rising, soc)
-        objective = float(table.value.take(self._at + made).sum())
-        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
-        return made, power_w, objective, _bound(multipliers, table, soc), limit
+        shape: _Shape,
+        *,
+        tabling: bool = False,
+        proving: bool = False,
+    ) -> tuple[Any, ...]:
+        """`kernels.planned`."""
+        assert self._kernels is not None
+        motion = forecast.limit_motion_w, forecast.mean_motion_w, forecast.soc, forecast.step_s
+        steps = self.powers_w, self._table, self._numbers, self._places
+        last = mixture.variables, mixture.z, mixture.multipliers
+        rest = self._limited, shape.rising, OPTIMAL
+        result: tuple[Any, ...] = self._kernels.planned(
+            tabling, proving, *motion, *steps, *last, *self._constants, *rest
+        )
+        return result
+
+    def _optimised(self, mixture: _Mixture) -> int:
+        """`_solved` in compiled code: the solution becomes the mixture's last; returns the iterations."""
+        if mixture.program is None or self._kernels is None:
+            mixture.multipliers[:] = 0.0
+            return 0
+        vectors, size = mixture.vectors, mixture.size
+        largest = self._kernels.scaled(mixture.variables, self._table, self._numbers, mixture.matrix, vectors)
+        last = self._shifted(mixture)
+        centre = np.zeros(size) if last is None else last / vectors[SCALE, :size]
+        gradient, upper = vectors[GRADIENT, :size], vectors[BOUND]
+        x, y, iterations = mixture.program.solve(gradient, mixture.matrix, mixture.lower, upper, centre)
+        self._kernels.unscaled(x, y, vectors, largest, mixture.z, mixture.multipliers)
+        return iterations
+
+    def _follows(self, mixture: _Mixture) -> bool:
+        """Whether the last solution mixed the same levels, and may be shifted by a step."""
+        return self._last is not None and self._last[0] is mixture and mixture.shifts
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """Limit of the battery's power that the levels of minimum power exceed."""
@@ -493,8 +554,6 @@ class Horizon:
         last = self._shifted(mixture)
         centre = np.zeros(size) if last is None else last / scaled.reach
         x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
-        if self._kernels:
-            return *self._kernels.unscaled(x, y, *scaled[2:]), iterations
         return (
             np.clip(x * scaled.reach, 0.0, 1.0),
             np.maximum(y[size:], 0.0) * (scaled.largest / scaled.units),
@@ -503,9 +562,6 @@ class Horizon:
 
     def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
         """The data of the QP: each variable is scaled by its reach, each row then by its largest entry."""
-        if self._kernels:
-            variables = mixture.step, mixture.low, mixture.high
-            return _Scaled(*self._kernels.scaled(*variables, *table[:3], table.spare, mixture.matrix))
         problem = mixture.problem(table)
         reach = _reach(problem.rows, table.spare)
         rows = problem.rows * reach
@@ -518,9 +574,7 @@ class Horizon:
 
     def _shifted(self, mixture: _Mixture) -> FloatArray | None:
         """The last solution, a step later; None if it mixed other levels."""
-        if self._last is None or self._last[0] is not mixture or not mixture.shifts:
-            return None
-        return self._last[1].take(mixture.later)
+        return self._last[1].take(mixture.later) if self._last and self._follows(mixture) else None
 
     def _kept(self, mixture: _Mixture, table: _Table, soc: float) -> tuple[FloatArray, FloatArray] | None:
         """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
@@ -528,15 +582,12 @@ class Horizon:
         if z is None or self._last is None:
             return None
         multipliers = np.concatenate([self._last[2][1:], LAST_MULTIPLIER])
-        if self._kernels:
-            variables = mixture.step, mixture.low, mixture.high
-            feasible, value, bound = self._kernels.proven(z, multipliers, *variables, *table[:3], table.spare, soc)
-        else:
-            problem = mixture.problem(table)
-            feasible = not (problem.rows @ z > table.spare).any()
-            value = float(table.value[:, 0].sum()) + float(problem.gain @ z)
-            bound = _bound(multipliers, table, soc) if feasible else math.inf
-        return (z, multipliers) if feasible and bound - value <= OPTIMAL * abs(bound) else None
+        problem = mixture.problem(table)
+        if (problem.rows @ z > table.spare).any():
+            return None
+        value = float(table.value[:, 0].sum()) + float(problem.gain @ z)
+        bound = _bound(multipliers, table, soc)
+        return (z, multipliers) if bound - value <= OPTIMAL * abs(bound) else None
 
     def _rounded(self, power_w: FloatArray, table: _Table, rising: bool, soc: float) -> IntArray:
         """The best choice of each step within the QP's power, verified.
@@ -624,6 +675,14 @@ class Horizon:
             if (c <= self._c.low).all():
                 raise Infeasible("even the minimum parameters are infeasible")
             c = np.maximum(c - deltas, self._c.low)
+
+
+def _require(least: float) -> None:
+    """Refuse a forecast that is not finite, or whose lowest powers leave less charge than their limits require."""
+    if math.isnan(least):
+        raise SolverFailed("a forecast that is not finite")
+    if least < 0:
+        raise Infeasible("even the computations of minimum power exceed what the battery allows")
 
 
 def _reach(rows: FloatArray, spare: FloatArray) -> FloatArray:

@@ -1,8 +1,12 @@
 """`Horizon` in loops, for compiled code: what its methods do with arrays, for which plain Python is too slow in loops.
 
-Arrays of shape (M, J) are those of a table: value, use of charge and limit of every choice at every step. `low`, `high`
-and `step` are those of a mixture's variables, in ascending order of the step. Both forms make the same choices; sums
-differ by their rounding.
+Both forms make the same choices; sums differ by their rounding. No function makes an array: what they fill is passed
+in, as they compile in half the time then. Arrays that are passed to all of them:
+
+- `table`, shape (3, M, J): value, use of charge and limit of every choice at every step
+- `numbers`, shape (4, M), and `places`, shape (3, M): what is computed of each step
+- `variables`, shape (3, V): step, lower and upper choice of a mixture's variables, in ascending order of the step
+- `z`, shape (V,), and `multipliers`, shape (M,): of the last solution
 """
 
 from __future__ import annotations
@@ -11,10 +15,8 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from eadp.core import compiled
-from eadp.core.arrays import BoolArray, FloatArray, IntArray
+from eadp.core.arrays import FloatArray, IntArray
 
 FEASIBLE_W = 1e-6
 """Excess of power that counts as rounding [W]."""
@@ -31,48 +33,143 @@ UNDELIVERABLE = 1e6
 NO_LIMIT, BATTERYS, LETTERS = 0, 1, 2
 """Limits of power that exclude a choice: none, one of the battery, the letter's."""
 
+VALUE, DROP, LIMIT = 0, 1, 2
+"""Parts of a table."""
+
+SPARE, MIXTURE_W, LOSS, SHORT = 0, 1, 2, 3
+"""Rows of the numbers of each step: charge that the lowest power leaves, power of the mixture [W], and of the next
+choice above what it loses (infinite without one) and the charge that it is short of."""
+
+MADE, MIXED, ABOVE = 0, 1, 2
+"""Rows of the places of each step: the choice made, whether the mixture's power is above it, the next choice above."""
+
+STEP, LOWER, UPPER = 0, 1, 2
+"""Rows of the variables."""
+
+SCALE, BOUND, GRADIENT = 0, 1, 2
+"""Rows of the scaled QP's vectors: reach of the variables and units of the rows, upper bounds, gradient."""
+
 
 class Kernels(NamedTuple):
     """Those that are called."""
 
     stepped: Callable[..., Any]
-    tabled: Callable[..., Any]
-    proven: Callable[..., Any]
+    planned: Callable[..., Any]
     scaled: Callable[..., Any]
     unscaled: Callable[..., Any]
-    levels_of: Callable[..., Any]
 
 
 def kernels() -> Kernels | None:
     """Them, compiled; None where compiled code is off."""
     if not compiled.enabled():
         return None
+    parts = tabled, bound_of, rounded, valued, best_of, violated_by, raised, lowered_for
     return Kernels(
-        compiled.jitted(stepped),
-        compiled.jitted(tabled),
-        compiled.jitted(proven, bound_of),
-        compiled.jitted(scaled),
-        compiled.jitted(unscaled),
-        compiled.jitted(levels_of, bound_of, rounded, best_of, violated_by, raised, in_order),
+        compiled.jitted(stepped, makes_arrays=False),
+        compiled.jitted(planned, *parts, makes_arrays=False),
+        compiled.jitted(scaled, makes_arrays=False),
+        compiled.jitted(unscaled, makes_arrays=False),
     )
 
 
-def stepped(rows: FloatArray, state: FloatArray, steps: int, worst: bool) -> tuple[FloatArray, FloatArray]:
-    """Motion power that limits each step, its largest or that at its end, and its mean, 0 or more [W].
+def stepped(rows: FloatArray, state: FloatArray, worst: bool, motion_w: FloatArray) -> None:
+    """Motion power that limits each step, its largest or that at its end, and its mean, 0 or more [W], shape (2, M).
 
     `rows`, of shape (M n, m), read the power at n instants of each step off the state, of shape (m,).
     """
-    limit, mean, each = np.full(steps, -math.inf), np.zeros(steps), len(rows) // steps
+    steps = motion_w.shape[1]
+    each = len(rows) // steps
     for m in range(steps):
+        limit_w, total_w = -math.inf, 0.0
         for k in range(m * each, m * each + each):
-            motion_w = 0.0
+            now_w = 0.0
             for i in range(len(state)):
-                motion_w += rows[k, i] * state[i]
-            mean[m] += motion_w
-            if not worst or not motion_w <= limit[m]:
-                limit[m] = motion_w
-        mean[m] = max(mean[m] / each, 0.0)
-    return limit, mean
+                now_w += rows[k, i] * state[i]
+            total_w += now_w
+            if not worst or not now_w <= limit_w:
+                limit_w = now_w
+        motion_w[0, m], motion_w[1, m] = limit_w, max(total_w / each, 0.0)
+
+
+def planned(
+    tabling: bool,
+    proving: bool,
+    limit_motion_w: FloatArray,
+    mean_motion_w: FloatArray,
+    soc: float,
+    step_s: float,
+    powers_w: FloatArray,
+    table: FloatArray,
+    numbers: FloatArray,
+    places: IntArray,
+    variables: IntArray,
+    z: FloatArray,
+    multipliers: FloatArray,
+    voltage_v: float,
+    resistance_ohm: float,
+    per_as: float,
+    delivered_w: float,
+    power_per_soc_w: float,
+    limited: bool,
+    rising: bool,
+    optimal: float,
+) -> tuple[bool, bool, float, float, float, int]:
+    """The table if `tabling`; then, unless it is for no proof, the choices of the last solution.
+
+    If `proving`, of that solution a step later, if it keeps to the constraints and is optimal within `optimal` of its
+    bound; it is the last one then. Returns whether choices were made; whether all powers are delivered, and the least
+    charge that the lowest ones leave, NaN if anything is not finite; value of the choices, its bound, and the limit
+    above them.
+    """
+    deliverable, least, steps, size = True, 0.0, table.shape[1], len(z)
+    if tabling:
+        battery = voltage_v, resistance_ohm, per_as, delivered_w, power_per_soc_w
+        deliverable, least = tabled(limit_motion_w, mean_motion_w, powers_w, soc, step_s, battery, table, numbers)
+        if not (proving and deliverable and least >= 0):
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
+    # the last step's variables and their multiplier: as before, and 0
+    ahead = 1 if proving else 0
+    later = ahead * (size // steps)
+    bound, taken, value, v = bound_of(multipliers, ahead, table, soc), 0.0, 0.0, 0
+    for m in range(steps):
+        required, power_w = 0.0, powers_w[0]
+        value += table[VALUE, m, 0]
+        while v < size and variables[STEP, v] == m:
+            low, high, share = variables[LOWER, v], variables[UPPER, v], z[v + later if v + later < size else v]
+            taken += share * (table[DROP, m, high] - table[DROP, m, low])
+            required += share * (table[LIMIT, m, high] - table[LIMIT, m, low])
+            value += share * (table[VALUE, m, high] - table[VALUE, m, low])
+            power_w += share * (powers_w[high] - powers_w[low])
+            v += 1
+        if proving and taken + required > numbers[SPARE, m]:
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
+        numbers[MIXTURE_W, m] = power_w
+    if proving:
+        if not bound - value <= optimal * abs(bound):
+            return False, deliverable, least, 0.0, 0.0, NO_LIMIT
+        for v in range(size - later):
+            z[v] = z[v + later]
+        for m in range(steps):
+            multipliers[m] = multipliers[m + 1] if m + 1 < steps else 0.0
+    rounded(powers_w, rising, table, numbers, places, soc)
+    objective, above = valued(table, places, soc, limited)
+    return True, deliverable, least, objective, bound, above
+
+
+def valued(table: FloatArray, places: IntArray, soc: float, limited: bool) -> tuple[float, int]:
+    """Value of the choices made, and the limit that excludes the next above."""
+    objective, taken, above, last = 0.0, 0.0, NO_LIMIT, table.shape[2] - 1
+    for m in range(table.shape[1]):
+        made = places[MADE, m]
+        j = made + 1 if made < last else last
+        objective += table[VALUE, m, made]
+        drop, limit = table[DROP, m, j], table[LIMIT, m, j]
+        if drop >= UNDELIVERABLE:
+            above = BATTERYS
+        if limited and above == NO_LIMIT and limit > soc - (taken + drop):
+            above = LETTERS
+        taken += table[DROP, m, made]
+    return objective, above
 
 
 def tabled(
@@ -81,256 +178,182 @@ def tabled(
     powers_w: FloatArray,
     soc: float,
     step_s: float,
-    voltage_v: float,
-    resistance_ohm: float,
-    per_as: float,
-    delivered_w: float,
-    power_per_soc_w: float,
-) -> tuple[FloatArray, FloatArray, bool, FloatArray, float]:
-    """Use of charge, limit, whether all powers are delivered, and the charge that the lowest leaves; its least."""
-    steps, count = len(mean_motion_w), len(powers_w)
-    drop, limit, spare = np.empty((steps, count)), np.empty((steps, count)), np.empty(steps)
+    battery: tuple[float, float, float, float, float],
+    table: FloatArray,
+    numbers: FloatArray,
+) -> tuple[bool, float]:
+    """Use of charge and limit of choices; whether all powers are delivered; the least charge that the lowest leave."""
+    voltage_v, resistance_ohm, per_as, delivered_w, power_per_soc_w = battery
     deliverable, total, left, least = True, soc, soc, math.inf
-    for m in range(steps):
-        for j in range(count):
+    for m in range(len(mean_motion_w)):
+        for j in range(len(powers_w)):
             power_w = mean_motion_w[m] + powers_w[j]
             root = math.sqrt(max(voltage_v * voltage_v - 4 * resistance_ohm * power_w, 0.0))
-            drop[m, j] = per_as * 2 * power_w / (voltage_v + root) * step_s
+            drop = per_as * 2 * power_w / (voltage_v + root) * step_s
             if power_w > delivered_w:
-                deliverable, drop[m, j] = False, UNDELIVERABLE
-            limit[m, j] = (limit_motion_w[m] + (powers_w[j] - FEASIBLE_W)) / power_per_soc_w
-            total += drop[m, j] + limit[m, j]
-        left -= drop[m, 0]
-        spare[m] = left - limit[m, 0]
-        least = min(least, spare[m])
-    return drop, limit, deliverable, spare, least if math.isfinite(total) else math.nan
+                deliverable, drop = False, UNDELIVERABLE
+            limit = (limit_motion_w[m] + (powers_w[j] - FEASIBLE_W)) / power_per_soc_w
+            table[DROP, m, j], table[LIMIT, m, j] = drop, limit
+            total += drop + limit
+        left -= table[DROP, m, 0]
+        numbers[SPARE, m] = left - table[LIMIT, m, 0]
+        least = min(least, numbers[SPARE, m])
+    return deliverable, least if math.isfinite(total) else math.nan
 
 
-def bound_of(multipliers: FloatArray, value: FloatArray, drop: FloatArray, limit: FloatArray, soc: float) -> float:
-    """The Lagrangian bound of `horizon`."""
-    best, later = np.full(len(multipliers), -math.inf), 0.0
-    for m in range(len(multipliers) - 1, -1, -1):
-        later += multipliers[m]
-        for j in range(value.shape[1]):
-            best[m] = max(best[m], value[m, j] - multipliers[m] * limit[m, j] - later * drop[m, j])
-    bound = 0.0
-    for m in range(len(best)):  # in the order of the objective's sum
-        bound += best[m]
-    return bound + later * soc
-
-
-def proven(
-    z: FloatArray,
-    multipliers: FloatArray,
-    step: IntArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
-    drop: FloatArray,
-    limit: FloatArray,
-    spare: FloatArray,
-    soc: float,
-) -> tuple[bool, float, float]:
-    """Whether mixtures keep to the constraints, their value, and the bound of their multipliers."""
-    taken, total, v = 0.0, 0.0, 0
-    for m in range(len(spare)):
-        required = 0.0
-        total += value[m, 0]
-        while v < len(z) and step[v] == m:
-            taken += z[v] * (drop[m, high[v]] - drop[m, low[v]])
-            required += z[v] * (limit[m, high[v]] - limit[m, low[v]])
-            total += z[v] * (value[m, high[v]] - value[m, low[v]])
-            v += 1
-        if taken + required > spare[m]:
-            return False, 0.0, 0.0
-    return True, total, bound_of(multipliers, value, drop, limit, soc)
+def bound_of(multipliers: FloatArray, ahead: int, table: FloatArray, soc: float) -> float:
+    """The Lagrangian bound of `horizon` for multipliers from one of them on, summed in the order of the objective."""
+    steps, total = len(multipliers), 0.0
+    for m in range(ahead, steps):
+        total += multipliers[m]
+    later, bound = total, 0.0
+    for m in range(steps):
+        own, best = multipliers[m + ahead] if m + ahead < steps else 0.0, -math.inf
+        for j in range(table.shape[2]):
+            net = table[VALUE, m, j] - own * table[LIMIT, m, j] - later * table[DROP, m, j]
+            if net > best:
+                best = net
+        bound += best
+        later -= own
+    return bound + total * soc
 
 
 def scaled(
-    step: IntArray,
-    low: IntArray,
-    high: IntArray,
-    value: FloatArray,
-    drop: FloatArray,
-    limit: FloatArray,
-    spare: FloatArray,
-    matrix: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
-    """Gradient, upper bounds, reach, units of the rows and largest gain of the QP; fills the rows of its matrix."""
-    steps, size = len(spare), len(step)
-    gradient, reach, units = np.empty(size), np.empty(size), np.full(steps, 1e-300)
-    upper, largest = np.empty(size + steps), -math.inf
+    variables: IntArray, table: FloatArray, numbers: FloatArray, matrix: FloatArray, vectors: FloatArray
+) -> float:
+    """Fill the rows of the QP's matrix and its vectors, shape (3, V + M), and return its largest gain."""
+    steps, size, largest = table.shape[1], variables.shape[1], -math.inf
+    for m in range(steps):
+        vectors[SCALE, size + m] = 1e-300
     for v in range(size):
-        own, least = step[v], 1.0
-        drop_rise = drop[own, high[v]] - drop[own, low[v]]
-        limit_rise = limit[own, high[v]] - limit[own, low[v]]
+        own, low, high, reach = variables[STEP, v], variables[LOWER, v], variables[UPPER, v], 1.0
+        drop = table[DROP, own, high] - table[DROP, own, low]
+        limit = table[LIMIT, own, high] - table[LIMIT, own, low]
         for m in range(own, steps):
-            row = drop_rise + limit_rise if m == own else drop_rise
+            row = drop + limit if m == own else drop
             matrix[size + m, v] = row
             if row > 0:
-                least = min(least, spare[m] / row)
-        reach[v] = max(least, MIN_REACH)
-        upper[v] = 1.0 / reach[v]
+                reach = min(reach, numbers[SPARE, m] / row)
+        reach = max(reach, MIN_REACH)
         for m in range(own, steps):
-            matrix[size + m, v] *= reach[v]
-            units[m] = max(units[m], matrix[size + m, v])
-        gradient[v] = (value[own, high[v]] - value[own, low[v]]) * reach[v]
-        largest = max(largest, gradient[v])
+            matrix[size + m, v] *= reach
+            vectors[SCALE, size + m] = max(vectors[SCALE, size + m], matrix[size + m, v])
+        gain = (table[VALUE, own, high] - table[VALUE, own, low]) * reach
+        vectors[SCALE, v], vectors[BOUND, v], vectors[GRADIENT, v] = reach, 1.0 / reach, gain
+        largest = max(largest, gain)
+    for v in range(size):
+        vectors[GRADIENT, v] /= -largest
+        for m in range(variables[STEP, v], steps):
+            matrix[size + m, v] /= vectors[SCALE, size + m]
     for m in range(steps):
-        upper[size + m] = spare[m] / units[m]
-        for v in range(size):
-            if step[v] > m:
-                break
-            matrix[size + m, v] /= units[m]
-    return gradient / -largest, upper, reach, units, largest
+        vectors[BOUND, size + m] = numbers[SPARE, m] / vectors[SCALE, size + m]
+    return largest
 
 
 def unscaled(
-    x: FloatArray, y: FloatArray, reach: FloatArray, units: FloatArray, largest: float
-) -> tuple[FloatArray, FloatArray]:
-    """Mixtures and multipliers of a solution of the QP."""
-    z, multipliers = np.empty(len(reach)), np.empty(len(units))
-    for v in range(len(z)):
-        z[v] = min(max(x[v] * reach[v], 0.0), 1.0)
-    for m in range(len(units)):
-        multipliers[m] = max(y[len(z) + m], 0.0) * (largest / units[m])
-    return z, multipliers
-
-
-def levels_of(
-    z: FloatArray,
-    multipliers: FloatArray,
-    step: IntArray,
-    low: IntArray,
-    high: IntArray,
-    powers_w: FloatArray,
-    rising: bool,
-    value: FloatArray,
-    drop: FloatArray,
-    limit: FloatArray,
-    soc: float,
-    limited: bool,
-) -> tuple[IntArray, FloatArray, float, float, int]:
-    """The choices of mixtures, the mixtures' power [W], the choices' value, its bound, and the limit above them."""
-    power_w = np.full(len(value), powers_w[0])
-    for v in range(len(z)):
-        power_w[step[v]] += z[v] * (powers_w[high[v]] - powers_w[low[v]])
-    made = rounded(power_w, powers_w, rising, value, drop, limit, soc)
-    objective, taken, above = 0.0, 0.0, NO_LIMIT
-    for m in range(len(made)):
-        objective += value[m, made[m]]
-        j = min(made[m] + 1, len(powers_w) - 1)
-        if drop[m, j] >= UNDELIVERABLE:
-            above = BATTERYS
-        if limited and above == NO_LIMIT and limit[m, j] > soc - (taken + drop[m, j]):
-            above = LETTERS
-        taken += drop[m, made[m]]
-    return made, power_w, objective, bound_of(multipliers, value, drop, limit, soc), above
+    x: FloatArray, y: FloatArray, vectors: FloatArray, largest: float, z: FloatArray, multipliers: FloatArray
+) -> None:
+    """Take mixtures and multipliers of a solution of the QP as the last ones."""
+    size = len(z)
+    for v in range(size):
+        z[v] = min(max(x[v] * vectors[SCALE, v], 0.0), 1.0)
+    for m in range(len(multipliers)):
+        multipliers[m] = max(y[size + m], 0.0) * (largest / vectors[SCALE, size + m])
 
 
 def rounded(
-    power_w: FloatArray,
-    powers_w: FloatArray,
-    rising: bool,
-    value: FloatArray,
-    drop: FloatArray,
-    limit: FloatArray,
-    soc: float,
-) -> IntArray:
-    """The best choice of each step within the QP's power, verified; see `Horizon`."""
-    steps, slack = len(power_w), FLOOR_SLACK * (powers_w[-1] - powers_w[0])
-    made = np.zeros(steps, dtype=np.intp)
+    powers_w: FloatArray, rising: bool, table: FloatArray, numbers: FloatArray, places: IntArray, soc: float
+) -> None:
+    """The best choice of each step within the mixture's power, verified; see `Horizon`."""
+    steps, slack = table.shape[1], FLOOR_SLACK * (powers_w[-1] - powers_w[0])
     violated, attempt = steps - 1, 0
     while violated >= 0:  # within the tolerance, exactly, and then a step lower each time
         if attempt < 2:
             for m in range(steps):
                 j = len(powers_w) - 1
-                while j > 0 and powers_w[j] > power_w[m] + (1 - attempt) * slack:
+                while j > 0 and powers_w[j] > numbers[MIXTURE_W, m] + (1 - attempt) * slack:
                     j -= 1
-                made[m] = j if rising else best_of(value, m, j + 1)
+                places[MADE, m] = j if rising else best_of(table, m, j + 1)
         else:
-            while made[violated] == 0:  # minimum power everywhere is feasible
+            while places[MADE, violated] == 0:  # minimum power everywhere is feasible
                 violated -= 1
-            made[violated] = best_of(value, violated, made[violated])
-        violated, attempt = violated_by(made, drop, limit, soc), attempt + 1
-    mixed = np.zeros(steps, dtype=np.bool_)
+            places[MADE, violated] = best_of(table, violated, places[MADE, violated])
+        violated, attempt = violated_by(places, table, soc), attempt + 1
+    mixed = False
     for m in range(steps):
-        mixed[m] = power_w[m] > powers_w[made[m]] + slack
-    while raised(made, mixed, value, drop, limit, soc):
-        pass
-    return made
+        places[MIXED, m] = numbers[MIXTURE_W, m] > powers_w[places[MADE, m]] + slack
+        mixed = mixed or places[MIXED, m] > 0
+    while mixed:
+        mixed = raised(table, numbers, places, soc)
 
 
-def best_of(value: FloatArray, step: int, count: int) -> int:
+def best_of(table: FloatArray, step: int, count: int) -> int:
     """The first of the best of a step's lowest choices."""
     best = 0
     for j in range(1, count):
-        if value[step, j] > value[step, best]:
+        if table[VALUE, step, j] > table[VALUE, step, best]:
             best = j
     return best
 
 
-def violated_by(made: IntArray, drop: FloatArray, limit: FloatArray, soc: float) -> int:
+def violated_by(places: IntArray, table: FloatArray, soc: float) -> int:
     """The first step whose power requires more charge than is left; -1 for none."""
     taken = 0.0
-    for m in range(len(made)):
-        taken += drop[m, made[m]]
-        if not limit[m, made[m]] <= soc - taken:
+    for m in range(table.shape[1]):
+        taken += table[DROP, m, places[MADE, m]]
+        if not table[LIMIT, m, places[MADE, m]] <= soc - taken:
             return m
     return -1
 
 
-def raised(
-    made: IntArray, mixed: BoolArray, value: FloatArray, drop: FloatArray, limit: FloatArray, soc: float
-) -> bool:
+def raised(table: FloatArray, numbers: FloatArray, places: IntArray, soc: float) -> bool:
     """Raise one mixed step to its next choice, if need be with an earlier step lowered; whether that was feasible."""
-    steps, count = value.shape
-    losses, shorts, choices = np.full(steps, math.inf), np.zeros(steps), np.zeros(steps, dtype=np.intp)
+    steps, count = table.shape[1], table.shape[2]
     taken, most = 0.0, -math.inf
     for m in range(steps):
-        now = drop[m, made[m]]
+        numbers[LOSS, m], made = math.inf, places[MADE, m]
+        now = table[DROP, m, made]
         taken += now
-        most = max(most, now - drop[m, 0])
-        if mixed[m]:
-            for j in range(made[m] + 1, count):
-                if value[m, j] > value[m, made[m]]:
-                    shorts[m], choices[m] = limit[m, j] - (soc - taken + now - drop[m, j]), j
-                    if shorts[m] <= most:
-                        losses[m] = value[m, made[m]] - value[m, j]
-                    break
+        most = max(most, now - table[DROP, m, 0])
+        j = made + 1 if places[MIXED, m] else count
+        while j < count and table[VALUE, m, j] <= table[VALUE, m, made]:
+            j += 1
+        if j < count:
+            short = table[LIMIT, m, j] - (soc - taken + now - table[DROP, m, j])
+            numbers[SHORT, m], places[ABOVE, m] = short, j
+            if short <= most:
+                numbers[LOSS, m] = table[VALUE, m, made] - table[VALUE, m, j]
     while True:
-        m = int(np.argmin(losses))
-        if losses[m] == math.inf:
+        least = 0
+        for m in range(1, steps):
+            if numbers[LOSS, m] < numbers[LOSS, least]:
+                least = m
+        if numbers[LOSS, least] == math.inf:
             return False
-        before, made[m] = made[m], choices[m]
-        # what a lower choice of an earlier step loses; the last entry lowers none
-        lost = np.full(m * count + 1, math.inf)
-        for other in range(m):
-            for j in range(count):
-                loss = value[other, made[other]] - value[other, j]
-                enough = drop[other, made[other]] - drop[other, j] >= max(shorts[m], 1e-15)
-                if enough and loss < -losses[m]:
-                    lost[other * count + j] = loss
-        if shorts[m] <= 0:
-            lost[-1] = -math.inf
-        for place in in_order(lost):
-            other = place // count
-            was, made[other] = made[other], made[other] if other == m else place % count
-            if violated_by(made, drop, limit, soc) < 0:
-                return True
-            made[other] = was
-        losses[m], made[m] = math.inf, before
+        made, places[MADE, least] = places[MADE, least], places[ABOVE, least]
+        if (numbers[SHORT, least] <= 0 and violated_by(places, table, soc) < 0) or lowered_for(
+            least, table, numbers, places, soc
+        ):
+            return True
+        numbers[LOSS, least], places[MADE, least] = math.inf, made
 
 
-def in_order(losses: FloatArray) -> IntArray:
-    """Places of the finite losses, the least first, equal ones in order; by insertion, which compiles fast."""
-    order, count = np.zeros(len(losses), dtype=np.intp), 0
-    for place in range(len(losses)):
-        if losses[place] < math.inf:
-            at = count
-            while at > 0 and losses[order[at - 1]] > losses[place]:
-                order[at] = order[at - 1]
-                at -= 1
-            order[at] = place
-            count += 1
-    return order[:count]
+def lowered_for(step: int, table: FloatArray, numbers: FloatArray, places: IntArray, soc: float) -> bool:
+    """Lower an earlier step, by the least loss, in exchange for one that is raised; whether that was feasible."""
+    count, last, at = table.shape[2], -math.inf, -1
+    while True:
+        # the next choice in the order of what it loses, equal ones in their own
+        least, place = math.inf, -1
+        for k in range(step * count):
+            other, made = k // count, places[MADE, k // count]
+            loss = table[VALUE, other, made] - table[VALUE, other, k % count]
+            enough = table[DROP, other, made] - table[DROP, other, k % count] >= max(numbers[SHORT, step], 1e-15)
+            if enough and loss < -numbers[LOSS, step] and loss < least and (loss > last or (loss == last and k > at)):
+                least, place = loss, k
+        if place < 0:
+            return False
+        made, places[MADE, place // count] = places[MADE, place // count], place % count
+        if violated_by(places, table, soc) < 0:
+            return True
+        places[MADE, place // count] = made
+        last, at = least, place

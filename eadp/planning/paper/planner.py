@@ -158,8 +158,7 @@ class PaperPlanner(TrackingPlanner):
         self._computing_plan_w: FloatArray = np.zeros(0)
         self._instants_s: FloatArray = np.zeros(0)
         self._ahead_s: FloatArray = np.zeros(0)
-        self._rows_of: tuple[float | None, ...] = ()
-        self._rows: FloatArray = np.zeros((0, 0))
+        self._rows: dict[str, tuple[tuple[float | None, ...], FloatArray]] = {}
         stages = mission.plan.stages
         # a number for the computations' sets of each stage: equal sets have one horizon
         numbers: dict[tuple[Box, ...], int] = {}
@@ -368,16 +367,21 @@ class PaperPlanner(TrackingPlanner):
             self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
         if self._kernels:
-            known = self._estimator.estimate(0.0, 0.0)
-            key = known.period_s, known.disturbance_s, len(known.state), steps
-            if key != self._rows_of:
-                self._rows_of, self._rows = key, known.power_rows(self._instants_s)
-            limit, mean = self._kernels.stepped(self._rows, known.state, steps, worst)
+            limit, mean = motion = np.empty((2, steps))
+            self._kernels.stepped(*self._read_off("horizon", self._instants_s), worst, motion)
         else:
             motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
             limit = motion.max(axis=1) if worst else motion[:, -1]
             mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
+
+    def _read_off(self, what: str, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What reads the motion's power at instants off the state, kept for as many, and the state."""
+        known = self._estimator.estimate(0.0, 0.0)
+        key = known.period_s, known.disturbance_s, len(known.state), len(ahead_s)
+        if what not in self._rows or self._rows[what][0] != key:
+            self._rows[what] = key, known.power_rows(ahead_s)
+        return self._rows[what][1], known.state
 
     # --- path
 
@@ -420,7 +424,7 @@ class PaperPlanner(TrackingPlanner):
             return self._moved(parameters, down)
         if self._own.raise_path:
             raised = self._moved(parameters, -down)
-            if self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
+            if raised != parameters and self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
                 return raised
         return parameters
 
@@ -498,10 +502,14 @@ class PaperPlanner(TrackingPlanner):
         count = head + max(1, round((self.period_s or step_s) / step_s))
         if len(self._ahead_s) != count:
             self._ahead_s = np.arange(0.5, count) * step_s
-        motion_w, computing_w = self._estimator.forecast(self._ahead_s), self._computing_plan_w
+        motion_w: FloatArray | list[float]
+        if self._kernels:
+            motion_w = np.dot(*self._read_off("ahead", self._ahead_s))
+        else:
+            motion_w = self._estimator.forecast(self._ahead_s).tolist()
         return self._lasting(
-            motion_w if self._kernels else motion_w.tolist(),
-            computing_w if self._kernels else computing_w.tolist(),
+            motion_w,
+            self._computing_plan_w if self._kernels else self._computing_plan_w.tolist(),
             self._gained_w(parameters[: self._rho], self._flown_path),
             head,
             max(1, round(every_s / step_s)),

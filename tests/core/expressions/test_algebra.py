@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import pytest
 import sympy
+from hypothesis import given, settings, target
+from hypothesis import strategies as st
 
+from eadp.core.expressions import algebra
 from eadp.core.expressions.algebra import SymbolicStage, cancels, remainder, same_direction, simplified
 from eadp.core.expressions.reader import read_expression
 from eadp.errors import EadpError
@@ -38,6 +41,48 @@ def test_what_might_take_long_is_not_tried(text):
     expression = read_expression(text)
     assert not cancels(expression)
     assert simplified(expression) is expression
+
+
+NUMBERS = st.sampled_from(["0", "1", "2", "3", "75", "0.5", "1.25", "0.1", "4900", "123456.7"])
+ROOTS = st.builds("sqrt({} + c1)".format, NUMBERS) | st.builds("sqrt(c1 - {})".format, NUMBERS)
+LEAVES = NUMBERS | st.sampled_from(["c1", "c2", "x", "sqrt(c1)", "pi", "sqrt(4*c1 + 8)", "sqrt(4900 - c1)"]) | ROOTS
+TREES = st.recursive(
+    LEAVES,
+    lambda part: st.one_of(
+        st.builds("({} + {})".format, part, part),
+        st.builds("({} - {})".format, part, part),
+        st.builds("{}*{}".format, NUMBERS, part),
+        st.builds("{}/{}".format, part, st.sampled_from(["2", "0.3", "10"])),
+        st.builds("{}*{}".format, part, part),
+        st.builds("(-{})".format, part),
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(TREES)
+def test_what_is_collected_without_sympy_is_what_sympy_shows(text):
+    """Same text, so that plans are shown and flown as with sympy."""
+    node = read_expression(text).node
+    collected = algebra._collected(node)
+    target(float(collected is not None))
+    if collected is not None:
+        assert collected == sympy.sstr(sympy.expand(algebra.to_sympy(node)), order="none")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("(45 + 2*(40 - sqrt(4900 + c1)) + 25) - 0", "150 - 2*sqrt(4900 + c1)"),
+        ("(2*(75 - sqrt(4900 + c1)))/10", "15 - sqrt(4900 + c1)/5"),
+        ("c1/4 + c1/4 - 0.5*c1 + 7", "7"),
+        ("(c1 - 3 + 3)/1", "c1"),
+    ],
+)
+def test_shifts_of_most_plans_need_no_sympy(text, shown, monkeypatch):
+    monkeypatch.setattr(algebra, "load_sympy", lambda: pytest.fail("sympy is imported"))
+    assert simplified(read_expression(text)).text == shown
 
 
 def stage(path, *trigger):

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
+from scipy.special import gammainc
 from scipy.stats import multivariate_normal
 
 from eadp.core.signals.disturbance import (
     MIN_FREE_SAMPLES,
     DisturbanceFit,
+    _gamma_3,
     _innovations,
     fit_disturbance,
     process_noise,
@@ -47,6 +49,11 @@ def units(std_w, time_s):
 
 
 # --- the exact step
+
+
+@given(st.floats(0, 1e3) | st.floats(-12, 1).map(lambda power: 10**power))
+def test_the_incomplete_gamma_function_is_that_of_scipy(x):
+    assert _gamma_3(x) == pytest.approx(gammainc(3, x), rel=1e-13, abs=0)
 
 
 @unhurried
