@@ -127,8 +127,7 @@ class Decision(NamedTuple):
     returns_home: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class DecisionRecord:
+class DecisionRecord(NamedTuple):
     """One re-planning, as `decisions.jsonl` holds it.
 
     Attributes

@@ -8,7 +8,7 @@ import json
 import os
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -279,7 +279,7 @@ def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
-    row = {field.name: getattr(record, field.name) for field in fields(record)}
+    row = record._asdict()
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

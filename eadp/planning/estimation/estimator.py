@@ -297,9 +297,11 @@ class ExactEstimator:
 
     def _keep(self, times_s: Sequence[float], motion_w: Sequence[float]) -> None:
         """Keep readings for the noise estimate."""
-        for numbers, more in zip(self._readings, (times_s, motion_w), strict=True):
-            numbers.extend(more)
-            del numbers[:-READINGS_KEPT]
+        times, powers = self._readings
+        times.extend(times_s)
+        powers.extend(motion_w)
+        if len(times) > READINGS_KEPT:
+            del times[:-READINGS_KEPT], powers[:-READINGS_KEPT]
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading."""

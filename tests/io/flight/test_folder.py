@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ def test_each_decision_is_a_line(written):
     folder, flight = written["joint"]
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
     assert len(rows) == len(flight.decisions) > 2
-    keys = [field.name for field in fields(DecisionRecord)]
+    keys = [*DecisionRecord._fields]
     for row, record in zip(rows, flight.decisions, strict=True):
         assert list(row) == keys
         assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)
