@@ -51,7 +51,7 @@ PROXIMAL = (1e-4, 1e-3)
 """Weight of the proximal term, for a gradient scaled to 1: with the path kept, and with path parameters free."""
 
 SIZES = 16
-"""Problems have a multiple of so many increments."""
+"""Problems without path parameters have a multiple of so many increments."""
 
 TOLERANCE, DIGITS = 1e-7, 7
 """Tolerance of OSQP, and the digits of a path parameter's share that it gives."""
@@ -377,9 +377,10 @@ class MissionProgram:
         paths, rest = len(below), len(gain) - len(below)
         use_size, gain_size = (float(np.abs(array[paths if rest else 0 :]).mean()) or 1.0 for array in (use, gain))
         # variables without effect, for increments of legs flown since: one program serves problems of many sizes
-        first, count = paths + -rest % SIZES, paths + rest + -rest % SIZES
+        spare_count = 0 if paths else -rest % SIZES
+        first, count = paths + spare_count, paths + spare_count + rest
         gain, use, now = (
-            np.concatenate((array[:paths], np.zeros(first - paths), array[paths:])) for array in (gain, use, now)
+            np.concatenate((array[:paths], np.zeros(spare_count), array[paths:])) for array in (gain, use, now)
         )
         lower, upper = np.zeros(count), np.ones(count)
         lower[:paths], upper[:paths], upper[paths:first] = np.negative(below), above, 0.0
