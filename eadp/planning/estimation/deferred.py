@@ -1,7 +1,7 @@
-"""An estimator whose readings and laps wait until somebody asks for the estimate.
+"""An estimator whose readings and laps wait until the estimate is asked for.
 
-Where nobody asks, as in a sweep with held parameters, they are never processed. What it answers does not depend on
-when it is asked.
+Where it is not, as in a sweep with held parameters, they are never processed. What it answers does not depend on when
+it is asked.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ def test_an_instant_has_the_last_reading_before_it():
     assert waiting.estimates([9.5], 0.0, lambda _: 0.0)[1][0].time_s == 1.3
 
 
-def test_where_nobody_asks_nothing_is_processed(monkeypatch):
+def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
     estimator = exact()
     monkeypatch.setattr(ExactEstimator, "observe_batch", lambda *_: pytest.fail("processed"))
     waiting = DeferredEstimator(estimator)

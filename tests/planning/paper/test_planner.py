@@ -154,7 +154,7 @@ def test_a_horizons_forecast_in_loops_is_that_of_arrays(at, kind, monkeypatch):
     for form in (None, loops):
         monkeypatch.setattr(planner_module, "kernels", lambda form=form: form)
         pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(kind=kind), MISSION, own)
-        pilot._estimator.observe_batch([0.1 * i for i in range(300)], powers.tolist())
+        pilot._estimator.observe([0.1 * i for i in range(300)], powers.tolist(), 0.0)
         found.append(pilot._horizon_forecast(o, 6))
     assert found[1].limit_motion_w == pytest.approx(found[0].limit_motion_w, rel=1e-12)
     assert found[1].mean_motion_w == pytest.approx(found[0].mean_motion_w, rel=1e-12)
