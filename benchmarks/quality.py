@@ -221,6 +221,12 @@ FIRST_DECISION_S = 5.0
 """When the first value of a schedule is decided, as by `joint`: parameters at take-off are given."""
 
 
+Rank = tuple[bool, bool, float, float]
+"""Whether the reserve is kept, and the flight complete; U where it is kept, else the charge at the end; U."""
+
+NONE = False, False, -math.inf, 0.0
+
+
 class Scheduled(TrackingPlanner):
     """A value of c1 for each lap, decided as the lap before starts, so that it takes effect as soon as it can."""
 
@@ -297,31 +303,30 @@ class ScheduleSearch:
             self._flights[key] = ScheduledFlight(outcome.completed, np.array(power), runs, share or 0.0, planner.laps_s)
         return self._flights[key]
 
-    def _score(
-        self, values: list[float], faults: Any, before: list[tuple[float, int]]
-    ) -> tuple[tuple[bool, bool, float], int]:
+    def _score(self, values: list[float], faults: Any, before: list[tuple[float, int]]) -> tuple[Rank, int]:
         """Rank of a schedule, its best level after the last time of `before`: pairs of end [s] and level until it."""
         flight = self._flown(values)
         if not flight.completed:
-            return (False, False, 0.0), 0
+            return NONE, 0
         chosen, start = np.full(len(flight.power_w), -1), 0
         for end_s, level in before:
             end = min(round(end_s / STEP_S), len(chosen))
             chosen[start:end], start = level, end
         ahead = np.arange(len(chosen)) >= start
-        best, found = (False, False, -1.0), 0
+        best, found = NONE, 0
         for level in range(SCHEDULE_LEVELS):
             own = np.where(ahead, level, chosen)
             end, lowest = _charged(self._battery, flight.power_w + self._more_w[own] * flight.runs, faults)
             u = flight.c1_share / 2 + float(self._shares[own][flight.runs].mean()) / 2
-            rank = lowest > 0 and end >= RESERVE, lowest > 0, u
+            kept = lowest > 0 and end >= RESERVE
+            rank = kept, lowest > 0, u if kept else end, u
             if rank > best:
                 best, found = rank, level
         return best, found
 
     def _search(
         self, values: list[float], first: int, faults: Any, before: list[tuple[float, int]]
-    ) -> tuple[tuple[bool, bool, float], list[float], int]:
+    ) -> tuple[Rank, list[float], int]:
         """One lap after the other, from a first one on."""
         places = np.linspace(self._box.lo, self._box.hi, SCHEDULE_VALUES).tolist()
         best, level = self._score(values, faults, before)
@@ -363,8 +368,8 @@ class ScheduleSearch:
         return _schedule(rank, values)
 
 
-def _schedule(rank: tuple[bool, bool, float], values: list[float]) -> dict[str, Any]:
-    return {"kept": rank[0], "completed": rank[1], "u": rank[2], "c1": values}
+def _schedule(rank: Rank, values: list[float]) -> dict[str, Any]:
+    return {"kept": rank[0], "completed": rank[1], "u": rank[3], "c1": values}
 
 
 def scheduled(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
