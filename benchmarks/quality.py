@@ -17,7 +17,8 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
     python benchmarks/quality.py --batteries 20
 
 `--schedules` compares `joint` with the best schedule of c1 by laps that a search finds, with wind and losses known
-beforehand; `--batteries` flies missions without losses with batteries of 0.5 to 1.3 in steps of 0.05.
+beforehand, and with the best one that learns of a loss when it happens; `--batteries` flies missions without losses
+with batteries of 0.5 to 1.3 in steps of 0.05.
 """
 
 from __future__ import annotations
@@ -215,7 +216,15 @@ def _charged(battery: Any, power: Any, faults: Any) -> tuple[float, float]:
 
 # --- schedules by laps ------------------------------------------------------------------------------------------------
 
-SCHEDULE_VALUES, SCHEDULE_ROUNDS = 7, 2
+SCHEDULE_VALUES, SCHEDULE_ROUNDS, SCHEDULE_LEVELS = 7, 2, 41
+FIRST_DECISION_S = 5.0
+"""When the first value of a schedule is decided, as by `joint`: parameters at take-off are given."""
+
+
+Rank = tuple[bool, bool, float, float]
+"""Whether the reserve is kept, and the flight complete; U where it is kept, else the charge at the end; U."""
+
+NONE = False, False, -math.inf, 0.0
 
 
 class Scheduled(TrackingPlanner):
@@ -223,79 +232,154 @@ class Scheduled(TrackingPlanner):
 
     def __init__(self, inputs: FlightInputs, schedule: list[float]) -> None:
         super().__init__(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
-        self._schedule, self._place, self._lap = schedule, (0, 0), 0
+        self._schedule, self._place = schedule, (0, 0)
+        self._first_s = FIRST_DECISION_S
+        self.laps_s = [0.0]
 
     @property
     def next_update_s(self) -> float:
-        """At new stages alone."""
-        return math.inf
+        """The first decision, then new stages alone."""
+        return self._first_s
 
     def update(self, observation: Observation) -> Decision:
         """At a new lap the value of the next one."""
         place = observation.cursor.segment, observation.cursor.lap
-        self._lap += place != self._place
-        self._place = place
-        c1 = self._schedule[min(self._lap, len(self._schedule) - 1)]
-        self._decision = self._decision._replace(parameters=(c1, self._decision.parameters[1]))
+        if place != self._place:
+            self._place = place
+            self.laps_s.append(observation.time_s)
+        if observation.time_s >= FIRST_DECISION_S:
+            self._first_s = math.inf
+            c1 = self._schedule[min(len(self.laps_s), len(self._schedule)) - 1]
+            self._decision = self._decision._replace(parameters=(c1, self._decision.parameters[1]))
         return self._decision
 
 
-def schedule(plan: str, case: Case, start: float, laps: int) -> dict[str, Any]:
-    """The best schedule of c1 by laps that a search of one lap after the other finds, from a constant value."""
-    base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
-    probe = load(plan, base)
-    box, levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
-    levels = probe.mission.computing.levels(0, levels_box)
-    battery = load(plan, case.keys).world.battery
+@dataclass(frozen=True)
+class ScheduledFlight:
+    """A flight of a schedule with the lowest computations, and a battery that is not drained by it."""
 
-    def score(values: list[float]) -> tuple[bool, bool, float]:
-        first = {"c1": values[0], "c2": float(levels[0])}
-        inputs, outcome = load(plan, {**base, "parameters": first}), Outcome()
-        power, stages = [], []
-        for step in fly(inputs.world, Scheduled(inputs, values), outcome):
-            power.append(step.power_w)
-            stages.append(step.stage)
-        if not outcome.completed:
-            return False, False, 0.0
-        runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
-        assert outcome.parameters is not None
-        shares = outcome.parameters.mean_share(0) or 0.0
-        watts = np.array(
-            [inputs.mission.computing.power_w((0.0, level), _free(probe.mission.plan.stages)) for level in levels]
-        )
-        best = (False, False, 0.0)
-        # a mean level of the computations: mixtures of the levels around it
-        for level in np.linspace(levels[0], levels[-1], 41):
-            more = float(np.interp(level, levels, watts)) - watts[0]
-            end, lowest = _charged(battery, np.array(power) + more * runs, case.keys["faults"])
-            u = shares / 2 + (levels_box.share(float(level)) or 0.0) / 2
-            best = max(best, (lowest > 0 and end >= RESERVE, lowest > 0, u))
-        return best
+    completed: bool
+    power_w: Any
+    runs: Any
+    """Whether the computations run, at every step."""
+    c1_share: float
+    laps_s: list[float]
 
-    values = [start] * laps
-    best = score(values)
-    places = np.linspace(box.lo, box.hi, SCHEDULE_VALUES).tolist()
-    for _ in range(SCHEDULE_ROUNDS):
-        before = best
-        for lap in range(laps):
-            for value in places:
-                tried = [*values[:lap], value, *values[lap + 1 :]]
-                found = score(tried)
-                if found > best:
-                    best, values = found, tried
-        if best == before:
-            break
-    return {"kept": best[0], "completed": best[1], "u": best[2], "c1": values}
+
+class ScheduleSearch:
+    """Searches the best schedule of c1 by laps, with constant computations from a time on.
+
+    `best` knows all losses beforehand. `learned` learns of a loss when it happens: the laps and computations until then
+    are those that are best without it.
+    """
+
+    def __init__(self, plan: str, case: Case, laps: int) -> None:
+        self._plan, self._laps, self._start = plan, laps, case.keys["parameters"]["c1"]
+        self._base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
+        probe = load(plan, self._base)
+        self._box, self._levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
+        levels = probe.mission.computing.levels(0, self._levels_box)
+        sets = _free(probe.mission.plan.stages)
+        watts = [probe.mission.computing.power_w((0.0, level), sets) for level in levels]
+        # mixtures of the levels around a mean
+        self._levels = np.linspace(levels[0], levels[-1], SCHEDULE_LEVELS)
+        self._more_w = np.interp(self._levels, levels, watts) - watts[0]
+        self._shares = np.array([self._levels_box.share(float(level)) or 0.0 for level in self._levels])
+        self._battery, self._faults = load(plan, case.keys).world.battery, case.keys["faults"]
+        self._flights: dict[tuple[float, ...], ScheduledFlight] = {}
+
+    def _flown(self, values: list[float]) -> ScheduledFlight:
+        key = tuple(values)
+        if key not in self._flights:
+            first = {"c1": self._start, "c2": float(self._levels[0])}
+            inputs, outcome = load(self._plan, {**self._base, "parameters": first}), Outcome()
+            planner = Scheduled(inputs, values)
+            power, stages = [], []
+            for step in fly(inputs.world, planner, outcome):
+                power.append(step.power_w)
+                stages.append(step.stage)
+            runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
+            share = outcome.parameters.mean_share(0) if outcome.parameters is not None else None
+            self._flights[key] = ScheduledFlight(outcome.completed, np.array(power), runs, share or 0.0, planner.laps_s)
+        return self._flights[key]
+
+    def _score(self, values: list[float], faults: Any, before: list[tuple[float, int]]) -> tuple[Rank, int]:
+        """Rank of a schedule, its best level after the last time of `before`: pairs of end [s] and level until it."""
+        flight = self._flown(values)
+        if not flight.completed:
+            return NONE, 0
+        chosen, start = np.full(len(flight.power_w), -1), 0
+        for end_s, level in before:
+            end = min(round(end_s / STEP_S), len(chosen))
+            chosen[start:end], start = level, end
+        ahead = np.arange(len(chosen)) >= start
+        best, found = NONE, 0
+        for level in range(SCHEDULE_LEVELS):
+            own = np.where(ahead, level, chosen)
+            end, lowest = _charged(self._battery, flight.power_w + self._more_w[own] * flight.runs, faults)
+            u = flight.c1_share / 2 + float(self._shares[own][flight.runs].mean()) / 2
+            kept = lowest > 0 and end >= RESERVE
+            rank = kept, lowest > 0, u if kept else end, u
+            if rank > best:
+                best, found = rank, level
+        return best, found
+
+    def _search(
+        self, values: list[float], first: int, faults: Any, before: list[tuple[float, int]]
+    ) -> tuple[Rank, list[float], int]:
+        """One lap after the other, from a first one on."""
+        places = np.linspace(self._box.lo, self._box.hi, SCHEDULE_VALUES).tolist()
+        best, level = self._score(values, faults, before)
+        starts = [
+            [*values[:first], *[place] * (self._laps - first)] for place in np.linspace(places[0], places[-1], GRID)
+        ]
+        for tried in starts:
+            found, own = self._score(tried, faults, before)
+            if found > best:
+                best, values, level = found, tried, own
+        for _ in range(SCHEDULE_ROUNDS):
+            known = best
+            for lap in range(first, self._laps):
+                for place in places:
+                    tried = [*values[:lap], place, *values[lap + 1 :]]
+                    found, own = self._score(tried, faults, before)
+                    if found > best:
+                        best, values, level = found, tried, own
+            if best == known:
+                break
+        return best, values, level
+
+    def best(self) -> dict[str, Any]:
+        """The best schedule for one who knows all losses."""
+        rank, values, _ = self._search([self._start] * self._laps, 0, self._faults, [])
+        return _schedule(rank, values)
+
+    def learned(self) -> dict[str, Any]:
+        """The best schedule for one who knows the losses that have been."""
+        before: list[tuple[float, int]] = []
+        rank, values, level = self._search([self._start] * self._laps, 0, [], before)
+        for count, fault in enumerate(self._faults, 1):
+            flight = self._flown(values)
+            if fault["at_s"] < len(flight.power_w) * STEP_S:
+                # the value of the lap after this one is decided already
+                first = sum(lap_s <= fault["at_s"] for lap_s in flight.laps_s)
+                before = [*before, (fault["at_s"], level)]
+                rank, values, level = self._search(values, min(first, self._laps), self._faults[:count], before)
+        return _schedule(rank, values)
+
+
+def _schedule(rank: Rank, values: list[float]) -> dict[str, Any]:
+    return {"kept": rank[0], "completed": rank[1], "u": rank[3], "c1": values}
 
 
 def scheduled(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
-    """One mission by `joint`, and by the best schedule."""
+    """One mission by `joint`, and by the best schedules."""
     found, case = task
     plan = found[case.place]
-    best = hindsight(plan, case)
-    start = best["c"][0] if best["c"] else load(plan, case.keys).mission.plan.hull(0).lo
-    joint, laps = flown(load(plan, case.keys, **{"planner.name": "joint"})), LAPS[case.place]
-    return {"index": case.index, "place": case.place, "joint": joint, "schedule": schedule(plan, case, start, laps)}
+    joint = flown(load(plan, case.keys, **{"planner.name": "joint"}))
+    search = ScheduleSearch(plan, case, LAPS[case.place])
+    result = {"index": case.index, "place": case.place, "joint": joint, "schedule": search.best()}
+    return {**result, "learned": search.learned() if case.keys["faults"] else result["schedule"]}
 
 
 LAPS = {"survey": 8, "oblong": 10, "slanted": 10, "corner": 14}
@@ -303,16 +387,17 @@ LAPS = {"survey": 8, "oblong": 10, "slanted": 10, "corner": 14}
 
 
 def schedules(results: list[dict[str, Any]]) -> Iterator[str]:
-    """`joint` beside the best schedules, of missions in which both complete."""
-    both = [r for r in results if r["joint"]["completed"] and r["schedule"]["completed"] and r["schedule"]["u"] > 0]
-    ratios = [r["joint"]["u"] / r["schedule"]["u"] for r in both]
-    joint, best = (statistics.mean(r[name]["u"] for r in both) for name in ("joint", "schedule"))
-    yield f"U of joint over the best schedule of c1 by laps, {len(both)} missions:"
-    yield f"mean of ratios {statistics.mean(ratios):.3f}, of means {joint / best:.3f}, least {min(ratios):.3f}"
-    for place in LAPS:
-        own = [ratio for ratio, r in zip(ratios, both, strict=True) if r["place"] == place]
-        if own:
-            yield f"  {place}: {statistics.mean(own):.3f} ({len(own)})"
+    """`joint` beside the best schedules, of missions in which all complete."""
+    for name, who in (("schedule", "with all losses known"), ("learned", "that learns of a loss when it happens")):
+        both = [r for r in results if r["joint"]["completed"] and r[name]["completed"] and r[name]["u"] > 0]
+        ratios = [r["joint"]["u"] / r[name]["u"] for r in both]
+        joint, best = (statistics.mean(r[key]["u"] for r in both) for key in ("joint", name))
+        yield f"U of joint over the best schedule of c1 by laps {who}, {len(both)} missions:"
+        yield f"mean of ratios {statistics.mean(ratios):.3f}, of means {joint / best:.3f}, least {min(ratios):.3f}"
+        for place in LAPS:
+            own = [ratio for ratio, r in zip(ratios, both, strict=True) if r["place"] == place]
+            if own:
+                yield f"  {place}: {statistics.mean(own):.3f} ({len(own)})"
 
 
 def batteries(task: tuple[dict[str, str], Case]) -> list[tuple[float, float, bool]]:

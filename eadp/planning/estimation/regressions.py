@@ -40,6 +40,9 @@ JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 SMALL_JUMP_STDS = 3.0
 """Innovation, in standard deviations, whose excess is charge that was lost."""
 
+SAME_STEPS = 1e-3
+"""Part of a step by which the changes of a gauge of steps are off its multiples."""
+
 EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS, FIRST_CHANGES = 1e-8, 0.02, 60, 5
 """Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely,
 and before a gauge may count as exact."""
@@ -192,10 +195,11 @@ class ChargeFilter:
 
         b ← b − κ d − ½ s d²,  κ ← κ + s d
 
-    and κ drifts. A reading that repeats the last one says nothing: a coarse gauge is read where it changes. Its noise
-    is estimated from differences. Two outliers in a row are accepted as a loss, or as the end of a false one. A gauge
-    that falls by less than `MIN_FALL` of the drain, over more of it than the gauge resolves, is disbelieved until it
-    agrees with the integral.
+    and κ drifts. A reading that repeats the last one says nothing: a coarse gauge is read where it changes. There b is
+    above the reading by an offset o, up to a step of the gauge: 0 where it rounds up, half where it rounds to the
+    nearest. It is a constant state; a battery that starts full shows it. The noise is estimated from differences. Two
+    outliers in a row are accepted as a loss, or as the end of a false one. A gauge that falls by less than `MIN_FALL`
+    of the drain, over more of it than the gauge resolves, is disbelieved until it agrees with the integral.
 
     Parameters
     ----------
@@ -210,8 +214,8 @@ class ChargeFilter:
         # κ is what is stated at half of the charge: when full, it is less by half of s
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
-        charge = [math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope]
-        gauge = [math.nan, math.nan, 0.0, 1.0, 1.0, GAUGE_QUANTUM, 0.0, 1.0, 0.0]
+        charge = [math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope, 0.0, 0.0, 0.0, 0.0, 0.0]
+        gauge = [math.nan, math.nan, 0.0, 1.0, 1.0, GAUGE_QUANTUM, 0.0, 1.0, 0.0, math.nan, 0.0]
         self._state: list[float] = [*charge, 0.0, 0.0, 0.0, 0.0, *gauge, math.nan, 0.0, *charge]
         self._known: _Charge | None = None
 
@@ -292,7 +296,7 @@ class ChargeFilter:
         observe = jitted(
             _observe_charges,
             drain_per_s,
-            *(_observe_charge, _taken, _check, _charge_of, _put_charge, _drained, _corrected),
+            *(_observe_charge, _taken, _see_steps, _check, _charge_of, _put_charge, _drained, _corrected),
         )
         found: tuple[bool, float]
         self._known = None
@@ -304,16 +308,18 @@ class ChargeFilter:
         return self._state[OUTLIERS] > 0 or abs(soc - self.soc) > MIN_JUMP
 
 
-DRAINED, UNMEASURED_DRAIN, TOTAL_DRAIN, NOISE, LAST, FIRST, OUTLIERS, COUNT, READINGS = range(9, 18)
-QUANTUM, LOST, BELIEVED, RISES, CHECKED_READING, CHECKED_TOTAL, CHECKED = range(18, 25)
-"""State of `ChargeFilter` after b, κ, s and their covariances bb, bκ, bs, κκ, κs, ss: drain since they hold, the part
-of it whose power was not measured, and that of the flight; variance of the gauge; last and first reading; outliers in
-a row; readings that were another than the last, and all; resolution; charge lost; whether the gauge is believed, and
-rose; reading, drain and charge at the last check."""
+CHARGES, OFFSET = 14, 9
+DRAINED, UNMEASURED_DRAIN, TOTAL_DRAIN, NOISE, LAST, FIRST, OUTLIERS, COUNT, READINGS = range(CHARGES, 23)
+QUANTUM, LOST, BELIEVED, RISES, STEP, FULL, CHECKED_READING, CHECKED_TOTAL, CHECKED = range(23, 32)
+"""State of `ChargeFilter` after its `CHARGES` numbers of `_Charge`, o the first at `OFFSET`: drain since they hold, the
+part of it whose power was not measured, and that of the flight; variance of the gauge; last and first reading; outliers
+in a row; readings that were another than the last, and all; resolution, at least; charge lost; whether the gauge is
+believed, and rose; its step, 0 for none; whether a full battery was its start; reading, drain and charge at the last
+check."""
 
 Cell = tuple[float, float, float, float]
-_Charge = tuple[float, float, float, float, float, float, float, float, float]
-"""b, κ, s; their covariances bb, bκ, bs, κκ, κs, ss."""
+_Charge = tuple[float, ...]
+"""b, κ, s; their covariances bb, bκ, bs, κκ, κs, ss; o, and its covariances bo, κo, so, oo."""
 
 
 class ParameterAverages:
@@ -418,6 +424,7 @@ def _observe_charge(s: State, reading: float, drained: float, measured: bool) ->
     """See `ChargeFilter.observe`."""
     if math.isnan(s[LAST]):
         s[LAST] = s[FIRST] = s[0] = s[CHECKED_READING] = s[CHECKED] = reading
+        s[FULL] = 1.0 if reading == 1.0 else 0.0
         return False
     s[DRAINED] += drained
     if not measured:
@@ -428,19 +435,24 @@ def _observe_charge(s: State, reading: float, drained: float, measured: bool) ->
     s[LAST] = reading
     jumped = False
     if fell != 0.0 or s[OUTLIERS] > 0.0 or drained == 0.0:
-        jumped = _taken(s, reading, fell)
+        jumped = _taken(s, reading, fell, drained)
     _check(s, reading)
     return jumped
 
 
-def _taken(s: State, reading: float, fell: float) -> bool:
+def _taken(s: State, reading: float, fell: float, drained: float) -> bool:
     """Update with a reading that is another than the last; return whether charge was lost."""
     s[COUNT] += 1
     since, exact = s[DRAINED], s[NOISE] < EXACT_GAUGE
-    b, ratio, slope, bb, bk, bs, kk, ks, ss = _drained(_charge_of(s, 0), since)
+    if fell != 0.0:
+        _see_steps(s, fell, drained)
+    b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = _drained(_charge_of(s, 0), since)
     bb += (UNMEASURED * s[UNMEASURED_DRAIN]) ** 2
     # a variance of b is at or above that of the mean of the first readings
-    error, variance = reading - b, max(bb, s[NOISE] / (s[COUNT] - 1)) if s[COUNT] <= FIRST_READINGS else bb
+    if s[COUNT] <= FIRST_READINGS and s[FULL] == 0.0:
+        bb = max(bb, s[NOISE] / (s[COUNT] - 1))
+    # a gauge that rises by a step is where it falls to the last reading
+    error, variance = reading + offset - (s[STEP] if fell < 0.0 else 0.0) - b, bb - 2 * bo + oo
     size = abs(error)
     if exact and s[READINGS] > 2:
         outlier = size > MIN_JUMP + 10 * since
@@ -451,9 +463,9 @@ def _taken(s: State, reading: float, fell: float) -> bool:
         back = s[BELIEVED] > 0 and error <= s[LOST] + MIN_JUMP
         if not ((s[OUTLIERS] > 1 or exact) and (error < 0 or back)):
             return False
-        s[BELIEVED] = 1.0
+        s[BELIEVED], s[FULL] = 1.0, 0.0
         s[LOST] = max(s[LOST] - error, 0.0)
-        _put_charge(s, 0, (reading, ratio, slope, s[NOISE], 0.0, 0.0, kk, ks, ss))
+        _put_charge(s, 0, (reading, ratio, slope, s[NOISE], 0.0, 0.0, kk, ks, ss, offset, 0.0, ko, so, oo))
         _put_charge(s, CHECKED, _charge_of(s, 0))
         s[DRAINED] = s[UNMEASURED_DRAIN] = s[OUTLIERS] = 0.0
         s[COUNT] = s[READINGS] = 2.0
@@ -464,14 +476,30 @@ def _taken(s: State, reading: float, fell: float) -> bool:
         return False
     # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
     if not exact or s[COUNT] <= FIRST_CHANGES:
-        variance += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + s[NOISE]))
+        bb += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + s[NOISE]))
     if s[UNMEASURED_DRAIN] == 0.0:
         change = ratio * since - fell
         s[NOISE] += max(NOISE_SHARE, 1 / (s[COUNT] - 1)) * (change * change / 2 - s[NOISE])
     s[QUANTUM] = min(max(s[QUANTUM], fell), MAX_QUANTUM)
-    _put_charge(s, 0, _corrected((b, ratio, slope, bb, bk, bs, kk, ks, ss), variance, error, s[NOISE]))
+    state = (b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo)
+    _put_charge(s, 0, _corrected(state, error, s[NOISE]))
     s[DRAINED] = s[UNMEASURED_DRAIN] = 0.0
     return False
+
+
+def _see_steps(s: State, fell: float, drained: float) -> None:
+    """See whether the gauge has steps: its first change is more than the last drain, and the others multiples of it."""
+    size, step = abs(fell), s[STEP]
+    if math.isnan(step):
+        s[STEP] = step = min(size, MAX_QUANTUM) if size > s[1] * drained + MIN_JUMP else 0.0
+        s[OFFSET], s[OFFSET + 4] = step / 2, step * step / 12
+        if s[FULL] == 0.0:  # the first reading was somewhere on a step: b = reading + o − u, u as uncertain as o
+            s[3] += step * step / 6
+            s[OFFSET + 1] = step * step / 12
+    elif step > 0.0 and abs(size / step - round(size / step)) > SAME_STEPS:
+        for i in range(5):
+            s[OFFSET + i] = 0.0
+        s[STEP] = 0.0
 
 
 def _check(s: State, reading: float) -> None:
@@ -495,17 +523,19 @@ def _check(s: State, reading: float) -> None:
 
 
 def _charge_of(s: State, at: int) -> _Charge:
-    return (s[at], s[at + 1], s[at + 2], s[at + 3], s[at + 4], s[at + 5], s[at + 6], s[at + 7], s[at + 8])
+    b, ratio, slope, bb, bk, bs, kk = s[at], s[at + 1], s[at + 2], s[at + 3], s[at + 4], s[at + 5], s[at + 6]
+    ks, ss, offset, bo, ko, so, oo = s[at + 7], s[at + 8], s[at + 9], s[at + 10], s[at + 11], s[at + 12], s[at + 13]
+    return b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo
 
 
 def _put_charge(s: State, at: int, charge: _Charge) -> None:
-    for i in range(9):
+    for i in range(CHARGES):
         s[at + i] = charge[i]
 
 
 def _drained(state: _Charge, d: float) -> _Charge:
     """The state after a predicted drain d."""
-    b, ratio, slope, bb, bk, bs, kk, ks, ss = state
+    b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = state
     h = d * d / 2
     # F P Fᵀ + Q with F = [[1, −d, −d²/2], [0, 1, d], [0, 0, 1]]
     row_b, row_k, row_s = bb - d * bk - h * bs, bk - d * kk - h * ks, bs - d * ks - h * ss
@@ -520,25 +550,36 @@ def _drained(state: _Charge, d: float) -> _Charge:
         kk + 2 * d * ks + d * d * ss + drift,
         ks + d * ss,
         ss,
+        offset,
+        bo - d * ko - h * so,
+        ko + d * so,
+        so,
+        oo,
     )
 
 
-def _corrected(state: _Charge, variance: float, error: float, noise: float) -> _Charge:
-    """The state after a reading of b that is off by `error`, of variance `noise`; b's is `variance`."""
-    b, ratio, slope, _, bk, bs, kk, ks, ss = state
-    total = max(variance + noise, 1e-18)
-    gain = variance / total if noise > 1e-12 else 1.0
-    k, s = bk / total, bs / total
-    left = 1.0 - gain
+def _corrected(state: _Charge, error: float, noise: float) -> _Charge:
+    """The state after a reading of b − o that is off by `error`, of variance `noise`."""
+    b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = state
+    # H P with H = [1, 0, 0, −1]
+    of_b, of_k, of_s, of_o = bb - bo, bk - ko, bs - so, bo - oo
+    total = max(of_b - of_o + noise, 1e-18)
+    gain = 1.0 if noise <= 1e-12 and oo == 0.0 else of_b / total
+    k, s, o = of_k / total, of_s / total, of_o / total
     ratio = min(max(ratio + k * error, 1 / MAX_USE), MAX_USE)
     return (
         b + gain * error,
         ratio,
         slope + s * error,
-        variance * left,
-        bk * left,
-        bs * left,
-        kk - k * bk,
-        ks - k * bs,
-        ss - s * bs,
+        bb - gain * of_b,
+        bk - gain * of_k,
+        bs - gain * of_s,
+        kk - k * of_k,
+        ks - k * of_s,
+        ss - s * of_s,
+        offset + o * error,
+        bo - gain * of_o,
+        ko - k * of_o,
+        so - s * of_o,
+        oo - o * of_o,
     )
