@@ -102,8 +102,7 @@ def _leg(cursor: PlanCursor, start: Point) -> Leg:
     return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
-@lru_cache(KEPT_ROUTES)
-def default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
+def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
     """Position [m] and heading [rad] to start from: the plan's own, or on the first path 100 m before its trigger.
 
     On a circle it is a quarter of it before its trigger.
@@ -113,6 +112,12 @@ def default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
     PathUndefined
         If the first path has no point or no direction there.
     """
+    return _default_start(plan, tuple(parameters))
+
+
+@lru_cache(KEPT_ROUTES)
+def _default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
+    """`default_start`, kept for the next flight."""
     stage = plan.stages[0]
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
     point = plan.start_m or stage.track(path, trigger).approach()
