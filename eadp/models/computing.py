@@ -60,17 +60,17 @@ class Computing:
         Infeasible
             If the configuration lies outside what was measured.
         """
-        key = (*parameters, id(sets))
-        known = self._powers_w.get(key)
-        if known is None:
+        key: tuple[float | Box, ...] = (*parameters, *sets)
+        power_w = self._powers_w.get(key)
+        if power_w is None:
             if len(self._powers_w) >= KEPT_POWERS:
                 self._powers_w.clear()
-            known = self._powers_w[key] = (self._power_w(parameters, sets), sets)
-        return known[0]
+            power_w = self._powers_w[key] = self._power_w(parameters, sets)
+        return power_w
 
     @cached_property
-    def _powers_w(self) -> dict[tuple[float, ...], tuple[float, Sequence[Box]]]:
-        """Powers known; beside each the sets, which last as long as their number."""
+    def _powers_w(self) -> dict[tuple[float | Box, ...], float]:
+        """Powers known."""
         return {}
 
     def _power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,12 @@ def test_the_ends_of_the_sets():
     assert join_profile(off, ONE).extreme(off, "lo") == (5.0, {"c1": 4.0}), "not the stage on which it may not run"
     none = plan("", "[0, 0]\n")
     assert join_profile(none, None).extreme(none, "hi") == (0.0, {"c1": 0.0})
+
+
+def test_a_power_is_that_of_the_sets_as_they_are():
+    computing = join_profile(plan("", "[2, 10]\n", "[0, 0]\n"), ONE)
+    sets = [Box(2, 10)]
+    assert computing.power_w((6,), sets) == 6.0
+    sets[0] = Box(0, 0)
+    assert computing.power_w((6,), sets) == 0.0
+    assert pickle.loads(pickle.dumps(computing)).power_w((6,), [Box(2, 10)]) == 6.0

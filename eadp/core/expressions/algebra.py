@@ -158,7 +158,7 @@ def _multiples(node: Node) -> dict[str, Fraction] | None:
         found.append(multiples)
     if isinstance(node, tree.Call) and node.function == "sqrt":
         number, names = found[0].pop("", Fraction(0)), list(found[0])
-        if len(names) == 1 and found[0][names[0]] == 1 and number.denominator == 1:
+        if len(names) == 1 and "(" not in names[0] and found[0][names[0]] == 1 and number.denominator == 1:
             return {f"sqrt({number} + {names[0]})" if number else f"sqrt({names[0]})": Fraction(1)}
         return None
     if isinstance(node, tree.Sum):

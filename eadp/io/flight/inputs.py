@@ -25,7 +25,7 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, Stage
-from eadp.models.plan.trace import default_start, whole_route
+from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
@@ -371,7 +371,7 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 
 
-@lru_cache
+@lru_cache(KEPT_ROUTES)
 def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
     """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
     rho = plan.path_count

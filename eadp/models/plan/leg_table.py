@@ -50,6 +50,8 @@ class LegRows(NamedTuple):
 class LegTable:
     """Rows of legs: a stage, the parameters in force on it, and nodes to integrate over.
 
+    Rows stay: the routes of four hours of flight are some 8,000, of 150 bytes and more each.
+
     Parameters
     ----------
     plan : Plan

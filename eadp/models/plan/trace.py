@@ -42,7 +42,7 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
     if plan.has_sets:  # computations that are left out do not change the path
         values += tuple(plan.hull(i).hi for i in range(len(values), len(plan.parameters)))
     start = start or default_start(plan, values)[0]
-    return whole_route(plan, values, Rules(), start).legs
+    return whole_route(plan, values, Rules(), (start[0], start[1])).legs
 
 
 def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]) -> tuple[tuple[Leg, ...], ...]:

@@ -194,7 +194,8 @@ class TriggerWatch:
             w[PROGRESS : BEARING + 1] = [0.0, circle.angle_rad(join)]
             _turned(w, *position_m)  # from where the stage was joined in the plan to where the robot is
             if before is not None and before.numbers[PASSED_BY] == BY_CIRCLE:
-                # the path has moved under the robot: whole turns flown stay flown
+                # the path has moved under the robot: whole turns flown stay flown; its angle is that of the last test
+                _turned(before.numbers, *position_m)
                 self._add_turns((before.numbers[PROGRESS] - w[PROGRESS]) / (2 * math.pi))
             return circle.radius_m * sweep
         start = project(path, join)

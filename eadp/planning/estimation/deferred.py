@@ -68,11 +68,11 @@ class DeferredEstimator:
 
     def observe(self, times_s: Sequence[float], powers_w: Sequence[float | None], beside_w: float) -> None:
         """Take readings [W] in order, None where there is none; `beside_w` of each is the computations' power."""
+        if len(self._times_s) + len(times_s) > MOST_WAITING:
+            self._process()  # before: the next instants that are asked for may lie among the new ones
         self._times_s.frombytes(np.array(times_s, dtype=float).tobytes())
         self._motion_w.frombytes((np.array(powers_w, dtype=float) - beside_w).tobytes())
         self._beside.append((len(times_s), beside_w))
-        if len(self._times_s) > MOST_WAITING:
-            self._process()
 
     def lap(self, time_s: float) -> None:
         """See `ExactEstimator.lap`."""

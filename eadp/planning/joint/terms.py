@@ -229,6 +229,7 @@ class TermBuilder:
         table = route.table
         if table is not self._table:
             self._table, self._index, self._known = table, dict[object, int](), list[_Group]()
+            self._joined.clear()
             self._of_row, self._rows, self._extremes_w = np.zeros(0, dtype=np.intp), 0, np.zeros((0, 2))
         rows = len(table.stages)
         if self._rows < rows:

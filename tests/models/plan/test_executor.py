@@ -21,7 +21,7 @@ from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
-from eadp.models.plan.triggers import FIRED, PASS_P, PASS_Q, PASS_X, PASS_Y, PROGRESS, RADIUS_SQUARED
+from eadp.models.plan.triggers import FIRED, PASS_P, PASS_Q, PASS_X, PASS_Y, PROGRESS, RADIUS_SQUARED, REACH_SQUARED
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9
@@ -858,6 +858,38 @@ def test_a_circle_is_passed_where_the_angle_is_gone(seed):
             break
     assert fired
     assert w[PROGRESS] == pytest.approx(gone, abs=1e-9)
+
+
+MOVED_CIRCLE = """\
+0.01; 90; (x - c1)^2 + y^2 - 2500
+c1 + 50*cos(5), 50*sin(5), 1
+[-60, 60]
+0.1; 270; x
+0, -3000
+[-60, 60]
+"""
+
+
+@pytest.mark.parametrize("seed", [5, 8, *range(20, 28)])
+def test_a_circle_that_is_moved_under_the_aircraft_is_passed_where_it_is_tested_at_every_position(seed):
+    fired = []
+    for always in (False, True):
+        rng, c1 = np.random.default_rng(seed), 0.0
+        executor = PlanExecutor(plan_of(MOVED_CIRCLE), (0.0,), (50.0, 0.0), Rules(LIVE))
+        at, k = complex(50.0, 0.0), 0
+        while k < 3000:
+            k += 1
+            out = at - c1  # it flies round where the circle lies now, and towards it
+            at += 0.5 * cmath.exp(1j * (cmath.phase(out) + math.pi / 2 + abs(out) / 50 - 1))
+            if always:
+                executor.watch.numbers[REACH_SQUARED] = 0.0
+            if executor.advance(at.real, at.imag):
+                break
+            if k % 97 == 50:
+                c1 = float(rng.uniform(-60, 60))
+                executor.decide((c1,), (at.real, at.imag))
+        fired.append(k)
+    assert fired[0] == fired[1] < 3000
 
 
 # --- where others tell what is flown

@@ -110,6 +110,15 @@ def test_an_instant_has_the_last_reading_before_it():
     assert waiting.estimates([9.5], 0.0, lambda _: 0.0)[1][0].time_s == 1.3
 
 
+def test_instants_among_the_last_readings_keep_theirs_where_too_many_wait(monkeypatch):
+    monkeypatch.setattr(deferred, "MOST_WAITING", 5)
+    waiting = DeferredEstimator(exact())
+    waiting.observe([0.1, 0.2, 0.3], [30.0] * 3, 0.0)
+    waiting.observe([1.0, 1.1, 1.2, 1.3], [30.0] * 4, 0.0)
+    _, estimates = waiting.estimates([1.05, 1.25], 0.0, lambda _: 0.0)
+    assert [one.time_s for one in estimates] == [1.0, 1.2]
+
+
 def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
     estimator = exact()
     monkeypatch.setattr(ExactEstimator, "observe_batch", lambda *_: pytest.fail("processed"))
