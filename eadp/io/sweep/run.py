@@ -14,7 +14,7 @@ from typing import Any
 from eadp.core.compiled import enable
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.flight.folder import fly_flight
-from eadp.io.flight.inputs import Files
+from eadp.io.flight.inputs import Files, FlightInputs
 from eadp.io.scenario.scenario_file import override_texts
 from eadp.io.sweep.results import Results
 from eadp.io.sweep.sweep_file import Sweep
@@ -53,14 +53,19 @@ class FlyRun:
     def _warm_up(self, run: Run) -> None:
         """Fly a step, so that machine code is loaded before runs are timed for the sweep's estimate."""
         with suppress(Exception):  # the run itself reports it
-            inputs = self._files.load(run)
+            inputs = self._inputs(run)
             for _ in fly(replace(inputs.world, time_limit_s=inputs.world.step_s), inputs.planner(), Outcome()):
                 pass
 
-    def _summary(self, run: Run) -> dict[str, Any]:
+    def _inputs(self, run: Run) -> FlightInputs:
+        """The inputs of a run, without a log where its folder is not kept."""
         inputs = self._files.load(run)
-        if self._keep is None:
-            inputs = replace(inputs, world=replace(inputs.world, log_every_s=math.inf))
+        if self._keep is not None:
+            return inputs
+        return replace(inputs, world=replace(inputs.world, log_every_s=math.inf))
+
+    def _summary(self, run: Run) -> dict[str, Any]:
+        inputs = self._inputs(run)
         flight = fly_flight(inputs, overrides=override_texts(run.overrides))
         if self._keep is not None:
             flight.write(Path(self._keep) / run.key, force=True)

@@ -178,15 +178,17 @@ class PlanCursor(NamedTuple):
         segment = self.table.segments[self.segment]
         if self.stage.index < segment.first + segment.count:
             return self._enter(self.segment, self.stage.index, self.lap, self.state, self.base_m)
-        if not segment.repeats and not self.table.plan.repeats:
+        if not segment.repeats:
+            return self.next_lap() if self.table.plan.repeats else self._next_segment()
+        _check_laps(self.lap + 1)
+        state = segment.next(self.parameters, self.state)
+        if segment.over(self.parameters, state):
             return self._next_segment()
-        if self.lap + 1 >= LAP_LIMIT:
-            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
-        if segment.repeats:
-            state = segment.next(self.parameters, self.state)
-            if segment.over(self.parameters, state):
-                return self._next_segment()
-            return self._enter(self.segment, segment.first, self.lap + 1, state, self.base_m)
+        return self._enter(self.segment, segment.first, self.lap + 1, state, self.base_m)
+
+    def next_lap(self) -> PlanCursor | None:
+        """The first stage of the next lap, from the last one, or from any of a lap that is alike; else as `next`."""
+        _check_laps(self.lap + 1)
         end = self.end()
         if end is not None and end.at_trigger:
             return None
@@ -218,18 +220,8 @@ class PlanCursor(NamedTuple):
         while len(offsets) < short or not reaches((x + ox, y + oy), final, shift, table.plan.final_radius_m):
             offsets.append((ox, oy))
             ox, oy = ox + dx, oy + dy
-            if self.lap + len(offsets) >= LAP_LIMIT:
-                raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
+            _check_laps(self.lap + len(offsets))
         return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
-
-    def next_lap(self) -> PlanCursor | None:
-        """The first stage of the next lap, from that of a lap that is alike; None, and raises, as `next`."""
-        if self.lap + 1 >= LAP_LIMIT:
-            raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
-        end = self.end()
-        if end is not None and end.at_trigger:
-            return None
-        return self._enter(self.segment, 0, self.lap + 1, self.state, self._shifted(self.base_m, self.waiting))
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""
@@ -347,6 +339,11 @@ class _Table:
                 )
             self._shifts[waiting] = shift_at(self.plan, values)
         return self._shifts[waiting]
+
+
+def _check_laps(lap: int) -> None:
+    if lap >= LAP_LIMIT:
+        raise PathUndefined(f"the plan does not reach its final point within {LAP_LIMIT} laps")
 
 
 def _latches(plan: Plan, segment: Segment) -> list[int | None]:

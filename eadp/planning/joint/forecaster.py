@@ -251,7 +251,6 @@ class Forecaster:
         self._decided = mission.parameters
         self.shares = self._shares_of(mission.parameters)
         self._routes: dict[Shares, Route | None] = {}
-        self._times: dict[Shares, tuple[FloatArray, FloatArray]] = {}
         self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[list[float], list[float], list[float]] | None = None
@@ -481,7 +480,6 @@ class Forecaster:
     def _clear_routes(self) -> None:
         """The remaining plan has changed for all parameters."""
         self._routes.clear()
-        self._times.clear()
         self._left.clear()
         self._evaluated.clear()
         self._expected = None
@@ -559,7 +557,7 @@ class Forecaster:
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
             route = self._route(shares)
-            load = self._load(shares, route) if route is not None and len(route.order) else None
+            load = self._load(route) if route is not None and len(route.order) else None
             self._evaluated[shares] = None
             if route is not None and load is not None:
                 past = FlownShares(*self._flown.until(self._time_s))
@@ -578,6 +576,7 @@ class Forecaster:
         terms, load = evaluated
         if load.ends and self._own.objective == TOTAL and shares != self.shares:
             return None
+        # the computations' power matters where an end is uncertain
         powers_w = load.motion_w + terms.base_w if load.ends else load.motion_w
         ends = self._final_charge(terms, load, self.soc, powers_w)
         available = ends.level(self._own.reserve_probability) - max(self._settings.reserve_soc, terms.min_soc)
@@ -660,7 +659,7 @@ class Forecaster:
         """Remember what the forecast of a solution expects, for `surprise`."""
         shares = solution.candidate.shares
         terms, load = self.terms(shares)
-        whole, turning = self._times[shares]
+        whole, turning = self.route(shares).times_s(self._speed, self.wind_mps)
         ratio, motion, total_s = self._ratio.ratio, self._motion, float(load.times_s.sum())
         drain = (
             self._drain_per_s(float(load.motion_w @ load.times_s) / max(total_s, 1e-9) + self._computing_w) * total_s
@@ -727,20 +726,19 @@ class Forecaster:
         volts = empty_v + rise_v * min(max(self.soc, 0.0), 1.0)
         return drain_per_s(power_w, volts, resistance_ohm, self._mission.battery.drain_per_as)
 
-    def _load(self, shares: Shares, route: Route) -> RouteLoad | None:
+    def _load(self, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""
         wind, motion = self.wind_mps, self._motion
         left = self._left_of_first(route, wind)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        whole, turning, times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load, leg_times_s)(
+        times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load, leg_times_s)(
             *(*route.table.rows[:3], route.order, self._speed, wind, left, self._ratio.ratio),
             *(motion.level_w, motion.slope_w, self._ripple_w, max_w),
         )
         if not math.isfinite(total_s):
             return None
-        self._times[shares] = whole, turning
         if self._climb is not None:
-            whole = whole * self._ratio.ratio
+            whole = route.times_s(self._speed, wind)[0] * self._ratio.ratio
             times, motion_w, climb_w = self._climb.loaded(route, whole, times, motion_w)
             total_s, motion_j = max(float(times.sum()), 1e-3), float(motion_w @ times)
             peak_w = np.maximum(np.minimum(motion_w + self._ripple_w, max_w), np.maximum(motion_w, climb_w))
@@ -875,12 +873,14 @@ def _remaining_load(
     slope_w: float,
     ripple_w: float,
     max_w: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]:
-    """Whole times of legs and ∫ tan² φ as forecast, see `leg_times_s`; and, the first only in part, the times left [s],
-    motion powers and their maxima [W]; time, ∫ tan² φ [s] and energy [J] left."""
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
+    """Times [s], motion powers and their maxima [W] of legs, the first only in part; time, ∫ tan² φ [s], energy [J].
+
+    Whole legs are those of `leg_times_s`; the time is infinite where one cannot be flown.
+    """
     whole_s, turning_s = leg_times_s(nodes, first, airspeeds_mps, order, airspeed_mps, wind_mps)
     if not np.isfinite(whole_s.sum()):
-        return whole_s, turning_s, whole_s, whole_s, whole_s, math.inf, 0.0, 0.0
+        return whole_s, whole_s, whole_s, math.inf, 0.0, 0.0
     times_s = whole_s * ratio
     times_s[0] *= left
     bank_s = (turning_s.sum() - (1.0 - left) * turning_s[0]) * ratio
@@ -888,7 +888,7 @@ def _remaining_load(
     motion_w = np.maximum(level_w + slope_w * slopes, 0.0)
     peak_w = np.maximum(np.minimum(motion_w + ripple_w, max_w), motion_w)
     energy_j = (motion_w * times_s).sum()
-    return whole_s, turning_s, times_s, motion_w, peak_w, max(times_s.sum(), 1e-3), bank_s, energy_j
+    return times_s, motion_w, peak_w, max(times_s.sum(), 1e-3), bank_s, energy_j
 
 
 def _shares_of(load: RouteLoad) -> tuple[float, ...]:

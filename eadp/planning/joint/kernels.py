@@ -39,7 +39,7 @@ def remaining_load(
     slope_w: float,
     ripple_w: float,
     max_w: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]:
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float, float]:
     """See `forecaster`."""
     whole_s, turning_s = leg_times_s(nodes, first, airspeeds_mps, order, airspeed_mps, wind_mps)
     count = len(whole_s)
@@ -54,7 +54,7 @@ def remaining_load(
         total_s += times_s[i]
         bank_s += turning_s[i] * ratio * share
         energy_j += motion_w[i] * times_s[i]
-    return whole_s, turning_s, times_s, motion_w, peak_w, max(total_s, 1e-3), bank_s, energy_j
+    return times_s, motion_w, peak_w, max(total_s, 1e-3), bank_s, energy_j
 
 
 def quality(
