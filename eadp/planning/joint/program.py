@@ -23,7 +23,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,10 @@ from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets; one by blocks as two, for the first segment of laps and the others."""
 
+Bracket = tuple[tuple[float, float], ...]
+"""How far below and above a climb starts to look along each path parameter: part of the way to the next place that is
+known to be no better."""
+
 COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 2e-5
 """A scan: points over a set, maximum halvings towards edges of steps, and minimum bound of the gain of a step."""
 
@@ -44,9 +48,11 @@ GRIDS, SEARCHED, MIN_STEP = {2: 11, 3: 5}, 3, 1e-3
 """Points per side of a grid over two or three path parameters, how many of its best points start a pattern search, and
 the search's smallest step. More parameters are scanned one after the other."""
 
-MAX_QPS, FIRST_REACH, MIN_REACH = 6, 0.1, 1e-5
+MAX_QPS, FIRST_REACH, WITHIN, MIN_REACH, MIN_GAIN = 6, 0.1, 0.25, 1e-5, 1e-4
+"""A climb: most QPs, how far the first may move, also as a share of the way to a place known to be no better, the
+smallest distance that matters, and the least gain that a QP must promise for it to be tried."""
+
 DIFFERENCE, MIN_COLUMN = 1e-3, 1e-6
-MIN_GAIN = 1e-7
 PROXIMAL = (1e-4, 1e-3)
 """Weight of the proximal term, for a gradient scaled to 1: with the path kept, and with path parameters free."""
 
@@ -95,6 +101,8 @@ class Solution(NamedTuple):
         Iterations of OSQP.
     gap : float or None
         How much better the closed form is at the same path parameters.
+    bracket : tuple of (float, float)
+        See `Bracket`; empty where it is not known.
     """
 
     candidate: Candidate
@@ -102,6 +110,7 @@ class Solution(NamedTuple):
     status: str
     iterations: int = 0
     gap: float | None = None
+    bracket: Bracket = ()
 
     @property
     def value(self) -> float:
@@ -233,6 +242,8 @@ class MissionProgram:
                     best = scan.best(best, warm, axis)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
+        if self.dimensions and self.dimensions not in GRIDS:
+            best = best._replace(bracket=_bracket(best.candidate.shares, known))
         if not best.allocation.feasible:
             enough = best.shortfall + best.candidate.tolerance
             as_good = [solution for solution in known.values() if solution is not None and solution.shortfall <= enough]
@@ -269,7 +280,7 @@ class MissionProgram:
             elif not movable:
                 return best
             if movable:
-                best = self._climbed(candidate_at, best)
+                best = self._climbed(candidate_at, best, start.bracket)
         except SolverFailed:
             self.report.fallbacks += 1
             self._last = None
@@ -322,10 +333,10 @@ class MissionProgram:
         allocation = allocation_of(increments, found.x)
         return Solution(at.candidate, allocation, KEPT if kept is not None else SOLVED, found.iterations)
 
-    def _climbed(self, candidate_at: CandidateAt, start: Solution) -> Solution:
+    def _climbed(self, candidate_at: CandidateAt, start: Solution, bracket: Bracket) -> Solution:
         """Climb from a solution by QPs in path parameters and shares; the solution itself where they gain nothing."""
         best, d, reach = start, len(start.candidate.shares), FIRST_REACH
-        accepted: _Allocated | None = None
+        below, above = np.array(bracket or [(FIRST_REACH, FIRST_REACH)] * d).T
         for _ in range(MAX_QPS):
             candidate, x = best.candidate, best.allocation.shares
             try:
@@ -338,26 +349,22 @@ class MissionProgram:
                 np.concatenate((slopes[:, 1], candidate.increments.use)),
                 candidate.available - candidate.increments.base_use,
                 np.concatenate((np.zeros(d), x)),
-                np.minimum(reach, shares).tolist(),
-                np.minimum(reach, 1.0 - shares).tolist(),
+                np.minimum(reach, np.minimum(below, shares)).tolist(),
+                np.minimum(reach, np.minimum(above, 1.0 - shares)).tolist(),
             )
-            there = tuple(np.clip(shares + moved[:d], 0.0, 1.0).tolist())
+            promised = slopes[:, 0] @ moved[:d] + candidate.increments.gain @ (moved[d:] - x)
+            if promised < MIN_GAIN:
+                break
+            there = tuple(np.round(np.clip(shares + moved[:d], 0.0, 1.0), DIGITS).tolist())
             found = _Allocated(moved[d:], multiplier, iterations)
             trial = self._evaluated(candidate_at, there, found, best)
             if trial is None or trial.value <= best.value:
-                reach /= 4
-                if reach < MIN_REACH:
-                    break
-                continue
-            gained, best, accepted = trial.value - best.value, trial, found
-            if gained < MIN_GAIN:
-                break
-        if accepted is not None:
-            digits = tuple(np.round(best.candidate.shares, DIGITS).tolist())
-            rounded = self._evaluated(candidate_at, digits, accepted, best)
-            if rounded is not None and rounded.value > best.value - MIN_GAIN:
-                return rounded
-        return best
+                reach = float(np.abs(moved[:d]).max()) / 4
+            else:
+                best = trial
+        if best is start or not len(best.candidate.increments.use):
+            return best
+        return self._allocation(best, None)  # the last QP was linearised elsewhere
 
     def _solved(
         self,
@@ -458,6 +465,18 @@ def _fitted(increments: Increments, x: FloatArray, multiplier: float, available:
         spare -= float(increments.use[i]) * (moved - x[i])
         x[i] = moved
     return x
+
+
+def _bracket(shares: Shares, known: Iterable[Shares]) -> Bracket:
+    """The bracket of a place by those known that differ in one share alone."""
+    bracket = [[FIRST_REACH, FIRST_REACH] for _ in shares]
+    for place in known:
+        differs = [axis for axis, (there, here) in enumerate(zip(place, shares, strict=True)) if there != here]
+        if len(differs) == 1:
+            (axis,) = differs
+            side = place[axis] > shares[axis]
+            bracket[axis][side] = min(bracket[axis][side], WITHIN * abs(place[axis] - shares[axis]))
+    return tuple([(below, above) for below, above in bracket])
 
 
 def _better(new: Solution | None, old: Solution | None) -> Solution | None:
