@@ -645,7 +645,7 @@ def programs(count: int, seed: int) -> None:
         world = inputs.world
         forecaster = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
         forecaster.assume(world.wind.steady_mps, 0.0, 1.0)
-        forecaster.start_at(0.0, world.start_m, 0.0)
+        forecaster.start_at(0.0, world.start_m)
         candidates = [forecaster.candidate((share,)) for share in np.linspace(0, 1, 2001).tolist()]
         solutions = [best_at(candidate) for candidate in candidates if candidate is not None]
         best = max((solution.value for solution in solutions if solution.allocation.feasible), default=None)

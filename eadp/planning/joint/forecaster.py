@@ -8,7 +8,7 @@ the battery model.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
@@ -259,6 +259,7 @@ class Forecaster:
         self._last_s: float | None = None
         self._sensitivity = (-math.inf, (0.0, 0.0))
         self._ripple_w = 0.0
+        self._ask_ripple_w: Callable[[], float] | None = None
         self._navigation_std_m = NAVIGATION_M[0]
         self._power_w = self._computing_w = 0.0
         self._stages_started = 1
@@ -538,12 +539,15 @@ class Forecaster:
 
     # --- forecasts
 
-    def start_at(self, time_s: float, position: Point, ripple_w: float) -> None:
-        """Forecast from a time and location on; `ripple_w` is the rise of the motion's power above its mean.
+    def start_at(self, time_s: float, position: Point, ripple_w: Callable[[], float] | None = None) -> None:
+        """Forecast from a time and location on.
 
-        It counts up to the greatest power that was measured, and that of the motor.
+        `ripple_w` gives the rise of the motion's power above its mean [W]; None for none. It counts up to the greatest
+        power that was measured, and that of the motor, and is asked for where it could matter: where the battery would
+        limit these.
         """
-        self._time_s, self._position, self._ripple_w = time_s, position, ripple_w
+        self._time_s, self._position = time_s, position
+        self._ask_ripple_w, self._ripple_w = ripple_w, 0.0 if ripple_w is None else math.inf
         self._evaluated.clear()
         self._left.clear()
         self._ahead = None
@@ -556,14 +560,28 @@ class Forecaster:
 
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
-            route = self._route(shares)
-            load = self._load(route) if route is not None and len(route.order) else None
-            self._evaluated[shares] = None
-            if route is not None and load is not None:
-                past = FlownShares(*self._flown.until(self._time_s))
-                terms = self.term_builder.terms(route, load, past, self.soc, self._settings.reserve_soc)
-                self._evaluated[shares] = terms, load
+            route, self._evaluated[shares] = self._route(shares), None
+            if route is not None and len(route.order):
+                evaluated = self._on_route(route)
+                if self._ripple_w == math.inf and evaluated is not None and self._is_limited(evaluated[0]):
+                    assert self._ask_ripple_w is not None
+                    self._ripple_w = self._ask_ripple_w()
+                    evaluated = self._on_route(route)
+                self._evaluated[shares] = evaluated
         return self._evaluated[shares]
+
+    def _on_route(self, route: Route) -> tuple[KnapsackTerms, RouteLoad] | None:
+        """Terms and load of a route; None where it cannot be flown in this wind."""
+        load = self._load(route)
+        if load is None:
+            return None
+        past = FlownShares(*self._flown.until(self._time_s))
+        return self.term_builder.terms(route, load, past, self.soc, self._settings.reserve_soc), load
+
+    def _is_limited(self, terms: KnapsackTerms) -> bool:
+        """Whether the maximum power of the motion alters a forecast."""
+        limited = terms.beyond_w > 0 or terms.letter_soc > self._settings.reserve_soc or terms.delivered_soc > 0
+        return limited or bool(terms.truncated.any())
 
     def candidate(self, shares: Shares) -> Candidate | None:
         """The program's candidate at shares: the margin keeps the reserve with its probability.

@@ -54,6 +54,6 @@ class HeldForecast:
         if parameters != self._held:
             self._held = parameters
             forecaster.hold(held_settings(self._settings, self._mission, parameters), parameters)
-        forecaster.start_at(o.time_s, (o.x_m, o.y_m), 0.0)
+        forecaster.start_at(o.time_s, (o.x_m, o.y_m))
         candidate = forecaster.candidate(forecaster.shares)
         return None if candidate is None else forecaster.forecast(best_at(candidate))

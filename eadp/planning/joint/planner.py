@@ -187,7 +187,10 @@ class JointPlanner(TrackingPlanner):
     def _replan(self, o: Observation, cause: str) -> None:
         forecaster, report = self._forecaster, self.report
         self._holds_until_s = o.time_s  # nothing holds where the plan cannot be flown
-        forecaster.start_at(o.time_s, (o.x_m, o.y_m), ripple_w(self._estimator.state_w) if self.period_s else 0.0)
+        estimator = self._estimator
+        forecaster.start_at(
+            o.time_s, (o.x_m, o.y_m), (lambda: ripple_w(estimator.state_w)) if self.period_s else None
+        )
         calls, started = report.calls, time.perf_counter()
         try:
             start, searched, moved = self._solve(cause)

@@ -55,7 +55,7 @@ def preflight(
         settings = held_settings(settings, mission, mission.parameters)
     forecaster = Forecaster(settings, mission, own)
     forecaster.assume(wind_mps, gust_std_mps, battery.soc)
-    forecaster.start_at(0.0, mission.start_m or (0.0, 0.0), 0.0)
+    forecaster.start_at(0.0, mission.start_m or (0.0, 0.0))
     if own is not None and forecaster.open:
         try:
             program = MissionProgram(len(forecaster.open))

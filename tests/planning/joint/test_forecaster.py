@@ -66,7 +66,7 @@ class Following(TrackingPlanner):
         if self._moments_s and o.time_s >= self._moments_s[0]:
             self._moments_s.pop(0)
             ripple = ripple_w(self._estimator.state_w) if self.period_s else 0.0
-            self.forecaster.start_at(o.time_s, (o.x_m, o.y_m), ripple)
+            self.forecaster.start_at(o.time_s, (o.x_m, o.y_m), lambda: ripple)
             solution = best_at(self.forecaster.candidate(self.forecaster.shares))
             forecast = self.forecaster.forecast(solution)
             self.evaluated.append(
@@ -208,7 +208,7 @@ def test_the_margin_is_z_standard_deviations(calm):
     for probability in (0.5, 0.95):
         forecaster = Forecaster(inputs.scenario.planner, inputs.mission, JointSettings(reserve_probability=probability))
         forecaster.assume((0.0, 0.0), 0.0, 1.0)
-        forecaster.start_at(0.0, inputs.mission.start_m, 0.0)
+        forecaster.start_at(0.0, inputs.mission.start_m)
         candidate = forecaster.candidate(forecaster.shares)
         evaluated.append((candidate.available, forecaster.forecast(best_at(candidate)).soc_end_std))
     (even, _), (sure, std) = evaluated
@@ -249,7 +249,7 @@ def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
     reached = []
     for speed in (0.0, 14.0):
         forecaster.assume((speed, 0.0), 0.0, 0.5)
-        forecaster.start_at(0.0, (0.0, 0.0), 0.0)
+        forecaster.start_at(0.0, (0.0, 0.0))
         reached.append(forecaster.home_spare(best_at(forecaster.candidate(forecaster.shares))) > 0)
     assert reached == [True, False]
 
@@ -293,7 +293,7 @@ def at_take_off(c1, objective="quality", **overrides):
     own = JointSettings(objective=objective)
     forecaster = Forecaster(replace(inputs.scenario.planner, levels=levels), inputs.mission, own)
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
-    forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+    forecaster.start_at(0.0, inputs.world.start_m)
     return forecaster
 
 
@@ -348,7 +348,7 @@ def test_gusts_that_last_make_a_forecast_wider():
         inputs = inputs_of(**{"wind.gust_time_s": gust_time_s})
         forecaster = Forecaster(inputs.scenario.planner, inputs.mission)
         forecaster.assume((3.0, 0.0), 1.5, 1.0)
-        forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+        forecaster.start_at(0.0, inputs.world.start_m)
         stds.append(forecaster.forecast(best_at(forecaster.candidate(forecaster.shares))).remaining_std_s)
     assert stds[1] > 1.3 * stds[0]
 
@@ -373,7 +373,7 @@ def test_expected_losses_are_kept_back_as_a_poisson_process_takes_them():
         own = JointSettings(loss_rate_per_h=rate)
         forecaster = Forecaster(inputs.scenario.planner, inputs.mission, own)
         forecaster.assume((0.0, 0.0), 0.0, 1.0)
-        forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+        forecaster.start_at(0.0, inputs.world.start_m)
         candidate = forecaster.candidate(forecaster.shares)
         ends.append(forecaster.forecast(best_at(candidate._replace(available=candidate.increments.base_use))))
     without, with_losses = ends
@@ -399,7 +399,7 @@ def two_blocks(tmp_path_factory):
     )
     forecaster = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
-    forecaster.start_at(0.0, inputs.world.start_m, 0.0)
+    forecaster.start_at(0.0, inputs.world.start_m)
     return forecaster
 
 
@@ -483,7 +483,7 @@ class Expecting(TrackingPlanner):
         if read:
             forecaster.observe(o, self._computing_w)
         if read and o.time_s >= self._since_s and not self.seen:
-            forecaster.start_at(o.time_s, (o.x_m, o.y_m), 0.0)
+            forecaster.start_at(o.time_s, (o.x_m, o.y_m))
             self.solution = best_at(forecaster.candidate(forecaster.shares))
             forecaster.forecast(self.solution)
             forecaster.expect(self.solution)
@@ -512,7 +512,7 @@ def test_a_flight_that_goes_as_forecast_is_no_surprise():
     forecaster, shares = pilot.forecaster, pilot.forecaster.shares
     before = pilot.solution.candidate
     time_s = pilot.seen[-1][0]
-    forecaster.start_at(time_s, forecaster._position, 0.0)
+    forecaster.start_at(time_s, forecaster._position)
     after = forecaster.candidate(shares)
     more = (after.available - after.increments.base_use) - (before.available - before.increments.base_use)
     flown = best_at(before).allocation.use - before.increments.base_use  # of the computations, while it flew

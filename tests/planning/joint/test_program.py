@@ -445,7 +445,7 @@ def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
     forecaster = Forecaster(settings, replace(inputs.mission, max_motion_w=np.inf), settings.joint)
     forecaster.gate._state[MAX_MOTION_W] = 6000.0
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
-    forecaster.start_at(0.0, inputs.world.start_m, 6000.0)
+    forecaster.start_at(0.0, inputs.world.start_m, lambda: 6000.0)
     shorts = {share: best_at(forecaster.candidate((share,))).shortfall for share in (0.0, 0.3, 0.6, 1.0)}
     assert all(0 < short < np.inf for short in shorts.values())
     assert shorts[0.0] < shorts[1.0], "fewer laps are flown at the lowest path parameter"
