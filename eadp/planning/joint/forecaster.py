@@ -602,7 +602,8 @@ class Forecaster:
             # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
             excess_j = terms.beyond_w * float(load.times_s.sum())
             available = min(available, terms.increments.base_use) - excess_j * terms.soc_per_j
-        return Candidate(shares, self.route(shares).shape, terms.increments, available, ALIKE_STDS * ends.std)
+        shape, tolerance = self.route(shares).shape, ALIKE_STDS * ends.std
+        return Candidate(shares, shape, terms.increments, available, tolerance, not load.ends)
 
     def bound(self, shares: Shares) -> float:
         """The greatest value of the objective at shares, if the computations were the highest on the whole route.

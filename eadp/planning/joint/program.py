@@ -41,7 +41,7 @@ Bracket = tuple[tuple[float, float], ...]
 """How far below and above a climb starts to look along each path parameter: part of the way to the next place that is
 known to be no better."""
 
-COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 2e-5
+COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 1e-4
 """A scan: points over a set, maximum halvings towards edges of steps, and minimum bound of the gain of a step."""
 
 GRIDS, SEARCHED, MIN_STEP = {2: 11, 3: 5}, 3, 1e-3
@@ -77,7 +77,7 @@ class Candidate(NamedTuple):
     """The knapsack at given path parameters: increments and available state of charge.
 
     `shape` identifies the step that it lies on; `base_value` of the increments includes the path's value. Shortfalls
-    that differ by less than `tolerance` are equivalent.
+    that differ by less than `tolerance` are equivalent. `certain` is whether it is known where the flight ends.
     """
 
     shares: Shares
@@ -85,6 +85,7 @@ class Candidate(NamedTuple):
     increments: Increments
     available: float
     tolerance: float = 0.0
+    certain: bool = True
 
 
 class Solution(NamedTuple):
@@ -530,7 +531,9 @@ def _grid_search(
 class _Scan(NamedTuple):
     """Scans along one path parameter: over its set, then towards the edges of steps that could be better.
 
-    Branch and bound: points and cells whose bound is no better than the best known, or than `threshold`, are skipped.
+    Branch and bound: points and cells whose bound is no better than the best known, or than `threshold`, are skipped,
+    and so are points between two that are short of the charge of more than a lap: one lap more or less is what the time
+    varies by beside its trend.
     """
 
     evaluate: Callable[[Shares], Solution | None]
@@ -548,14 +551,31 @@ class _Scan(NamedTuple):
         bounds = [self.bound((*base[:axis], share, *base[axis + 1 :])) for share in points]
         cells = list(itertools.pairwise(range(len(points))))
         found: dict[int, Solution | None] = {}
+
+        def look(i: int) -> Solution | None:
+            nonlocal best
+            if i not in found:
+                found[i] = at(points[i])
+                best = _better(found[i], best)
+            return found[i]
+
+        last, skipped = len(points) - 1, set[int]()
+        feasible = [i for i in (points.index(base[axis]), 0, last) if _is_feasible(look(i))][:1]
+        for near, end in itertools.product(feasible, (0, last)):
+            far, low, high = end, _beyond_a_lap(look(near)), _beyond_a_lap(look(end))
+            while high > 0 and abs(far - near) > 1:
+                step = round(low / (low - high) * abs(far - near))
+                middle = near + min(max(step, 1), abs(far - near) - 1) * (1 if far > near else -1)
+                short = _beyond_a_lap(look(middle))
+                near, low, far, high = (near, low, middle, short) if short > 0 else (middle, short, far, high)
+            skipped.update(range(min(far, end) + 1, max(far, end)))
         # the cells that promise most come first: what they hold rules others out
         for cell in sorted(cells, key=lambda cell: -max(bounds[i] for i in cell)):
             if max(bounds[i] for i in cell) <= self._limit(best):
                 break
             for i in cell:
-                if i not in found:
-                    found[i] = at(points[i])
-                    best = _better(found[i], best)
+                if i not in skipped:
+                    look(i)
         if best is None:
             return None
         looked = [((points[i], found[i]), (points[j], found[j])) for i, j in cells if i in found and j in found]
@@ -563,6 +583,8 @@ class _Scan(NamedTuple):
             abs(b.value - a.value) / (high - low)
             for (low, a), (high, b) in looked
             if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
+            # across an uncertain end the value falls as between steps
+            if a.candidate.certain and b.candidate.certain
         ]
         slope = max(rises, default=1.0)
         queue = [
@@ -593,6 +615,18 @@ class _Scan(NamedTuple):
 
 
 _Point = tuple[float, Solution | None]
+
+
+def _is_feasible(at: Solution | None) -> bool:
+    return at is not None and at.allocation.feasible
+
+
+def _beyond_a_lap(at: Solution | None) -> float:
+    """Charge that a place is short of, less that of a lap: a visit of each of its stages."""
+    if at is None:
+        return -MIN_REACH
+    shape, use = at.candidate.shape, at.candidate.increments.base_use
+    return use - at.candidate.available - use * len(set(shape)) / max(len(shape), 1)
 
 
 def _alike(a: Solution, b: Solution) -> bool:
