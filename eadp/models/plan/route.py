@@ -7,9 +7,8 @@ laps, not a straight line between two constants.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,17 +19,15 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
+from eadp.models.plan.leg_ends import end_on
 from eadp.models.plan.leg_table import LegTable, leg_times_s
-from eadp.models.plan.legs import Leg, first_beyond_m
+from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Stage
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0
 """Clearance of the end beyond which a lap is certainly the last, at least [m]."""
-
-CLEARANCE_STEP_M = 0.05
-"""Accuracy of an uncertain end's clearance [m]."""
 
 
 class UncertainEnd(NamedTuple):
@@ -268,36 +265,14 @@ def _cut_at_end(
 
     An end that is uncertain is appended to `ends`, with the leg's `number`.
     """
-    over_m = partial(first_beyond_m, leg, end.final_m, end.shift_m, plan.final_radius_m)
-    certain_m = over_m(-margin_m)
-    if certain_m is None and margin_m > 0:
-        # the stage ends where its trigger fires: the next one passes what lies beyond
-        clearance_m = _clearance_m(over_m, margin_m, leg.length_m - plan.radius_m(leg.stage))
-        if clearance_m is not None and all(before.clearance_m < clearance_m for before in ends):
-            flown_m = over_m(max(0.0, -clearance_m))
-            assert flown_m is not None
-            ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
-    if certain_m is None:
-        return None
-    flown_m = over_m(0.0) if margin_m > 0 else certain_m
-    assert flown_m is not None
-    return leg._replace(flown_m=flown_m)
-
-
-def _clearance_m(over_m: Callable[[float], float | None], margin_m: float, length_m: float) -> float | None:
-    """Greatest clearance within ±`margin_m` at which the plan ends on `length_m` of a leg [m], from below."""
-
-    def ends(clearance_m: float) -> bool:
-        flown_m = over_m(-clearance_m)
-        return flown_m is not None and flown_m <= length_m
-
-    low, high = -margin_m, margin_m
-    if not ends(low):
-        return None
-    while high - low > CLEARANCE_STEP_M:
-        middle = (low + high) / 2
-        low, high = (middle, high) if ends(middle) else (low, middle)
-    return low
+    # the stage ends where its trigger fires: the next one passes what lies beyond
+    reach_m = leg.length_m - plan.radius_m(leg.stage)
+    flown_m, clearance_m = end_on(leg, end.final_m, end.shift_m, plan.final_radius_m, margin_m, reach_m)
+    if clearance_m == math.inf:
+        return leg._replace(flown_m=flown_m)
+    if clearance_m > -math.inf and all(before.clearance_m < clearance_m for before in ends):
+        ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
+    return None
 
 
 def _grid(point: Point) -> tuple[int, int]:

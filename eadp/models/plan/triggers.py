@@ -7,7 +7,7 @@ inner loop of a simulated flight.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, MutableSequence
+from collections.abc import MutableSequence
 
 from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of, curve_length_m, line_of, project, tangent
@@ -65,7 +65,7 @@ def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress 
     elif w[FIRES_IN] == BOX:
         fires = abs(dx) <= w[RADIUS] and abs(dy) <= w[RADIUS]
     events = FIRED if fires else 0
-    if w[ENDS] != 0.0 and _is_beyond(x - w[FINAL_X], y - w[FINAL_Y], w[SIDE_X], w[SIDE_Y], w[ACROSS]):
+    if w[ENDS] != 0.0 and is_beyond(x - w[FINAL_X], y - w[FINAL_Y], w[SIDE_X], w[SIDE_Y], w[ACROSS]):
         events += ENDED
     return events
 
@@ -90,20 +90,16 @@ def _turned(w: MutableSequence[float], x: float, y: float) -> None:
     w[REACH_SQUARED] = (dx * dx + dy * dy) * share * share
 
 
-def _is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
+def is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
+    """Whether a position is strictly beyond the final point along the shift, of sides `sx` and `sy`, and within the
+    radius across it [m]."""
     in_x = dx * sx > 0 if sx != 0.0 else abs(dx) <= radius
     in_y = dy * sy > 0 if sy != 0.0 else abs(dy) <= radius
     return in_x and in_y
 
 
-WATCHING = (watched, _turned, _is_beyond)
+WATCHING = (watched, _turned, is_beyond)
 """`watched` and what it calls, to be compiled together."""
-
-
-def beyond(final: Point, shift: Point, radius: float) -> Callable[[float, float], bool]:
-    """A test whether a position is strictly beyond the final point along the shift, and within the radius across it."""
-    (fx, fy), (sx, sy) = final, _signs(shift)
-    return lambda x, y: _is_beyond(x - fx, y - fy, sx, sy, radius)
 
 
 def _signs(shift: Point) -> Point:

@@ -188,9 +188,7 @@ class JointPlanner(TrackingPlanner):
         forecaster, report = self._forecaster, self.report
         self._holds_until_s = o.time_s  # nothing holds where the plan cannot be flown
         estimator = self._estimator
-        forecaster.start_at(
-            o.time_s, (o.x_m, o.y_m), (lambda: ripple_w(estimator.state_w)) if self.period_s else None
-        )
+        forecaster.start_at(o.time_s, (o.x_m, o.y_m), (lambda: ripple_w(estimator.state_w)) if self.period_s else None)
         calls, started = report.calls, time.perf_counter()
         try:
             start, searched, moved = self._solve(cause)

@@ -562,12 +562,12 @@ class _Scan(NamedTuple):
         last, skipped = len(points) - 1, set[int]()
         feasible = [i for i in (points.index(base[axis]), 0, last) if _is_feasible(look(i))][:1]
         for near, end in itertools.product(feasible, (0, last)):
-            far, low, high = end, _beyond_a_lap(look(near)), _beyond_a_lap(look(end))
-            while high > 0 and abs(far - near) > 1:
-                step = round(low / (low - high) * abs(far - near))
-                middle = near + min(max(step, 1), abs(far - near) - 1) * (1 if far > near else -1)
-                short = _beyond_a_lap(look(middle))
-                near, low, far, high = (near, low, middle, short) if short > 0 else (middle, short, far, high)
+            far, at_near, at_far = end, _beyond_a_lap(look(near)), _beyond_a_lap(look(end))
+            while at_far > 0 and abs(far - near) > 1:
+                steps = round(at_near / (at_near - at_far) * abs(far - near))
+                i = near + min(max(steps, 1), abs(far - near) - 1) * (1 if far > near else -1)
+                short = _beyond_a_lap(look(i))
+                near, at_near, far, at_far = (near, at_near, i, short) if short > 0 else (i, short, far, at_far)
             skipped.update(range(min(far, end) + 1, max(far, end)))
         # the cells that promise most come first: what they hold rules others out
         for cell in sorted(cells, key=lambda cell: -max(bounds[i] for i in cell)):

@@ -28,8 +28,9 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.leg_ends import beyond_m, leg_numbers
 from eadp.models.plan.leg_table import LegTable
-from eadp.models.plan.legs import Leg, first_beyond_m, left_m, leg_points
+from eadp.models.plan.legs import Leg, left_m, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.plan.trace import default_start, nominal_legs
@@ -638,6 +639,12 @@ def a_leg(path, begin, trigger, rotation=90):
     plan = plan_of(f"0.1; {rotation}; {path}\n{trigger[0]!r}, {trigger[1]!r}\n")
     follower = Tracked(plan, (), begin)
     return follower.route(()).legs[0]
+
+
+def first_beyond_m(leg, final, shift, radius, slack_m=0.0):
+    """How far along a leg a plan is over; None where it is not."""
+    found = beyond_m(*leg_numbers(leg), final, shift, radius, slack_m)
+    return found if found < math.inf else None
 
 
 @pytest.mark.parametrize("seed", range(40))
