@@ -174,9 +174,14 @@ class MotionPower:
 
     def energy_variance_j2(self, seconds: float, bank_s: float) -> float:
         """Predictive variance of the energy over a time [s] with ∫ tan² φ dt [s]."""
+        aa, ab, bb, noise = self.variances
+        return seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb + noise * seconds
+
+    @property
+    def variances(self) -> tuple[float, float, float, float]:
+        """Covariance of a and b: aa, ab, bb; and the variance of the energy per second beside [J²/s]."""
         aa, ab, bb = self._state[LEVEL_W + 2 :]
-        squares = seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb
-        return squares + self._state[WINDOW_NOISE] * seconds
+        return aa, ab, bb, self._state[WINDOW_NOISE]
 
 
 ENERGY_J, SECONDS, SUMS, WINDOWS, WINDOW_NOISE, LEVEL_W, SLOPE_W = 0, 1, 2, 8, 9, 10, 11
@@ -217,7 +222,7 @@ class ChargeFilter:
         charge = [math.nan, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope, 0.0, 0.0, 0.0, 0.0, 0.0]
         gauge = [math.nan, math.nan, 0.0, 1.0, 1.0, GAUGE_QUANTUM, 0.0, 1.0, 0.0, math.nan, 0.0]
         self._state: list[float] = [*charge, 0.0, 0.0, 0.0, 0.0, *gauge, math.nan, 0.0, *charge]
-        self._known: _Charge | None = None
+        self._known: Charge | None = None
 
     @property
     def soc(self) -> float:
@@ -230,10 +235,10 @@ class ChargeFilter:
         return self._now[3]
 
     @property
-    def _now(self) -> _Charge:
+    def _now(self) -> Charge:
         """The charge after the drain since the last reading that said something."""
         if self._known is None:
-            self._known = _drained(_charge_of(self._state, 0), self._state[DRAINED])
+            self._known = after_drain(_charge_of(self._state, 0), self._state[DRAINED])
         return self._known
 
     @property
@@ -253,15 +258,26 @@ class ChargeFilter:
 
         Source: b ← b − κ d − ½ s d².
         """
-        now = self._now
-        now = (*now[:2], max(now[2], self._min_slope), *now[3:])
-        then = _drained(now, drain)
+        now = self.ahead
+        then = after_drain(now, drain)
         return now[0] - then[0], then[3]
+
+    @property
+    def ahead(self) -> Charge:
+        """The state that `use` starts from."""
+        now = self._now
+        return (*now[:2], max(now[2], self._min_slope), *now[3:])
 
     def gain_std(self, soc: float) -> float:
         """Standard deviation of b at a reading, as a gauge that is not exact counts too much or too little."""
+        gain_std, first_soc = self.gauge_gain
+        return gain_std * max(first_soc - soc, 0.0)
+
+    @property
+    def gauge_gain(self) -> tuple[float, float]:
+        """Standard deviation of the gauge's gain, and the charge from which on it counts; 0 for an exact gauge."""
         state = self._state
-        return 0.0 if state[NOISE] < EXACT_GAUGE else GAUGE_GAIN_STD * max(state[FIRST] - soc, 0.0)
+        return (0.0, 0.0) if state[NOISE] < EXACT_GAUGE else (GAUGE_GAIN_STD, state[FIRST])
 
     def observe(self, reading: float, drained: float, *, measured: bool = True) -> bool:
         """Take a reading, with the charge drained since the last by prediction; return whether some was lost.
@@ -296,7 +312,7 @@ class ChargeFilter:
         observe = jitted(
             _observe_charges,
             drain_per_s,
-            *(_observe_charge, _taken, _see_steps, _check, _charge_of, _put_charge, _drained, _corrected),
+            *(_observe_charge, _taken, _see_steps, _check, _charge_of, _put_charge, after_drain, _corrected),
         )
         found: tuple[bool, float]
         self._known = None
@@ -311,14 +327,14 @@ class ChargeFilter:
 CHARGES, OFFSET = 14, 9
 DRAINED, UNMEASURED_DRAIN, TOTAL_DRAIN, NOISE, LAST, FIRST, OUTLIERS, COUNT, READINGS = range(CHARGES, 23)
 QUANTUM, LOST, BELIEVED, RISES, STEP, FULL, CHECKED_READING, CHECKED_TOTAL, CHECKED = range(23, 32)
-"""State of `ChargeFilter` after its `CHARGES` numbers of `_Charge`, o the first at `OFFSET`: drain since they hold, the
+"""State of `ChargeFilter` after its `CHARGES` numbers of `Charge`, o the first at `OFFSET`: drain since they hold, the
 part of it whose power was not measured, and that of the flight; variance of the gauge; last and first reading; outliers
 in a row; readings that were another than the last, and all; resolution, at least; charge lost; whether the gauge is
 believed, and rose; its step, 0 for none; whether a full battery was its start; reading, drain and charge at the last
 check."""
 
 Cell = tuple[float, float, float, float]
-_Charge = tuple[float, ...]
+Charge = tuple[float, ...]
 """b, κ, s; their covariances bb, bκ, bs, κκ, κs, ss; o, and its covariances bo, κo, so, oo."""
 
 
@@ -412,7 +428,7 @@ def _observe_charges(
             power_w = powers_w[i]
         drained = 0.0
         if not math.isnan(s[LAST]):
-            soc = _drained(_charge_of(s, 0), s[DRAINED])[0]
+            soc = after_drain(_charge_of(s, 0), s[DRAINED])[0]
             volts = empty_v + rise_v * min(max(soc, 0.0), 1.0)
             drained = drain_per_s(power_w, volts, resistance_ohm, per_as) * steps_s[i]
         if _observe_charge(s, charges[i], drained, measured and steps_s[i] <= longest_s):
@@ -446,7 +462,7 @@ def _taken(s: State, reading: float, fell: float, drained: float) -> bool:
     since, exact = s[DRAINED], s[NOISE] < EXACT_GAUGE
     if fell != 0.0:
         _see_steps(s, fell, drained)
-    b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = _drained(_charge_of(s, 0), since)
+    b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = after_drain(_charge_of(s, 0), since)
     bb += (UNMEASURED * s[UNMEASURED_DRAIN]) ** 2
     # a variance of b is at or above that of the mean of the first readings
     if s[COUNT] <= FIRST_READINGS and s[FULL] == 0.0:
@@ -511,29 +527,29 @@ def _check(s: State, reading: float) -> None:
     falls = MIN_FALL * expected <= fell
     if s[BELIEVED] > 0 and not falls:
         s[BELIEVED], s[RISES] = 0.0, 1.0 if fell < 0 else 0.0
-        _put_charge(s, 0, _drained(_charge_of(s, CHECKED), drain))
+        _put_charge(s, 0, after_drain(_charge_of(s, CHECKED), drain))
         s[DRAINED] = 0.0
     elif falls and fell <= expected / MIN_FALL:
-        now = _drained(_charge_of(s, 0), s[DRAINED])
+        now = after_drain(_charge_of(s, 0), s[DRAINED])
         far = max(CHECKED_QUANTA * s[QUANTUM], JUMP_STDS * math.sqrt(now[3]))
         if reading <= now[0] + far:
             s[BELIEVED] = 1.0
-    _put_charge(s, CHECKED, _drained(_charge_of(s, 0), s[DRAINED]))
+    _put_charge(s, CHECKED, after_drain(_charge_of(s, 0), s[DRAINED]))
     s[CHECKED_READING], s[CHECKED_TOTAL] = reading, s[TOTAL_DRAIN]
 
 
-def _charge_of(s: State, at: int) -> _Charge:
+def _charge_of(s: State, at: int) -> Charge:
     b, ratio, slope, bb, bk, bs, kk = s[at], s[at + 1], s[at + 2], s[at + 3], s[at + 4], s[at + 5], s[at + 6]
     ks, ss, offset, bo, ko, so, oo = s[at + 7], s[at + 8], s[at + 9], s[at + 10], s[at + 11], s[at + 12], s[at + 13]
     return b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo
 
 
-def _put_charge(s: State, at: int, charge: _Charge) -> None:
+def _put_charge(s: State, at: int, charge: Charge) -> None:
     for i in range(CHARGES):
         s[at + i] = charge[i]
 
 
-def _drained(state: _Charge, d: float) -> _Charge:
+def after_drain(state: Charge, d: float) -> Charge:
     """The state after a predicted drain d."""
     b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = state
     h = d * d / 2
@@ -558,7 +574,7 @@ def _drained(state: _Charge, d: float) -> _Charge:
     )
 
 
-def _corrected(state: _Charge, error: float, noise: float) -> _Charge:
+def _corrected(state: Charge, error: float, noise: float) -> Charge:
     """The state after a reading of b − o that is off by `error`, of variance `noise`."""
     b, ratio, slope, bb, bk, bs, kk, ks, ss, offset, bo, ko, so, oo = state
     # H P with H = [1, 0, 0, −1]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import in_loops, jitted
+from eadp.core.compiled import enabled, in_loops, jitted
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
@@ -29,10 +29,11 @@ from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
-from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
+from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
-from eadp.planning.joint.program import Candidate, Shares, Solution
+from eadp.planning.joint.place_kernel import FEASIBLE, NO_ENDS, UNFLYABLE, UNKNOWN, Found, Now, find_place
+from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
 
@@ -254,6 +255,7 @@ class Forecaster:
         self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[list[float], list[float], list[float]] | None = None
+        self._now: tuple[Now, Charge, FloatArray, FloatArray] | None = None
         self._expected: _Expected | None = None
         self._time_s = self._stage_since_s = self._charge_s = self._located_s = 0.0
         self._last_s: float | None = None
@@ -550,7 +552,7 @@ class Forecaster:
         self._ask_ripple_w, self._ripple_w = ripple_w, 0.0 if ripple_w is None else math.inf
         self._evaluated.clear()
         self._left.clear()
-        self._ahead = None
+        self._ahead = self._now = None
 
     def terms(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad]:
         """Knapsack terms and load of the route at shares that `candidate` has evaluated."""
@@ -565,7 +567,7 @@ class Forecaster:
                 evaluated = self._on_route(route)
                 if self._ripple_w == math.inf and evaluated is not None and self._is_limited(evaluated[0]):
                     assert self._ask_ripple_w is not None
-                    self._ripple_w = self._ask_ripple_w()
+                    self._ripple_w, self._now = self._ask_ripple_w(), None
                     evaluated = self._on_route(route)
                 self._evaluated[shares] = evaluated
         return self._evaluated[shares]
@@ -604,6 +606,59 @@ class Forecaster:
             available = min(available, terms.increments.base_use) - excess_j * terms.soc_per_j
         shape, tolerance = self.route(shares).shape, ALIKE_STDS * ends.std
         return Candidate(shares, shape, terms.increments, available, tolerance, not load.ends)
+
+    def place(self, shares: Shares) -> Place | None:
+        """The candidate at shares in short; in compiled code at once, where the steps to it are not needed."""
+        if shares not in self._evaluated and self._climb is None and self.term_builder.is_quality and enabled():
+            route = self._route(shares)
+            if route is None or not len(route.order):
+                return None
+            kind, ends, value, use, available, std = self._found(route)
+            if kind == UNFLYABLE:
+                return None
+            if kind != UNKNOWN:
+                return Place(shares, route.shape, not ends, ALIKE_STDS * std, kind == FEASIBLE, value, use, available)
+        candidate = self.candidate(shares)
+        return None if candidate is None else place_of(candidate)
+
+    def _found(self, route: Route) -> Found:
+        """What the end of a route is, see `find_place`."""
+        builder = self.term_builder
+        envelopes = builder.envelopes(route.table)
+        if envelopes is None:
+            return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0
+        if self._now is None:
+            past_s, areas_s = self._flown.until(self._time_s)
+            self._now = self._common(), self._charge.ahead, np.array(past_s), np.array(areas_s)
+        now, charge, flown_s, flown_areas_s = self._now
+        nodes, first, airspeeds_mps, _, free, shares = route.table.rows
+        uncertain = np.array(route.ends, dtype=float) if route.ends else NO_ENDS
+        left, wind_variance = self._left_of_first(route, self.wind_mps), self._wind_share(route)
+        return find_place(
+            *(nodes, first, airspeeds_mps, free, shares, route.order, envelopes),
+            *(flown_s, flown_areas_s, builder.weights, self._plan.path_count),
+            uncertain,
+            now,
+            builder.cell,
+            charge,
+            left,
+            wind_variance,
+        )
+
+    def _common(self) -> Now:
+        """What all places of this forecast have in common."""
+        ratio, motion, own, battery = self._ratio, self._motion, self._own, self._mission.battery
+        empty_v, rise_v, *_ = self._cell
+        return Now(
+            *(self._speed, *self.wind_mps, ratio.ratio, ratio.variance, ratio.noise_s),
+            *(motion.level_w, motion.slope_w, *motion.variances),
+            *(self._ripple_w, min(self.gate.max_motion_w, self._mission.max_motion_w), self._computing_w),
+            *(self._navigation_std_m, PASSED_S * self._speed),
+            *(self.soc, self._settings.reserve_soc, empty_v + rise_v * min(max(self.soc, 0.0), 1.0)),
+            *(battery.drain_per_as, *self._charge.gauge_gain),
+            *(own.loss_rate_per_h / 3600, LOSS, LOSS_SQUARE),
+            *(own.reserve_probability, NormalDist().inv_cdf(own.reserve_probability)),
+        )
 
     def bound(self, shares: Shares) -> float:
         """The greatest value of the objective at shares, if the computations were the highest on the whole route.

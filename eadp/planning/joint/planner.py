@@ -291,6 +291,7 @@ class JointPlanner(TrackingPlanner):
                 threshold,
                 by_blocks=forecaster.by_blocks,
                 bound=forecaster.bound,
+                place_at=forecaster.place,
             )
             if flown is not None and (not best.allocation.feasible or best.value <= threshold):
                 best = flown

@@ -88,6 +88,34 @@ class Candidate(NamedTuple):
     certain: bool = True
 
 
+class Place(NamedTuple):
+    """A candidate in short, with its computations in closed form: what a scan compares.
+
+    Attributes
+    ----------
+    shares, shape, certain, tolerance
+        As of `Candidate`.
+    feasible : bool
+        Whether the charge suffices for the configurations of minimum power.
+    value, use, available : float
+        The objective, the use of charge at minimum power, and the charge that may be used.
+    """
+
+    shares: Shares
+    shape: tuple[int, ...]
+    certain: bool
+    tolerance: float
+    feasible: bool
+    value: float
+    use: float
+    available: float
+
+    @property
+    def shortfall(self) -> float:
+        """State of charge missing for the configurations of minimum power; 0 where it suffices."""
+        return max(0.0, self.use - self.available)
+
+
 class Solution(NamedTuple):
     """A solution of the program.
 
@@ -127,6 +155,9 @@ class Solution(NamedTuple):
 CandidateAt = Callable[[Shares], Candidate | None]
 """Candidate at path parameters; None where the plan cannot be flown at them."""
 
+PlaceAt = Callable[[Shares], Place | None]
+"""The same in short."""
+
 Bound = Callable[[Shares], float]
 """Value that no computations exceed at path parameters. Between two values of one parameter it is at most the greater
 of theirs."""
@@ -144,6 +175,13 @@ def best_at(candidate: Candidate) -> Solution:
     """The optimal computations at given path parameters, in closed form."""
     allocation = fill_greedy(candidate.increments, candidate.available)
     return Solution(candidate, allocation, CLOSED_FORM if allocation.feasible else INFEASIBLE)
+
+
+def place_of(candidate: Candidate) -> Place:
+    """A candidate in short."""
+    shares, shape, increments, available, tolerance, certain = candidate
+    found = fill_greedy(increments, available)
+    return Place(shares, shape, certain, tolerance, found.feasible, found.value, increments.base_use, available)
 
 
 class _Allocated(NamedTuple):
@@ -197,6 +235,7 @@ class MissionProgram:
         *,
         by_blocks: bool = False,
         bound: Bound = _unbounded,
+        place_at: PlaceAt | None = None,
     ) -> Solution:
         """The best point of the scan, with computations in closed form.
 
@@ -211,18 +250,23 @@ class MissionProgram:
             Whether the shares are of one parameter by blocks: first one value for all is sought, then each alone.
         bound : function, optional
             Places whose bound is no better than what is known are not looked at.
+        place_at : function, optional
+            Gives places in short; default: by `candidate_at`.
 
         Raises
         ------
         Infeasible
             If the plan cannot be flown at any path parameters that were tried.
         """
-        known: dict[Shares, Solution | None] = {}
+        known: dict[Shares, Place | None] = {}
 
-        def evaluate(shares: Shares) -> Solution | None:
+        def evaluate(shares: Shares) -> Place | None:
             if shares not in known:
-                candidate = candidate_at(shares)
-                known[shares] = None if candidate is None else best_at(candidate)
+                if place_at is not None:
+                    known[shares] = place_at(shares)
+                else:
+                    candidate = candidate_at(shares)
+                    known[shares] = None if candidate is None else place_of(candidate)
             return known[shares]
 
         best, scan = _better(evaluate(warm), None), _Scan(evaluate, bound, threshold)
@@ -243,13 +287,14 @@ class MissionProgram:
                     best = scan.best(best, warm, axis)
         if best is None:
             raise Infeasible("the plan cannot be flown at any path parameters")
-        if self.dimensions and self.dimensions not in GRIDS:
-            best = best._replace(bracket=_bracket(best.candidate.shares, known))
-        if not best.allocation.feasible:
-            enough = best.shortfall + best.candidate.tolerance
-            as_good = [solution for solution in known.values() if solution is not None and solution.shortfall <= enough]
-            return max(as_good, key=lambda solution: solution.value) if math.isfinite(enough) else best
-        return best
+        enough = best.shortfall + best.tolerance
+        if not best.feasible and math.isfinite(enough):
+            as_good = [place for place in known.values() if place is not None and place.shortfall <= enough]
+            best = max(as_good, key=lambda place: place.value)
+        candidate = candidate_at(best.shares)
+        assert candidate is not None
+        bracket = _bracket(best.shares, known) if self.dimensions and self.dimensions not in GRIDS else ()
+        return best_at(candidate)._replace(bracket=bracket)
 
     def price(self, solution: Solution) -> float:
         """Value per charge of a little more charge in a solution: its multiplier; 0 where some is left over."""
@@ -480,20 +525,18 @@ def _bracket(shares: Shares, known: Iterable[Shares]) -> Bracket:
     return tuple([(below, above) for below, above in bracket])
 
 
-def _better(new: Solution | None, old: Solution | None) -> Solution | None:
+def _better(new: Place | None, old: Place | None) -> Place | None:
     """The better of two: the feasible one, then the greater value; of two infeasible ones the smaller shortfall."""
     if new is None or old is None:
         return old if new is None else new
-    if new.allocation.feasible != old.allocation.feasible:
-        return new if new.allocation.feasible else old
-    if not new.allocation.feasible:
+    if new.feasible != old.feasible:
+        return new if new.feasible else old
+    if not new.feasible:
         return new if new.shortfall < old.shortfall else old
     return new if new.value > old.value else old
 
 
-def _grid_search(
-    evaluate: Callable[[Shares], Solution | None], best: Solution | None, dimensions: int
-) -> Solution | None:
+def _grid_search(evaluate: PlaceAt, best: Place | None, dimensions: int) -> Place | None:
     """The best of a grid over all path parameters, and of pattern searches from its best points.
 
     Parameters that compete for charge have their optimum along an edge that no search by a single one follows.
@@ -502,27 +545,20 @@ def _grid_search(
     """
     points = np.linspace(0.0, 1.0, GRIDS[dimensions]).tolist()
     found = [
-        solution
-        for shares in itertools.product(points, repeat=dimensions)
-        if (solution := evaluate(shares)) is not None
+        place for shares in itertools.product(points, repeat=dimensions) if (place := evaluate(shares)) is not None
     ]
     if best is not None:
         found.append(best)
-    found.sort(
-        key=lambda solution: (
-            solution.allocation.feasible,
-            solution.value if solution.allocation.feasible else -solution.shortfall,
-        )
-    )
+    found.sort(key=lambda place: (place.feasible, place.value if place.feasible else -place.shortfall))
     for start in found[-SEARCHED:]:
         own = start
         step = 0.5 / (GRIDS[dimensions] - 1)
-        while own.allocation.feasible and step > MIN_STEP:
-            centre = own.candidate.shares
+        while own.feasible and step > MIN_STEP:
+            centre = own.shares
             for moves in itertools.product((-step, 0.0, step), repeat=dimensions):
                 there = tuple(min(1.0, max(0.0, c + move)) for c, move in zip(centre, moves, strict=True))
                 own = _better(evaluate(there), own) or own
-            if own.candidate.shares == centre:
+            if own.shares == centre:
                 step /= 2
         best = _better(own, best)
     return best
@@ -536,23 +572,23 @@ class _Scan(NamedTuple):
     varies by beside its trend.
     """
 
-    evaluate: Callable[[Shares], Solution | None]
+    evaluate: PlaceAt
     bound: Bound
     threshold: float
 
-    def best(self, best: Solution | None, warm: Shares, axis: int) -> Solution | None:
-        """The better of a solution and the best along one parameter through it, or through `warm`."""
-        base = best.candidate.shares if best is not None else warm
+    def best(self, best: Place | None, warm: Shares, axis: int) -> Place | None:
+        """The better of a place and the best along one parameter through it, or through `warm`."""
+        base = best.shares if best is not None else warm
 
-        def at(share: float) -> Solution | None:
+        def at(share: float) -> Place | None:
             return self.evaluate((*base[:axis], share, *base[axis + 1 :]))
 
         points = sorted({*np.linspace(0.0, 1.0, COARSE).tolist(), base[axis]})
         bounds = [self.bound((*base[:axis], share, *base[axis + 1 :])) for share in points]
         cells = list(itertools.pairwise(range(len(points))))
-        found: dict[int, Solution | None] = {}
+        found: dict[int, Place | None] = {}
 
-        def look(i: int) -> Solution | None:
+        def look(i: int) -> Place | None:
             nonlocal best
             if i not in found:
                 found[i] = at(points[i])
@@ -582,9 +618,8 @@ class _Scan(NamedTuple):
         rises = [
             abs(b.value - a.value) / (high - low)
             for (low, a), (high, b) in looked
-            if a is not None and b is not None and _alike(a, b) and a.allocation.feasible
             # across an uncertain end the value falls as between steps
-            if a.candidate.certain and b.candidate.certain
+            if a is not None and b is not None and _alike(a, b) and a.feasible and a.certain and b.certain
         ]
         slope = max(rises, default=1.0)
         queue = [
@@ -607,31 +642,30 @@ class _Scan(NamedTuple):
                     heapq.heappush(queue, entry)
         return best
 
-    def _limit(self, best: Solution | None) -> float:
+    def _limit(self, best: Place | None) -> float:
         """Value that a place has to exceed to be looked at."""
-        if best is None or not best.allocation.feasible:
+        if best is None or not best.feasible:
             return -math.inf
         return max(best.value, self.threshold)
 
 
-_Point = tuple[float, Solution | None]
+_Point = tuple[float, Place | None]
 
 
-def _is_feasible(at: Solution | None) -> bool:
-    return at is not None and at.allocation.feasible
+def _is_feasible(at: Place | None) -> bool:
+    return at is not None and at.feasible
 
 
-def _beyond_a_lap(at: Solution | None) -> float:
+def _beyond_a_lap(at: Place | None) -> float:
     """Charge that a place is short of, less that of a lap: a visit of each of its stages."""
     if at is None:
         return -MIN_REACH
-    shape, use = at.candidate.shape, at.candidate.increments.base_use
-    return use - at.candidate.available - use * len(set(shape)) / max(len(shape), 1)
+    return at.use - at.available - at.use * len(set(at.shape)) / max(len(at.shape), 1)
 
 
-def _alike(a: Solution, b: Solution) -> bool:
-    """Whether two solutions lie on one step, both feasible or both not."""
-    return a.candidate.shape == b.candidate.shape and a.allocation.feasible == b.allocation.feasible
+def _alike(a: Place, b: Place) -> bool:
+    """Whether two places lie on one step, both feasible or both not."""
+    return a.shape == b.shape and a.feasible == b.feasible
 
 
 def _broken(low: _Point, high: _Point) -> bool:
@@ -644,5 +678,5 @@ def _broken(low: _Point, high: _Point) -> bool:
 
 def _upper_bound(low: _Point, high: _Point, slope: float) -> float:
     """Upper bound of the value between two points, if no step is steeper than those evaluated."""
-    values = [solution.value for _, solution in (low, high) if solution is not None and solution.allocation.feasible]
+    values = [place.value for _, place in (low, high) if place is not None and place.feasible]
     return max(values, default=-math.inf) + slope * (high[0] - low[0])

@@ -23,6 +23,7 @@ from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
 from eadp.planning.joint import kernels
 from eadp.planning.joint.kernels import DELIVERABLE, AllIncrements, Cell, Limits
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
+from eadp.planning.joint.place_kernel import Envelopes
 from eadp.planning.joint.settings import JointSettings
 
 QUALITY, TOTAL = "quality", "total"
@@ -159,6 +160,8 @@ class TermBuilder:
     ----------
     weights : array, shape (parameters,)
         Weight of each parameter in the objective.
+    cell : Cell
+        The battery.
     """
 
     def __init__(self, mission: Mission, settings: PlannerSettings, own: JointSettings) -> None:
@@ -171,13 +174,14 @@ class TermBuilder:
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
         self._envelopes: dict[object, ConcaveEnvelope] = {}
         self._rates: dict[tuple[float, ...], tuple[float, ...]] = {}
+        self._proportions: tuple[float, ...] | None = None
         self._joined: dict[object, _Joined] = {}
         self._scale_s = 0.0
         self._table: LegTable | None = None
         b = mission.battery
         empty_v = b.voltage_at(0.0)
         limits = b.power_per_soc_w, b.max_current_a, b.cutoff_voltage_v or 0.0
-        self._cell = (empty_v, b.voltage_at(1.0) - empty_v, b.resistance_ohm, b.drain_per_as, *limits)
+        self.cell: Cell = (empty_v, b.voltage_at(1.0) - empty_v, b.resistance_ohm, b.drain_per_as, *limits)
 
     def terms(self, route: Route, load: RouteLoad, past: FlownShares, soc: float, reserve_soc: float) -> KnapsackTerms:
         """The terms of a route.
@@ -195,7 +199,7 @@ class TermBuilder:
         relative, scale = self._relative(rates)
         joined = self._all(groups, relative)
         per_as = self._battery.drain_per_as * load.use_ratio
-        cell = (*self._cell[:3], per_as, *self._cell[4:])
+        cell = (*self.cell[:3], per_as, *self.cell[4:])
         # the reserve bounds the state of charge from below on the whole route
         limits, found, truncates, mean_w, mean_v = jitted(
             _limits_and_increments, kernels.power_limits, kernels.all_increments, drain_per_s, power_at, voltage_for
@@ -224,9 +228,31 @@ class TermBuilder:
 
     # --- kinds of segments
 
+    @property
+    def is_quality(self) -> bool:
+        """Whether the objective is U, without trade-offs."""
+        return self._objective == QUALITY and not self._trade_offs
+
+    def envelopes(self, table: LegTable) -> Envelopes | None:
+        """The envelopes of all configurations for the proportions of values seen last; None before any were."""
+        if self._proportions is None:
+            return None
+        self._group_rows(table)
+        joined, proportions = self._all(self._known, self._proportions), np.round(self._proportions, 4)
+        return Envelopes(self._of_row, self._extremes_w, joined.ends, joined.powers_w, joined.values, proportions)
+
     def _groups(self, route: Route) -> tuple[IntArray, list[_Group], FloatArray]:
         """Which group of configurations each leg of a route has; the groups, and their least and greatest power [W]."""
-        table = route.table
+        self._group_rows(route.table)
+        group_of = self._of_row[route.order]
+        if not self._trade_offs:
+            return group_of, self._known, self._extremes_w
+        # with trade-offs, each value of a path parameter has its own
+        used, group_of = np.unique(group_of, return_inverse=True)
+        return group_of, [self._known[number] for number in used.tolist()], self._extremes_w[used]
+
+    def _group_rows(self, table: LegTable) -> None:
+        """Find the group of every row that is in a table."""
         if table is not self._table:
             self._table, self._index, self._known = table, dict[object, int](), list[_Group]()
             self._joined.clear()
@@ -239,12 +265,6 @@ class TermBuilder:
             self._rows = rows
             if len(self._extremes_w) < len(self._known):
                 self._extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._known])
-        group_of = self._of_row[route.order]
-        if not self._trade_offs:
-            return group_of, self._known, self._extremes_w
-        # with trade-offs, each value of a path parameter has its own
-        used, group_of = np.unique(group_of, return_inverse=True)
-        return group_of, [self._known[number] for number in used.tolist()], self._extremes_w[used]
 
     def _group(self, sets: Sequence[Box], own: Vector) -> int:
         """The number of the group of a stage."""
@@ -259,7 +279,8 @@ class TermBuilder:
         scale = max(own, default=0.0)
         relative = tuple([rate / scale for rate in own] if scale > 0 else own)
         # rates that differ by less share their envelopes
-        return self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative), max(scale, 0.0)
+        self._proportions = self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative)
+        return self._proportions, max(scale, 0.0)
 
     def _all(self, groups: Sequence[_Group], relative: tuple[float, ...]) -> _Joined:
         """Envelopes of all configurations of groups."""

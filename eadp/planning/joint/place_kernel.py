@@ -1,0 +1,336 @@
+"""A place of a scan in one compiled function: what `Forecaster.candidate` and `place_of` find step by step.
+
+It computes the same: legs' times and powers, the terms of the knapsack, its optimum, and the final charge. Where the
+battery's power limits something it says so, and the steps are taken.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.compiled import jitted
+from eadp.core.flight.battery import drain_per_s, power_at, voltage_for
+from eadp.core.geometry.tracks import Nodes
+from eadp.models.plan.leg_table import leg_times_s
+from eadp.planning.estimation.regressions import Charge, after_drain
+from eadp.planning.joint.kernels import (
+    Cell,
+    all_increments,
+    limits_and_increments,
+    power_limits,
+    quality,
+    remaining_load,
+)
+from eadp.planning.joint.knapsack import FULL
+
+FEASIBLE, SHORT, UNFLYABLE, UNKNOWN = range(4)
+"""What is found: the charge suffices, or not; the wind is too strong; or the steps have to be taken, as the battery's
+power limits something, or the computations' values have other proportions."""
+
+MIN_STD, SAME_SOC = 1e-6, 1e-5
+"""Least standard deviation of a final charge, and accuracy of a quantile where there are several ends."""
+
+NO_ENDS = np.zeros((0, 4))
+
+Found = tuple[int, int, float, float, float, float]
+
+
+class Now(NamedTuple):
+    """What all places of a scan have in common.
+
+    Airspeed and wind [m/s]; ratio of measured to forecast times, its variance, and the noise of times [s²/s]; level and
+    slope of the motion's power [W], their covariance and the noise of its energy [J²/s], the ripple and the greatest
+    power [W]; power of the computations as forecast last [W]; standard deviation of how far the aircraft reaches [m],
+    and how far it may have passed an end [m]; state of charge, the reserve, and the voltage of now; drain per ampere
+    second [1/(A s)]; standard deviation of the gauge's gain and the charge of its first reading; loss per second, its
+    mean and its mean square; probability of the reserve and the normal quantile of it.
+    """
+
+    airspeed_mps: float
+    wind_x_mps: float
+    wind_y_mps: float
+    ratio: float
+    ratio_variance: float
+    noise_s: float
+    level_w: float
+    slope_w: float
+    level_variance: float
+    covariance: float
+    slope_variance: float
+    window_noise: float
+    ripple_w: float
+    max_w: float
+    computing_w: float
+    reach_std_m: float
+    passed_m: float
+    soc: float
+    reserve_soc: float
+    volts: float
+    drain_per_as: float
+    gain_std: float
+    first_soc: float
+    losses_per_s: float
+    loss: float
+    loss_square: float
+    probability: float
+    quantile: float
+
+
+class Envelopes(NamedTuple):
+    """The envelopes of all configurations, see `TermBuilder.envelopes`.
+
+    Group of each row of the leg table; least and greatest power of each group [W]; where the envelope of each ends,
+    powers [W] and relative values of all one after the other; and the proportions of the computations' values for which
+    they hold.
+    """
+
+    of_row: IntArray
+    extremes_w: FloatArray
+    ends: IntArray
+    powers_w: FloatArray
+    values: FloatArray
+    proportions: FloatArray
+
+
+def find_place(
+    nodes: Nodes,
+    first: IntArray,
+    airspeeds_mps: FloatArray,
+    free: FloatArray,
+    shares: FloatArray,
+    order: IntArray,
+    envelopes: Envelopes,
+    past_s: FloatArray,
+    past_areas_s: FloatArray,
+    weights: FloatArray,
+    path: int,
+    uncertain: FloatArray,
+    now: Now,
+    cell: Cell,
+    charge: Charge,
+    left: float,
+    wind_variance: float,
+) -> Found:
+    """What a place is, its number of uncertain ends, value, use of charge at minimum power, charge available, and
+    standard deviation of the final charge.
+
+    Parameters
+    ----------
+    nodes, first, airspeeds_mps, free, shares : arrays
+        As in `LegRows`.
+    order : array of int, shape (legs,)
+        Row of each leg.
+    envelopes : Envelopes
+    past_s, past_areas_s, weights : array, shape (parameters,)
+        As `FlownShares`, and weights of the objective.
+    path : int
+        Number of path parameters.
+    uncertain : array, shape (ends, 4)
+        Leg, distance flown to the end, clearance, and length of the leg [m] of each uncertain end.
+    now : Now
+    cell : Cell
+    charge : Charge
+        The state of charge, its use and slope of use.
+    left : float
+        Remaining share of the first leg.
+    wind_variance : float
+        Variance of the logarithm of the time due to the wind.
+    """
+    compiled = jitted(
+        _find_place,
+        *(leg_times_s, remaining_load, quality, limits_and_increments, power_limits, all_increments, drain_per_s),
+        *(power_at, voltage_for, after_drain, optimal_gain, level, probability_above),
+    )
+    found: Found = compiled(
+        *(nodes, first, airspeeds_mps, free, shares, order, envelopes, past_s, past_areas_s, weights, path),
+        *(uncertain, now, cell, charge, left, wind_variance),
+    )
+    return found
+
+
+def _find_place(
+    nodes: Nodes,
+    first: IntArray,
+    airspeeds_mps: FloatArray,
+    free: FloatArray,
+    shares: FloatArray,
+    order: IntArray,
+    envelopes: Envelopes,
+    past_s: FloatArray,
+    past_areas_s: FloatArray,
+    weights: FloatArray,
+    path: int,
+    uncertain: FloatArray,
+    now: Now,
+    cell: Cell,
+    charge: Charge,
+    left: float,
+    wind_variance: float,
+) -> Found:
+    wind_mps = now.wind_x_mps, now.wind_y_mps
+    level_w, slope_w, ripple_w, max_w = now.level_w, now.slope_w, now.ripple_w, now.max_w
+    times_s, motion_w, peak_w, total_s, bank_s, energy_j = remaining_load(
+        nodes,
+        first,
+        airspeeds_mps,
+        order,
+        now.airspeed_mps,
+        wind_mps,
+        left,
+        now.ratio,
+        level_w,
+        slope_w,
+        ripple_w,
+        max_w,
+    )
+    if not total_s < math.inf:
+        return UNFLYABLE, 0, 0.0, 0.0, 0.0, 0.0
+    count = len(order)
+    time_variance = total_s * total_s * (now.ratio_variance + wind_variance) + now.noise_s * total_s
+    squares = total_s * total_s * now.level_variance + 2 * total_s * bank_s * now.covariance
+    energy_variance = squares + bank_s * bank_s * now.slope_variance + now.window_noise * total_s
+    drain = drain_per_s(energy_j / total_s + now.computing_w, now.volts, cell[2], now.drain_per_as) * total_s
+    then = after_drain(charge, drain)
+    per_as = now.drain_per_as * ((charge[0] - then[0]) / max(drain, MIN_STD))
+
+    # uncertain ends: their probabilities, and what of the motion's energy and of each leg's time is not spent then
+    group_of = np.zeros(count, np.intp)
+    for i in range(count):
+        group_of[i] = envelopes.of_row[order[i]]
+    expected_s, ends = times_s.copy(), len(uncertain)
+    probabilities, unused_j = np.zeros(ends + 1), np.zeros(ends + 1)
+    known, reached_before = 1, 0.0
+    for end in range(ends):
+        leg, length_m = int(uncertain[end, 0]), uncertain[end, 3]
+        ahead_m = length_m * (left if leg == 0 else 1.0)
+        unflown_m = length_m - uncertain[end, 1]
+        if ahead_m - unflown_m < -now.passed_m:
+            continue
+        reached = 0.5 * (1.0 + math.erf(uncertain[end, 2] / (now.reach_std_m * math.sqrt(2.0))))
+        probabilities[known] = reached - reached_before
+        for i in range(leg, count):
+            unflown = min(1.0, unflown_m / max(ahead_m, MIN_STD)) if i == leg else 1.0
+            expected_s[i] -= probabilities[known] * unflown * times_s[i]
+            unused_j[known] += unflown * times_s[i] * (motion_w[i] + envelopes.extremes_w[group_of[i], 0])
+        known, reached_before = known + 1, reached
+    probabilities[0] = 1.0 - reached_before
+
+    rates, base_value = quality(free, shares, order, expected_s, past_s, past_areas_s, weights, path)
+    scale = 0.0
+    for k in range(path, len(rates)):
+        scale = max(scale, rates[k])
+    for k in range(path, len(rates)):
+        proportion = rates[k] / scale if scale > 0.0 else rates[k]
+        if round(proportion, 4) != envelopes.proportions[k - path]:
+            return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0
+    own_cell = cell[0], cell[1], cell[2], per_as, cell[4], cell[5], cell[6]
+    limits, increments, truncates, mean_w, mean_v = limits_and_increments(
+        times_s,
+        expected_s,
+        motion_w,
+        peak_w,
+        envelopes.extremes_w,
+        group_of,
+        now.soc,
+        min(now.reserve_soc, now.soc),
+        own_cell,
+        envelopes.ends,
+        envelopes.powers_w,
+        envelopes.values,
+        scale,
+    )
+    beyond, letter_soc, delivered_soc = limits[4], limits[5], limits[6]
+    limited = letter_soc > now.reserve_soc or delivered_soc > 0.0
+    if truncates or beyond > 0.0 or (ripple_w == math.inf and limited):
+        return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0
+    least_v = 0.1 * mean_v
+    soc_per_j = per_as / math.sqrt(max(mean_v * mean_v - 4 * cell[2] * mean_w, least_v * least_v))
+
+    # the final state of charge
+    end_soc = now.soc - now.losses_per_s * total_s * now.loss
+    gain_std = now.gain_std * max(now.first_soc - end_soc, 0.0)
+    variance = soc_per_j * soc_per_j * (energy_variance + mean_w * mean_w * time_variance)
+    variance += then[3] + gain_std * gain_std + now.losses_per_s * total_s * now.loss_square
+    std = math.sqrt(variance)
+    available = level(end_soc, soc_per_j, unused_j[:known], probabilities[:known], std, now.probability, now.quantile)
+    available -= max(now.reserve_soc, letter_soc, delivered_soc)
+
+    use, gain, base_use, own_value = increments[2], increments[3], increments[4], increments[5]
+    value, spare = base_value + own_value, available - base_use
+    if spare < -FULL:
+        return SHORT, known - 1, value, base_use, available, std
+    return FEASIBLE, known - 1, value + optimal_gain(use, gain, max(spare, 0.0)), base_use, available, std
+
+
+def level(
+    soc: float,
+    soc_per_j: float,
+    unused_j: FloatArray,
+    shares: FloatArray,
+    std: float,
+    probability: float,
+    quantile: float,
+) -> float:
+    """State of charge above which the final one is with a probability, as `FinalCharge.level`."""
+    low, high = math.inf, -math.inf
+    for energy_j in unused_j:
+        low, high = min(low, soc + soc_per_j * energy_j), max(high, soc + soc_per_j * energy_j)
+    low, high = low - quantile * std, high - quantile * std
+    while high - low > SAME_SOC:
+        middle = (low + high) / 2
+        if probability_above(middle, soc, soc_per_j, unused_j, shares, std) > probability:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def probability_above(
+    level_soc: float, soc: float, soc_per_j: float, unused_j: FloatArray, shares: FloatArray, std: float
+) -> float:
+    """Probability of a final state of charge above a level, as `FinalCharge.probability_above`."""
+    above, scale = 0.0, max(std, MIN_STD) * math.sqrt(2.0)
+    for n in range(len(shares)):
+        above += shares[n] * math.erfc((level_soc - soc - soc_per_j * unused_j[n]) / scale)
+    return above / 2
+
+
+def optimal_gain(use: FloatArray, gain: FloatArray, spare: float) -> float:
+    """Gain of the optimal filling of the fractional knapsack, without sorting it.
+
+    The increments are parted by the gain per charge of one of them, again and again, until the critical one is found.
+
+    Source: Balas and Zemel 1980.
+    """
+    left, total = use.copy(), 0.0
+    rest = gain.copy()
+    count = len(left)
+    while count > 0:
+        middle = count // 2
+        pivot = rest[middle] / left[middle] if left[middle] > 0.0 else math.inf
+        better_use = better_gain = alike_use = alike_gain = 0.0
+        for i in range(count):
+            efficiency = rest[i] / left[i] if left[i] > 0.0 else math.inf
+            if efficiency > pivot:
+                better_use, better_gain = better_use + left[i], better_gain + rest[i]
+            elif efficiency == pivot:
+                alike_use, alike_gain = alike_use + left[i], alike_gain + rest[i]
+        whole = better_use <= spare + FULL
+        if whole:
+            total, spare = total + better_gain, spare - better_use
+            if alike_use > spare + FULL:
+                return total + pivot * max(spare, 0.0)
+            total, spare = total + alike_gain, spare - alike_use
+        # go on with those that are worse, or with those that are better
+        kept = 0
+        for i in range(count):
+            efficiency = rest[i] / left[i] if left[i] > 0.0 else math.inf
+            if (efficiency < pivot) if whole else (efficiency > pivot):
+                left[kept], rest[kept] = left[i], rest[i]
+                kept += 1
+        count = kept
+    return total
