@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import jitted
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
@@ -113,7 +112,7 @@ class Route:
 
         Source: ∫ ds/v over each leg, v from the wind triangle.
         """
-        return jitted(leg_times_s)(*self.table.rows[:3], self.order, airspeed_mps, wind_mps)
+        return leg_times_s(*self.table.rows[:3], self.order, airspeed_mps, wind_mps)
 
     @property
     def free(self) -> FloatArray:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import enabled, in_loops, jitted
+from eadp.core.compiled import enabled
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
@@ -32,6 +32,7 @@ from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
+from eadp.planning.joint.kernels import MOTION, PEAK, TIMES
 from eadp.planning.joint.place_kernel import FEASIBLE, NO_ENDS, UNFLYABLE, UNKNOWN, Found, Now, find_place
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
@@ -255,7 +256,9 @@ class Forecaster:
         self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[list[float], list[float], list[float]] | None = None
-        self._now: tuple[Now, Charge, FloatArray, FloatArray] | None = None
+        self._now: tuple[Now, Charge, tuple[FloatArray, FloatArray]] | None = None
+        self._found: dict[Shares, Found | None] = {}
+        self._in_steps = False
         self._expected: _Expected | None = None
         self._time_s = self._stage_since_s = self._charge_s = self._located_s = 0.0
         self._last_s: float | None = None
@@ -485,6 +488,7 @@ class Forecaster:
         self._routes.clear()
         self._left.clear()
         self._evaluated.clear()
+        self._found.clear()
         self._expected = None
 
     def decide(self, parameters: Vector, shares: Shares) -> None:
@@ -551,8 +555,9 @@ class Forecaster:
         self._time_s, self._position = time_s, position
         self._ask_ripple_w, self._ripple_w = ripple_w, 0.0 if ripple_w is None else math.inf
         self._evaluated.clear()
+        self._found.clear()
         self._left.clear()
-        self._ahead = self._now = None
+        self._ahead, self._now, self._in_steps = None, None, False
 
     def terms(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad]:
         """Knapsack terms and load of the route at shares that `candidate` has evaluated."""
@@ -563,7 +568,10 @@ class Forecaster:
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
             route, self._evaluated[shares] = self._route(shares), None
-            if route is not None and len(route.order):
+            found = self._find(shares)
+            if found is not None and route is not None:
+                self._evaluated[shares] = self._evaluation(found, route)
+            elif route is not None and len(route.order):
                 evaluated = self._on_route(route)
                 if self._ripple_w == math.inf and evaluated is not None and self._is_limited(evaluated[0]):
                     assert self._ask_ripple_w is not None
@@ -594,6 +602,10 @@ class Forecaster:
         if evaluated is None:
             return None
         terms, load = evaluated
+        found = self._find(shares)
+        if found is not None:
+            n, shape = found.numbers, self.route(shares).shape
+            return Candidate(shares, shape, terms.increments, n.available, ALIKE_STDS * n.std, not n.ends)
         if load.ends and self._own.objective == TOTAL and shares != self.shares:
             return None
         # the computations' power matters where an end is uncertain
@@ -608,42 +620,56 @@ class Forecaster:
         return Candidate(shares, shape, terms.increments, available, tolerance, not load.ends)
 
     def place(self, shares: Shares) -> Place | None:
-        """The candidate at shares in short; in compiled code at once, where the steps to it are not needed."""
-        if shares not in self._evaluated and self._climb is None and self.term_builder.is_quality and enabled():
-            route = self._route(shares)
-            if route is None or not len(route.order):
-                return None
-            kind, ends, value, use, available, std = self._found(route)
-            if kind == UNFLYABLE:
-                return None
-            if kind != UNKNOWN:
-                return Place(shares, route.shape, not ends, ALIKE_STDS * std, kind == FEASIBLE, value, use, available)
-        candidate = self.candidate(shares)
-        return None if candidate is None else place_of(candidate)
+        """The candidate at shares in short."""
+        found = self._find(shares)
+        if found is None:
+            candidate = self.candidate(shares)
+            return None if candidate is None else place_of(candidate)
+        n = found.numbers
+        if n.kind == UNFLYABLE:
+            return None
+        shape, tolerance, feasible = self.route(shares).shape, ALIKE_STDS * n.std, n.kind == FEASIBLE
+        return Place(shares, shape, not n.ends, tolerance, feasible, n.value, n.use, n.available)
 
-    def _found(self, route: Route) -> Found:
-        """What the end of a route is, see `find_place`."""
+    def _find(self, shares: Shares) -> Found | None:
+        """What compiled code finds at shares; None where steps have to be taken."""
+        if self._climb is not None or not enabled() or not self.term_builder.is_quality:
+            return None
+        if shares not in self._found:
+            route, self._found[shares] = self._route(shares), None
+            if route is not None and len(route.order) and not self._in_steps:
+                found = self._found_on(route)
+                # what cannot be found here mostly cannot be at other shares
+                self._in_steps = found.numbers.kind == UNKNOWN
+                self._found[shares] = None if self._in_steps else found
+        return self._found[shares]
+
+    def _found_on(self, route: Route) -> Found:
+        """What compiled code finds on a route."""
         builder = self.term_builder
-        envelopes = builder.envelopes(route.table)
-        if envelopes is None:
-            return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0
         if self._now is None:
-            past_s, areas_s = self._flown.until(self._time_s)
-            self._now = self._common(), self._charge.ahead, np.array(past_s), np.array(areas_s)
-        now, charge, flown_s, flown_areas_s = self._now
-        nodes, first, airspeeds_mps, _, free, shares = route.table.rows
-        uncertain = np.array(route.ends, dtype=float) if route.ends else NO_ENDS
-        left, wind_variance = self._left_of_first(route, self.wind_mps), self._wind_share(route)
+            flown_s, areas_s = self._flown.until(self._time_s)
+            self._now = self._common(), self._charge.ahead, (np.array(flown_s), np.array(areas_s))
+        now, charge, past = self._now
         return find_place(
-            *(nodes, first, airspeeds_mps, free, shares, route.order, envelopes),
-            *(flown_s, flown_areas_s, builder.weights, self._plan.path_count),
-            uncertain,
+            *(route.table.rows, route.order, *builder.envelopes(route), past, builder.weights, self._plan.path_count),
+            np.array(route.ends, dtype=float) if route.ends else NO_ENDS,
             now,
             builder.cell,
             charge,
-            left,
-            wind_variance,
+            self._left_of_first(route, self.wind_mps),
+            self._wind_share(route),
         )
+
+    def _evaluation(self, found: Found, route: Route) -> tuple[KnapsackTerms, RouteLoad] | None:
+        """Terms and load of a route that compiled code has found; None where it cannot be flown in this wind."""
+        n, legs = found.numbers, found.legs
+        if n.kind == UNFLYABLE:
+            return None
+        ends = self._ends(route, self._left_of_first(route, self.wind_mps))
+        stds = math.sqrt(n.time_variance), math.sqrt(n.energy_variance)
+        load = RouteLoad(legs[TIMES], legs[MOTION], legs[PEAK], *stds, n.use_ratio, math.sqrt(n.charge_variance), ends)
+        return self.term_builder.terms_of(found), load
 
     def _common(self) -> Now:
         """What all places of this forecast have in common."""
@@ -805,7 +831,7 @@ class Forecaster:
         wind, motion = self.wind_mps, self._motion
         left = self._left_of_first(route, wind)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        times, motion_w, peak_w, total_s, bank_s, motion_j = jitted(_remaining_load, leg_times_s)(
+        times, motion_w, peak_w, total_s, bank_s, motion_j = (kernels.remaining_load if enabled() else _remaining_load)(
             *(*route.table.rows[:3], route.order, self._speed, wind, left, self._ratio.ratio),
             *(motion.level_w, motion.slope_w, self._ripple_w, max_w),
         )
@@ -847,7 +873,7 @@ class Forecaster:
         """Remaining share of the route's first leg; routes mostly share it."""
         row = int(route.order[0])
         if row not in self._left:
-            times, _ = jitted(leg_times_s)(*route.table.rows[:3], route.order[:1], self._speed, wind)
+            times, _ = leg_times_s(*route.table.rows[:3], route.order[:1], self._speed, wind)
             self._left[row] = self._left_share(route, self._time_s, self._position, float(times[0]) * self._ratio.ratio)
         return self._left[row]
 
@@ -933,7 +959,6 @@ class Forecaster:
         return FinalCharge(std, means=(soc,)).level(self._own.reserve_probability) - self._settings.reserve_soc
 
 
-@in_loops(kernels.remaining_load)
 def _remaining_load(
     nodes: Nodes,
     first: IntArray,

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.compiled import in_loops, jitted
-from eadp.core.flight.battery import drain_per_s, drains_per_s, max_power_w, min_voltage_v, power_at, voltage_for
+from eadp.core.compiled import enabled
+from eadp.core.flight.battery import drains_per_s, max_power_w, min_voltage_v
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.leg_table import LegTable, grown
@@ -21,9 +21,21 @@ from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
 from eadp.planning.joint import kernels
-from eadp.planning.joint.kernels import DELIVERABLE, AllIncrements, Cell, Limits
+from eadp.planning.joint.kernels import (
+    BY_LETTER,
+    DELIVERABLE,
+    GAIN,
+    LEVEL,
+    SEGMENT,
+    TRUNCATED,
+    USE,
+    VOLTS,
+    AllIncrements,
+    Cell,
+    Limits,
+)
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
-from eadp.planning.joint.place_kernel import Envelopes
+from eadp.planning.joint.place_kernel import EnvelopeArrays, Envelopes, Found
 from eadp.planning.joint.settings import JointSettings
 
 QUALITY, TOTAL = "quality", "total"
@@ -174,10 +186,10 @@ class TermBuilder:
         self._lists: dict[object, tuple[FloatArray, FloatArray]] = {}
         self._envelopes: dict[object, ConcaveEnvelope] = {}
         self._rates: dict[tuple[float, ...], tuple[float, ...]] = {}
-        self._proportions: tuple[float, ...] | None = None
-        self._joined: dict[object, _Joined] = {}
+        self._all_of: dict[object, Envelopes] = {}
         self._scale_s = 0.0
         self._table: LegTable | None = None
+        self._relative(self.weights)
         b = mission.battery
         empty_v = b.voltage_at(0.0)
         limits = b.power_per_soc_w, b.max_current_a, b.cutoff_voltage_v or 0.0
@@ -195,28 +207,30 @@ class TermBuilder:
             State of charge now, and the one to keep at the end.
         """
         rates, base_value = self._value_rates(route, load.expected_s, past)
-        group_of, groups, extremes_w = self._groups(route)
+        group_of, groups = self._groups(route)
         relative, scale = self._relative(rates)
-        joined = self._all(groups, relative)
+        kinds, (extremes_w, ends, powers_w, values, _), _ = self._all(groups, relative)
         per_as = self._battery.drain_per_as * load.use_ratio
         cell = (*self.cell[:3], per_as, *self.cell[4:])
         # the reserve bounds the state of charge from below on the whole route
-        limits, found, truncates, mean_w, mean_v = jitted(
-            _limits_and_increments, kernels.power_limits, kernels.all_increments, drain_per_s, power_at, voltage_for
+        limits, found, truncates, mean_w, mean_v = (
+            kernels.limits_and_increments if enabled() else _limits_and_increments
         )(
             *(load.times_s, load.expected_s, load.motion_w, load.peak_w, extremes_w, group_of),
             soc,
             min(reserve_soc, soc),
             cell,
-            *joined[1:],
+            ends,
+            powers_w,
+            values,
             scale,
         )
-        kinds, kind_of = joined.kinds, group_of
+        kind_of = group_of
         volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = limits
         if truncates:
             kinds, kind_of = self._truncated(groups, group_of, room, relative)
-            found, mean_w = jitted(_all_increments, drain_per_s)(
-                *(kind_of, *_join(kinds)[1:], load.times_s, load.expected_s, load.motion_w, volts, cell, scale)
+            found, mean_w = (kernels.all_increments if enabled() else _all_increments)(
+                *(kind_of, *_one_after_another(kinds), load.times_s, load.expected_s, load.motion_w, volts, cell, scale)
             )
         segment, level, use, gain, base_use, own_value = found
         discriminant = max(mean_v**2 - 4 * self._battery.resistance_ohm * mean_w, (0.1 * mean_v) ** 2)
@@ -233,38 +247,52 @@ class TermBuilder:
         """Whether the objective is U, without trade-offs."""
         return self._objective == QUALITY and not self._trade_offs
 
-    def envelopes(self, table: LegTable) -> Envelopes | None:
-        """The envelopes of all configurations for the proportions of values seen last; None before any were."""
-        if self._proportions is None:
-            return None
-        self._group_rows(table)
-        joined, proportions = self._all(self._known, self._proportions), np.round(self._proportions, 4)
-        return Envelopes(self._of_row, self._extremes_w, joined.ends, joined.powers_w, joined.values, proportions)
+    def envelopes(self, route: Route) -> tuple[IntArray, Envelopes]:
+        """The envelope of each leg, and the envelopes, for the proportions of values seen last."""
+        group_of, groups = self._groups(route)
+        return group_of, self._all(groups, self._proportions)
 
-    def _groups(self, route: Route) -> tuple[IntArray, list[_Group], FloatArray]:
-        """Which group of configurations each leg of a route has; the groups, and their least and greatest power [W]."""
-        self._group_rows(route.table)
-        group_of = self._of_row[route.order]
-        if not self._trade_offs:
-            return group_of, self._known, self._extremes_w
-        # with trade-offs, each value of a path parameter has its own
-        used, group_of = np.unique(group_of, return_inverse=True)
-        return group_of, [self._known[number] for number in used.tolist()], self._extremes_w[used]
+    def terms_of(self, found: Found) -> KnapsackTerms:
+        """The terms of a route that compiled code has found."""
+        n, written = found.numbers, slice(found.numbers.increments)
+        places, amounts = found.places, found.amounts
+        increments = Increments(
+            *(places[SEGMENT, written], places[LEVEL, written], amounts[USE, written], amounts[GAIN, written]),
+            n.use,
+            n.base_value,
+        )
+        return KnapsackTerms(
+            *(increments, found.kinds, n.scale, found.kind_of, n.soc_per_j, n.mean_w),
+            *(0.0, n.letter_soc, n.delivered_soc),
+            found.legs[VOLTS],
+            found.flags[TRUNCATED],
+            found.flags[BY_LETTER],
+        )
 
-    def _group_rows(self, table: LegTable) -> None:
-        """Find the group of every row that is in a table."""
+    def _groups(self, route: Route) -> tuple[IntArray, list[_Group]]:
+        """Which group of configurations each leg of a route has, and the groups."""
+        table = route.table
         if table is not self._table:
-            self._table, self._index, self._known = table, dict[object, int](), list[_Group]()
-            self._joined.clear()
-            self._of_row, self._rows, self._extremes_w = np.zeros(0, dtype=np.intp), 0, np.zeros((0, 2))
+            self._table, self._known = table, list[_Group]()
+            self._of_stage, self._index = dict[object, int](), dict[object, int]()
+            self._all_of.clear()
+            self._of_row, self._rows = np.zeros(0, dtype=np.intp), 0
         rows = len(table.stages)
         if self._rows < rows:
             self._of_row = grown(self._of_row, self._rows, rows)
             for row in range(self._rows, rows):
-                self._of_row[row] = self._group(table.stages[row].sets, table.parameters[row])
+                stage, own = table.stages[row], table.parameters[row]
+                key = stage.index, own[: self._rho] if self._trade_offs else ()
+                if key not in self._of_stage:
+                    self._of_stage[key] = self._group(stage.sets, own)
+                self._of_row[row] = self._of_stage[key]
             self._rows = rows
-            if len(self._extremes_w) < len(self._known):
-                self._extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._known])
+        group_of = self._of_row[route.order]
+        if not self._trade_offs:
+            return group_of, self._known
+        # with trade-offs, each value of a path parameter has its own
+        used, group_of = np.unique(group_of, return_inverse=True)
+        return group_of, [self._known[number] for number in used.tolist()]
 
     def _group(self, sets: Sequence[Box], own: Vector) -> int:
         """The number of the group of a stage."""
@@ -282,15 +310,19 @@ class TermBuilder:
         self._proportions = self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative)
         return self._proportions, max(scale, 0.0)
 
-    def _all(self, groups: Sequence[_Group], relative: tuple[float, ...]) -> _Joined:
+    def _all(self, groups: Sequence[_Group], relative: tuple[float, ...]) -> Envelopes:
         """Envelopes of all configurations of groups."""
         key = (
             relative,
             tuple([self._key(group.sets, group.own) for group in groups]) if self._trade_offs else len(groups),
         )
-        if key not in self._joined:
-            self._joined[key] = _join([self._envelope(*group, len(group.powers_w), relative) for group in groups])
-        return self._joined[key]
+        if key not in self._all_of:
+            kinds = tuple([self._envelope(*group, len(group.powers_w), relative) for group in groups])
+            extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in groups])
+            proportions = np.array([round(value, 4) for value in relative])
+            arrays = EnvelopeArrays(extremes_w, *_one_after_another(kinds), proportions)
+            self._all_of[key] = Envelopes(kinds, arrays, max(len(kind.powers_w) for kind in kinds) - 1)
+        return self._all_of[key]
 
     def _truncated(
         self, groups: Sequence[_Group], group_of: IntArray, room: FloatArray, relative: tuple[float, ...]
@@ -321,7 +353,9 @@ class TermBuilder:
             rates /= max(float((rates * maxima).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return rates, 0.0
         rows = route.table.rows
-        return jitted(_quality)(rows.free, rows.shares, route.order, times, times_s, areas_s, self.weights, rho)
+        return (kernels.quality if enabled() else _quality)(
+            rows.free, rows.shares, route.order, times, times_s, areas_s, self.weights, rho
+        )
 
     # --- envelopes
 
@@ -394,28 +428,19 @@ class _Group(NamedTuple):
     powers_w: FloatArray
 
 
-class _Joined(NamedTuple):
-    """Envelopes, and their powers and values one after the other: those of kind k end at `ends[k]`."""
-
-    kinds: tuple[ConcaveEnvelope, ...]
-    ends: IntArray
-    powers_w: FloatArray
-    values: FloatArray
-
-
-def _join(kinds: Sequence[ConcaveEnvelope]) -> _Joined:
+def _one_after_another(kinds: Sequence[ConcaveEnvelope]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Where each envelope ends among the powers [W] and values of all, and those."""
     ends = np.cumsum(np.array([len(envelope.powers_w) for envelope in kinds]))
     powers_w, values = (np.concatenate(arrays) for arrays in zip(*((k.powers_w, k.values) for k in kinds), strict=True))
-    return _Joined(tuple(kinds), ends, powers_w, values)
+    return ends, powers_w, values
 
 
 _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
 
 
-# The functions below are those of `kernels` with arrays.
+# The functions below are those of `kernels` in plain Python.
 
 
-@in_loops(kernels.quality)
 def _quality(
     free: FloatArray,
     shares: FloatArray,
@@ -437,7 +462,6 @@ def _quality(
     return value_rates, (value_rates * areas_s).sum()
 
 
-@in_loops(kernels.power_limits)
 def _power_limits(
     times_s: FloatArray,
     motion_w: FloatArray,
@@ -482,7 +506,6 @@ def _power_limits(
     return volts, room, max_w > room, allowed < deliverable, max(beyond, 0.0), letter_soc, delivered_soc
 
 
-@in_loops(kernels.limits_and_increments)
 def _limits_and_increments(
     times_s: FloatArray,
     expected_s: FloatArray,
@@ -506,7 +529,6 @@ def _limits_and_increments(
     return limits, increments, bool(limits[2].any()), mean_w, float(limits[0].mean())
 
 
-@in_loops(kernels.all_increments)
 def _all_increments(
     kind_of: IntArray,
     ends: IntArray,

@@ -28,7 +28,7 @@ from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.knapsack import Increments
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
-from eadp.planning.joint.program import Candidate
+from eadp.planning.joint.program import Candidate, place_of
 from eadp.simulation.loop import Outcome, fly
 
 RESERVE = 0.05
@@ -329,7 +329,13 @@ def test_what_is_flown_is_not_given_up_for_a_plan_that_lacks_more():
 
     pilot = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml")).planner()
     pilot._forecaster = SimpleNamespace(
-        by_blocks=False, candidate=candidate_at, shares=(0.0,), open=[0], before_latch=True, bound=lambda _: math.inf
+        by_blocks=False,
+        candidate=candidate_at,
+        place=lambda shares: place_of(candidate_at(shares)),
+        shares=(0.0,),
+        open=[0],
+        before_latch=True,
+        bound=lambda _: math.inf,
     )
     solution, searched, moved = pilot._solve(NEW_STAGE)
     assert searched
