@@ -69,6 +69,7 @@ class LegTable:
         self.parameters: list[Vector] = []
         no_sets = (Box(0.0, 0.0),) * len(plan.names)
         self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
+        self._free = [[float(width > 0) for _, width in own] for own in self._sets]
         self._nodes: list[Nodes] = []
         self._numbers: dict[tuple[int, int, Vector], int] = {}
         self._filled = 0
@@ -96,10 +97,32 @@ class LegTable:
     def _fill(self) -> None:
         """Write the new rows to the arrays."""
         old, known, count = self._rows, self._filled, len(self.stages)
-        nodes = [np.concatenate(arrays) for arrays in zip(*self._nodes[known:], strict=True)]
         used = int(old.first[known])
-        last = used + len(nodes[0])
-        rows = LegRows(
+        last = used + sum([len(nodes.weights_m) for nodes in self._nodes[known:]])
+        if len(old.nodes.weights_m) >= last and len(old.first) > count and len(old.stages) >= count:
+            rows = old
+        else:
+            rows = self._grown(known, count, used, last)
+        for number in range(known, count):
+            stage, nodes = self.stages[number], self._nodes[number]
+            last = used + len(nodes.weights_m)
+            for array, values in zip(rows.nodes, nodes, strict=True):
+                array[used:last] = values
+            rows.first[number + 1] = used = last
+            rows.airspeeds_mps[number] = stage.airspeed_mps or math.nan
+            rows.stages[number] = stage.index
+            sets, own = self._sets[stage.index - 1], self.parameters[number]
+            rows.free[number] = self._free[stage.index - 1]
+            rows.shares[number] = [
+                min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
+                for (low, width), value in zip(sets, own, strict=True)
+            ]
+        self._rows, self._filled = rows, count
+
+    def _grown(self, known: int, count: int, used: int, last: int) -> LegRows:
+        """The arrays with room for `count` rows and `last` nodes, of which `known` and `used` are as they are."""
+        old = self._rows
+        return LegRows(
             Nodes(*(grown(array, used, last) for array in old.nodes)),
             grown(old.first, known + 1, count + 1),
             grown(old.airspeeds_mps, known, count),
@@ -107,20 +130,6 @@ class LegTable:
             grown(old.free, known, count),
             grown(old.shares, known, count),
         )
-        for array, values in zip(rows.nodes, nodes, strict=True):
-            array[used:last] = values
-        for number in range(known, count):
-            stage, own = self.stages[number], self.parameters[number]
-            rows.first[number + 1] = rows.first[number] + len(self._nodes[number].weights_m)
-            rows.airspeeds_mps[number] = stage.airspeed_mps or math.nan
-            rows.stages[number] = stage.index
-            sets = self._sets[stage.index - 1]
-            rows.free[number] = [float(width > 0) for _, width in sets]
-            rows.shares[number] = [
-                min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
-                for (low, width), value in zip(sets, own, strict=True)
-            ]
-        self._rows, self._filled = rows, count
 
 
 def grown(array: A, used: int, needed: int) -> A:

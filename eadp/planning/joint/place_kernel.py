@@ -312,8 +312,8 @@ def _find_place(
     limited = letter_soc > now.reserve_soc or delivered_soc > 0.0
     if truncates or beyond > 0.0 or (ripple_w == math.inf and limited):
         return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
-    least_v = 0.1 * mean_v
-    soc_per_j = per_as / math.sqrt(max(mean_v * mean_v - 4 * cell[2] * mean_w, least_v * least_v))
+    min_v = 0.1 * mean_v
+    soc_per_j = per_as / math.sqrt(max(mean_v * mean_v - 4 * cell[2] * mean_w, min_v * min_v))
 
     # the final state of charge
     end_soc = now.soc - now.losses_per_s * total_s * now.loss
