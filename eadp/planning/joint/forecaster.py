@@ -7,6 +7,7 @@ the battery model.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -355,9 +356,13 @@ class Forecaster:
     def observe_batch(self, readings: Readings, computing_w: float) -> bool:
         """Update the estimates with a batch of readings, see `observe`; return whether the charge has jumped in any."""
         times = readings.times_s
-        durations = [self._duration_s(time_s) for time_s in times]
+        durations = [self._duration_s(times[0]), *[later - time_s for time_s, later in itertools.pairwise(times)]]
+        self._last_s = times[-1]
         first = 0 if durations[0] > 0 else 1  # the first reading of a flight has no duration
-        beside_w = [computing_w + self._followed_w(duration_s) for duration_s in durations]
+        if self._climb is None:
+            beside_w = [computing_w + self._followed_w(durations[-1])] * len(times)
+        else:
+            beside_w = [computing_w + self._followed_w(duration_s) for duration_s in durations]
         self._wind.observe_batch(
             readings.vx_mps[first:], readings.vy_mps[first:], readings.headings_rad[first:], durations[first:]
         )
