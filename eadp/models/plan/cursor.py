@@ -374,9 +374,10 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
 
 def _clipped(stage: Stage, values: Vector) -> Vector:
     """Parameters clipped to a stage's sets."""
-    if not stage.sets:
-        return values
-    return tuple([box.clip(value) for box, value in zip(stage.sets, values, strict=True)])
+    for box, value in zip(stage.sets, values, strict=False):
+        if not box.lo <= value <= box.hi:
+            return tuple([box.clip(value) for box, value in zip(stage.sets, values, strict=True)])
+    return values
 
 
 def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:

@@ -33,7 +33,7 @@ from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
-from eadp.planning.joint.kernels import MOTION, PEAK, TIMES
+from eadp.planning.joint.kernels import EXPECTED, MOTION, PEAK, TIMES
 from eadp.planning.joint.place_kernel import FEASIBLE, NO_ENDS, UNFLYABLE, UNKNOWN, Found, Now, find_place
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
@@ -153,6 +153,23 @@ class Forecast(NamedTuple):
         return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
 
 
+class _Times(NamedTuple):
+    """Of a parameter: its weight, the time flown with a choice of it and the time integral of its share [s], and the
+    least and greatest time ahead in which it has a choice [s]."""
+
+    weight: float
+    flown_s: float
+    area_s: float
+    shortest_s: float
+    longest_s: float
+
+    def bound(self, share: float) -> float:
+        """The greatest part of U, with a share ahead."""
+        _, flown_s, area_s, shortest_s, longest_s = self
+        averages = [(area_s + share * t) / max(flown_s + t, MIN_STD) for t in (shortest_s, longest_s)]
+        return self.weight * min(max(averages), 1.0)
+
+
 @dataclass
 class _Expected:
     """What a forecast expects of the flight until the next one, see `Forecaster.surprise`.
@@ -256,7 +273,7 @@ class Forecaster:
         self._routes: dict[Shares, Route | None] = {}
         self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
-        self._ahead: tuple[list[float], list[float], list[float]] | None = None
+        self._ahead: tuple[float, float, list[tuple[int, _Times]]] | None = None
         self._now: tuple[Now, Charge, tuple[FloatArray, FloatArray]] | None = None
         self._found: dict[Shares, Found | None] = {}
         self._in_steps = False
@@ -700,39 +717,48 @@ class Forecaster:
         ahead = self._known_ahead()
         if ahead is None:
             return math.inf
-        times_s, areas_s = self._flown.until(self._time_s)
-        greatest = total = 0.0
-        count, (shortest_s, longest_s, before_s) = len(self.open), ahead
+        count, (greatest, total, of_path) = len(self.open), ahead
         values = (self._with_path(shares[:count]), self._with_path(shares[-count:]))
-        for j, (weight, boxes) in enumerate(zip(self.term_builder.weights.tolist(), self._choices, strict=True)):
-            if weight <= 0 or times_s[j] + longest_s[j] <= 0:
-                continue
-            share, area_s = 1.0, areas_s[j]
-            if j < self._plan.path_count:
-                share = max(box.share(box.clip(own[j])) or 0.0 for box in boxes for own in values)
-                area_s += before_s[j]
-            averages = [(area_s + share * t) / max(times_s[j] + t, MIN_STD) for t in (shortest_s[j], longest_s[j])]
-            total, greatest = total + weight, greatest + weight * min(max(averages), 1.0)
+        for j, times in of_path:
+            share = max(box.share(box.clip(own[j])) or 0.0 for box in self._choices[j] for own in values)
+            greatest += times.bound(share)
         return greatest / total if total else math.inf
 
-    def _known_ahead(self) -> tuple[list[float], list[float], list[float]] | None:
-        """Least and greatest time ahead in which each parameter has a choice, and ∫ share dt at shares of 0 [s].
+    def _known_ahead(self) -> tuple[float, float, list[tuple[int, _Times]]] | None:
+        """Bound of the computations' part of U, the total weight, and times of the path parameters by index.
 
-        The latter is of path parameters in force until others take effect. None where the ends cannot be flown.
+        None where the ends of the sets cannot be flown.
         """
         if self._ahead is None and self._own.objective != TOTAL:
             found = []
             for share in (0.0, 1.0):
-                shares = (share,) * len(self.shares)
-                evaluated = self._evaluate(shares)
-                if evaluated is None:
+                expected_s = self._expected_times_s((share,) * len(self.shares))
+                if expected_s is None:
                     return None
-                route, expected_s = self.route(shares), evaluated[1].expected_s
+                route = self.route((share,) * len(self.shares))
                 found.append((expected_s @ route.free, expected_s @ route.shares))
             (low_s, before_s), (high_s, _) = found
             shortest_s, longest_s = BOUND_SLACK * np.minimum(low_s, high_s), np.maximum(low_s, high_s) / BOUND_SLACK
-            self._ahead = shortest_s.tolist(), longest_s.tolist(), (before_s / BOUND_SLACK).tolist()
+            # shares of 0 leave the time integral of path parameters in force until others take effect
+            before_s[self._plan.path_count :] = 0.0
+            flown_s, areas_s = self._flown.until(self._time_s)
+            columns = np.array(
+                [self.term_builder.weights, flown_s, before_s / BOUND_SLACK + areas_s, shortest_s, longest_s]
+            )
+            all_times = [(j, _Times(*own)) for j, own in enumerate(columns.T.tolist())]
+            counted = [(j, own) for j, own in all_times if own.weight > 0 and own.flown_s + own.longest_s > 0]
+            greatest = sum(own.bound(1.0) for j, own in counted if j >= self._plan.path_count)
+            of_path = [(j, own) for j, own in counted if j < self._plan.path_count]
+            self._ahead = greatest, sum(own.weight for _, own in counted), of_path
         return self._ahead
+
+    def _expected_times_s(self, shares: Shares) -> FloatArray | None:
+        """Expected time on each leg at shares [s]; None where the plan cannot be flown at them."""
+        found = self._find(shares)
+        if found is not None:
+            return None if found.numbers.kind == UNFLYABLE else found.legs[EXPECTED]
+        evaluated = self._evaluate(shares)
+        return None if evaluated is None else evaluated[1].expected_s
 
     def forecast(self, solution: Solution) -> Forecast:
         """Forecast of the rest of the mission as planned."""
