@@ -133,7 +133,7 @@ class WindFilter:
         """Take readings in order, each `steps_s` [s] after the one before; NaN is no reading."""
         columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
         if enabled():
-            columns = [np.array(values) for values in columns]
+            columns = [np.asarray(values) for values in columns]
         self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(
             self._state, self.airspeed_mps, self._gust_time_s, *columns
         )

@@ -132,7 +132,7 @@ class LineTrack(Track):
 
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
         dx, dy = self._line.direction
-        return Nodes(np.array([distance_m]), np.array([dx]), np.array([dy]), np.zeros(1))
+        return Nodes(*np.array([[distance_m], [dx], [dy], [0.0]]))
 
 
 class CircleTrack(Track):
@@ -172,7 +172,8 @@ class CircleTrack(Track):
         count = min(max(2, math.ceil(NODES_PER_QUARTER * sweep / (math.pi / 2))), MAX_NODES)
         at, weights = _gauss(count)
         course = circle.angle_rad(start) + circle.turn * (sweep * at + math.pi / 2)
-        curvature = np.full(count, circle.turn / circle.radius_m)
+        curvature = np.empty(count)
+        curvature.fill(circle.turn / circle.radius_m)
         return Nodes(weights * distance_m, np.cos(course), np.sin(course), curvature)
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from eadp.core.compiled import jitted, on_numbers
 from eadp.planning.estimation.regressions import Floats, State
@@ -51,15 +54,18 @@ class PowerGate:
         passed = _passed(self._state, self._bounds, time_s, power_w, computing_w)
         return None if math.isnan(passed) else passed
 
-    def passed_batch(self, times_s: Floats, powers_w: Sequence[float | None], computing_w: float) -> list[float | None]:
-        """`passed` of readings in order."""
-        known = [math.nan if power is None else power for power in powers_w]
+    def passed_batch(self, times_s: Floats, powers_w: Sequence[float | None], computing_w: float) -> list[float]:
+        """`passed` of readings in order, but NaN for those that are false or missing."""
+        known: Any = powers_w
+        if not isinstance(known, np.ndarray):
+            known = [math.nan if power is None else power for power in powers_w]
+        passed: list[float]
         passed, self._state = on_numbers(
             jitted(_all_passed, _passed), self._state, self._bounds, times_s, known, computing_w
         )
-        if known[-1] is not powers_w[-1]:
+        if powers_w[-1] is None:
             self._state[REJECTS] = 0.0
-        return [None if math.isnan(power) else power for power in passed]
+        return passed
 
 
 MEAN_W, READ_S, LAST_W, MAX_MOTION_W, SINCE_S, REJECTS = range(6)

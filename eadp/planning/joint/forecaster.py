@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -372,25 +372,32 @@ class Forecaster:
 
     def observe_batch(self, readings: Readings, computing_w: float) -> bool:
         """Update the estimates with a batch of readings, see `observe`; return whether the charge has jumped in any."""
-        times = readings.times_s
-        durations = [self._duration_s(times[0]), *[later - time_s for time_s, later in itertools.pairwise(times)]]
-        self._last_s = times[-1]
+        times_s: Any = readings.times_s
+        first_s, last_s = float(times_s[0]), float(times_s[-1])
+        if isinstance(times_s, np.ndarray):
+            later_s = (times_s[1:] - times_s[:-1]).tolist()
+        else:
+            later_s = [b - a for a, b in itertools.pairwise(times_s)]
+        durations = [self._duration_s(first_s), *later_s]
+        self._last_s = last_s
         first = 0 if durations[0] > 0 else 1  # the first reading of a flight has no duration
         if self._climb is None:
-            beside_w = [computing_w + self._followed_w(durations[-1])] * len(times)
+            beside_w = [computing_w + self._followed_w(durations[-1])] * len(durations)
         else:
             beside_w = [computing_w + self._followed_w(duration_s) for duration_s in durations]
-        self._wind.observe_batch(
-            readings.vx_mps[first:], readings.vy_mps[first:], readings.headings_rad[first:], durations[first:]
-        )
-        powers_w = [math.nan if power_w is None else power_w for power_w in readings.powers_w]
-        self._motion.observe_batch(powers_w, beside_w, durations, self._slope)
-        if times[-1] > self._measured_until_s:
+        steps_s = [first_s - self._charge_s, *later_s]
+        self._charge_s = last_s
+        columns: list[Any] = [readings.vx_mps, readings.vy_mps, readings.headings_rad, durations]
+        columns += [readings.powers_w, beside_w, readings.charges, steps_s]
+        if enabled():  # each is converted once
+            columns = [np.asarray(column) for column in columns]
+        *of_wind, powers_w, beside_w, charges, steps_s = columns
+        self._wind.observe_batch(*[column[first:] for column in of_wind])
+        self._motion.observe_batch(powers_w, beside_w, of_wind[-1], self._slope)
+        if last_s > self._measured_until_s:
             self._measured_wind = None
-        steps_s = [times[0] - self._charge_s, *durations[1:]]
-        self._charge_s = times[-1]
         jumped, self._power_w = self._charge.observe_batch(
-            self._power_w, powers_w, readings.charges, steps_s, MAX_STEP_S, self._cell
+            self._power_w, powers_w, charges, steps_s, MAX_STEP_S, self._cell
         )
         return jumped
 

@@ -88,6 +88,7 @@ class JointPlanner(TrackingPlanner):
 
     own_settings = JointSettings
     optimises_to_end = True
+    takes_arrays = True
 
     def __init__(
         self,
