@@ -104,10 +104,11 @@ class OsqpSolver:
         settings: dict[str, Any],
     ) -> None:
         import osqp
-        from scipy.sparse import eye
+        from scipy.sparse import csc_matrix
 
         self.rows, self.columns = rows.shape
-        identity = diagonal * eye(self.columns, format="csc")
+        places = np.arange(self.columns + 1)
+        identity = csc_matrix((np.full(self.columns, diagonal), places[:-1], places), shape=(self.columns,) * 2)
         self._owner = osqp.OSQP()
         self._owner.setup(identity, linear, rows, lower, upper, **settings)
         self._extension = self._owner._solver

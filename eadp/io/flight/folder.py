@@ -141,7 +141,7 @@ def _expected(expected: Preflight) -> dict[str, Any]:
         "quality": expected.quality,
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
-            for stage, (seconds, energy_wh) in sorted(forecast.stages.items())
+            for stage, (seconds, energy_wh) in sorted(expected.stages.items())
         ],
     }
 

@@ -126,9 +126,8 @@ class FinalCharge(NamedTuple):
 class Forecast(NamedTuple):
     """Forecast of the rest of a mission at given parameters, see `DecisionRecord`.
 
-    Means and standard deviations are over all the ends that the flight may have, whose charges are `ends`. `stages`
-    holds time [s] and energy [Wh] of each stage of the plan, over all its laps. At `empty_soc` the battery is empty:
-    the cut-off voltage is reached.
+    Means and standard deviations are over all the ends that the flight may have, whose charges are `ends`. At
+    `empty_soc` the battery is empty: the cut-off voltage is reached.
     """
 
     remaining_s: float
@@ -138,7 +137,6 @@ class Forecast(NamedTuple):
     soc_end: float
     soc_end_std: float
     reserve_soc: float
-    stages: dict[int, tuple[float, float]]
     empty_soc: float = 0.0
     ends: FinalCharge = FinalCharge()
 
@@ -775,23 +773,28 @@ class Forecaster:
         total_s = max(float(load.times_s.sum()), 1e-9)
         mean_w = float(powers @ load.times_s) / total_s
         self._computing_w = mean_w - float(load.motion_w @ load.times_s) / total_s
-        of_leg = self.route(solution.candidate.shares).stages
-        seconds, of_stage_wh = (np.bincount(of_leg, of * load.expected_s) for of in (1.0, powers / 3600))
-        stages = {i: (float(seconds[i]), float(of_stage_wh[i])) for i in np.unique(of_leg).tolist()}
+        expected_s = load.expected_s
         ends = self._final_charge(terms, load, self.soc - solution.allocation.use, powers)
         energy_std_j = math.hypot(load.energy_std_j, mean_w * load.time_std_s)
         return Forecast(
-            remaining_s=float(seconds.sum()),
+            remaining_s=float(expected_s.sum()),
             remaining_std_s=math.sqrt(load.time_std_s**2 + _spread(load, load.times_s)),
-            energy_wh=float(of_stage_wh.sum()),
+            energy_wh=float(powers @ expected_s) / 3600,
             energy_std_wh=math.sqrt((energy_std_j / 3600) ** 2 + _spread(load, energies_wh)),
             soc_end=ends.mean,
             soc_end_std=math.sqrt(ends.variance),
             reserve_soc=self._settings.reserve_soc,
-            stages=stages,
             empty_soc=max(terms.delivered_soc, 0.0),
             ends=ends,
         )
+
+    def of_stages(self, solution: Solution) -> dict[int, tuple[float, float]]:
+        """Time [s] and energy [Wh] of each stage of the plan, over all its laps, as planned."""
+        terms, load = self.terms(solution.candidate.shares)
+        energies_wh = (load.motion_w + _computing_w(terms, solution)) * load.expected_s / 3600
+        of_leg = self.route(solution.candidate.shares).stages
+        seconds, of_stage_wh = (np.bincount(of_leg, values) for values in (load.expected_s, energies_wh))
+        return {i: (float(seconds[i]), float(of_stage_wh[i])) for i in np.unique(of_leg).tolist()}
 
     def expect(self, solution: Solution) -> None:
         """Remember what the forecast of a solution expects, for `surprise`."""

@@ -28,12 +28,15 @@ class Preflight:
         Whether the reserve is kept with the probability of the settings.
     quality : float or None
         Planned U.
+    stages : dict
+        Time [s] and energy [Wh] of each stage, over all its laps.
     """
 
     parameters: dict[str, float]
     forecast: Forecast
     feasible: bool
     quality: float | None
+    stages: dict[int, tuple[float, float]]
 
 
 def preflight(
@@ -72,7 +75,8 @@ def preflight(
     values[plan.path_count :] = _mean_configuration(forecaster, solution)
     names = dict(zip(plan.names, values, strict=True))
     quality = solution.value if forecaster.open or len(solution.candidate.increments.use) else None
-    return Preflight(names, forecaster.forecast(solution), solution.allocation.feasible, quality)
+    forecast, stages = forecaster.forecast(solution), forecaster.of_stages(solution)
+    return Preflight(names, forecast, solution.allocation.feasible, quality, stages)
 
 
 def _mean_configuration(forecaster: Forecaster, solution: Solution) -> list[float]:
