@@ -387,10 +387,12 @@ def shift_at(plan: Plan, parameters: Sequence[float]) -> Point:
 
 def reaches(last: Point, final: Point, shift: Point, radius: float) -> bool:
     """Whether a lap whose last trigger is `last` reaches the final point along the shift."""
-    for value, end, d in zip(last, final, shift, strict=True):
-        if abs(d) < 1e-9:
-            if abs(value - end) > radius:
-                return False
-        elif (value - end) * d < -1e-9 * abs(d) * (1 + abs(end)):
-            return False
-    return True
+    (x, y), (fx, fy), (dx, dy) = last, final, shift
+    return _reaches(x - fx, fx, dx, radius) and _reaches(y - fy, fy, dy, radius)
+
+
+def _reaches(beyond: float, end: float, d: float, radius: float) -> bool:
+    """Along one axis, from how far a value lies beyond the end."""
+    if abs(d) < 1e-9:
+        return abs(beyond) <= radius
+    return beyond * d >= -1e-9 * abs(d) * (1 + abs(end))
