@@ -62,24 +62,6 @@ def bind(
     return function
 
 
-def value_function(expression: Expression) -> Callable[[Sequence[float]], float]:
-    """`Expression.at` of the parameters alone, for an expression that is evaluated again and again."""
-    try:
-        source, constants, _ = _generate(expression.node)
-    except PathUndefined:  # a constant part has no value
-        return expression.at
-    make = _compiled(source)
-
-    def value(parameters: Sequence[float]) -> float:
-        try:
-            found = make(constants, tuple(parameters), ())(0.0, 0.0)[0]
-        except (ArithmeticError, ValueError, LookupError):
-            found = math.nan
-        return found if math.isfinite(found) else expression.at(parameters)  # which says what is wrong
-
-    return value
-
-
 @lru_cache(maxsize=512)
 def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...], tuple[float, ...]], PathFunction]:
     namespace: dict[str, Any] = {

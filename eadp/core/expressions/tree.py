@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import itemgetter
 
 from eadp.errors import ExpressionError, PathUndefined, printable
 
@@ -36,6 +37,9 @@ NON_SMOOTH_FUNCTIONS = frozenset({"abs", "min", "max"})
 """Functions that are not twice differentiable everywhere."""
 
 PARAMETER = re.compile(r"c([1-9][0-9]{0,2})\Z")
+_PARAMETERS = tuple(f"c{i}" for i in range(1, 1000))
+
+_Function = Callable[[Mapping[str, float]], float]
 
 
 # --- the tree ---------------------------------------------------------------------------------------------------------
@@ -139,8 +143,21 @@ class Expression:
         """
         if isinstance(self.node, Number):
             return self.node.value
-        values = {"x": x, "y": y, **{f"c{i + 1}": value for i, value in enumerate(parameters)}, **(variables or {})}
-        return evaluate(self.node, values)
+        values = {"x": x, "y": y, **dict(zip(_PARAMETERS, parameters, strict=False)), **(variables or {})}
+        return self.value(values)
+
+    def value(self, values: Mapping[str, float]) -> float:
+        """Value for values of all its names; raises PathUndefined as `at`."""
+        return _checked(self.node, self._function, values)
+
+    @cached_property
+    def _function(self) -> _Function:
+        """The value by values of the names."""
+        return _function_of(self.node)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Functions cannot be pickled."""
+        return {key: value for key, value in self.__dict__.items() if key != "_function"}
 
 
 def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
@@ -293,8 +310,13 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     PathUndefined
         If it has no finite real value there, or a symbol has no value.
     """
+    return _checked(node, _function_of(node), values)
+
+
+def _checked(node: Node, function: _Function, values: Mapping[str, float]) -> float:
+    """`evaluate` of a tree by its function."""
     try:
-        value = unchecked_value(node, values)
+        value = function(values)
     except (ArithmeticError, ValueError):
         raise PathUndefined(f"{printable(to_text(node), 60)} has no finite real value here") from None
     except KeyError as error:
@@ -306,14 +328,46 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
 
 def unchecked_value(node: Node, values: Mapping[str, float]) -> float:
     """`evaluate` with the errors of the arithmetic, and KeyError for a symbol without a value."""
-    if isinstance(node, Number):
-        return node.value
+    return _function_of(node)(values)
+
+
+def _function_of(node: Node) -> _Function:
+    """The value of a tree by values of its symbols, without looking at the tree again."""
+    if isinstance(node, Number) or node == Symbol("pi"):
+        number = node.value if isinstance(node, Number) else math.pi
+        return lambda _: number
     if isinstance(node, Symbol):
-        return math.pi if node.name == "pi" else values[node.name]
-    parts = []
-    for part in children(node):  # a plain loop: a comprehension would double the depth of the stack
-        parts.append(unchecked_value(part, values))
-    return _combined(node, parts)
+        return itemgetter(node.name)
+    functions = []
+    for part in children(node):  # plain loops: a comprehension would double the depth of the stack
+        functions.append(_function_of(part))
+    if len(functions) == 2 and isinstance(node, Sum | Product):
+        return _of_two(node, *functions)
+    if isinstance(node, Negative):
+        operand = functions[0]
+        return lambda values: -operand(values)
+    if isinstance(node, Call) and len(functions) == 1:
+        operation, argument = _OPERATIONS[node.function], functions[0]
+        return lambda values: operation(argument(values))
+
+    def combined(values: Mapping[str, float]) -> float:
+        parts = []
+        for function in functions:
+            parts.append(function(values))
+        return _combined(node, parts)
+
+    return combined
+
+
+def _of_two(node: Sum | Product, a: _Function, b: _Function) -> _Function:
+    """`_combined` of two parts."""
+    if isinstance(node, Sum):
+        if node.terms[1][0]:
+            return lambda values: 0.0 + a(values) - b(values)
+        return lambda values: 0.0 + a(values) + b(values)
+    if node.factors[1][0]:
+        return lambda values: a(values) / b(values)
+    return lambda values: a(values) * b(values)
 
 
 def _combined(node: Node, values: Sequence[float]) -> float:

@@ -8,9 +8,8 @@ stages lie after the shifts of earlier laps, and when a new path parameter takes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from eadp.core.expressions.derivatives import PathFunction
@@ -18,7 +17,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.segments import Segment, State
-from eadp.models.plan.stage import COMPUTATION, Stage, point_at, point_function
+from eadp.models.plan.stage import COMPUTATION, Stage, point_at
 
 LAP_LIMIT = 10_000
 KEPT_LAYOUTS = 1_000
@@ -316,19 +315,9 @@ class _Table:
         """Final point, shift, and last trigger of lap 0 [m]."""
         key = parameters[: self.plan.path_count]
         if key not in self._ends:
-            final, shift = self._final_at(parameters), self._shift_at(parameters)
-            self._ends[key] = final, shift, self.plan.stages[-1].trigger_at(parameters)
+            final = point_at(self.plan.final_point, parameters, "the final point")
+            self._ends[key] = final, shift_at(self.plan, parameters), self.plan.stages[-1].trigger_at(parameters)
         return self._ends[key]
-
-    @cached_property
-    def _final_at(self) -> Callable[[Sequence[float]], Point]:
-        """The final point by parameters."""
-        return point_function(self.plan.final_point, "the final point")
-
-    @cached_property
-    def _shift_at(self) -> Callable[[Sequence[float]], Point]:
-        """`shift_at` by parameters."""
-        return point_function(self.plan.shift, "the shift") if self.plan.shift else lambda _: (0.0, 0.0)
 
     def laid_out(self, stage: Stage, parameters: Vector, state: State) -> tuple[PathFunction, Point]:
         """Path function and trigger [m] of a stage in the frame of lap 0; laps mostly repeat those of the last one."""
@@ -348,7 +337,7 @@ class _Table:
                     stage.sets[i].clip(value)
                     for i, (stage, value) in enumerate(zip(self._changed, waiting, strict=True))
                 )
-            self._shifts[waiting] = self._shift_at(values)
+            self._shifts[waiting] = shift_at(self.plan, values)
         return self._shifts[waiting]
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from eadp.core.expressions.tree import Expression, evaluate, substituted
+from eadp.core.expressions.tree import Expression, substituted
 
 State = tuple[float, ...]
 """The values, in this lap, of a segment's loop variables that change from lap to lap."""
@@ -67,7 +67,7 @@ class Segment:
             If a first value is no finite real number; so do the other methods for what they evaluate.
         """
         values = _named(parameters)
-        return tuple([evaluate(q.first.node, values) for q in self.variables if q.shift is not None])
+        return tuple([q.first.value(values) for q in self.variables if q.shift is not None])
 
     def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
         """Every loop variable's value in a lap."""
@@ -80,16 +80,14 @@ class Segment:
         """The state of the next lap."""
         known = self._known(parameters, state)
         changing = [q for q in self.variables if q.shift is not None]
-        return tuple(
-            [value + evaluate(q.shift.node, known) for q, value in zip(changing, state, strict=True) if q.shift]
-        )
+        return tuple([value + q.shift.value(known) for q, value in zip(changing, state, strict=True) if q.shift])
 
     def over(self, parameters: Sequence[float], state: State) -> bool:
         """Whether no further lap is to be flown."""
         if self.until is None:
             return True
         known = self._known(parameters, state)
-        return evaluate(self.until[0].node, known) >= evaluate(self.until[1].node, known)
+        return self.until[0].value(known) >= self.until[1].value(known)
 
     def first_lap(self) -> dict[str, Expression]:
         """Every loop variable in the first lap, in parameters alone.
@@ -125,7 +123,7 @@ class Segment:
         known.update(zip(changing, state, strict=True))
         for q in self.variables:
             if q.shift is None:
-                known[q.name] = evaluate(q.first.node, known)
+                known[q.name] = q.first.value(known)
         if len(self._values) >= MAX_KEPT:
             self._values.clear()
         self._values[key] = known

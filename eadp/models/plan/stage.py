@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from eadp.core.expressions.algebra import SymbolicStage
-from eadp.core.expressions.derivatives import PathFunction, bind, value_function
+from eadp.core.expressions.derivatives import PathFunction, bind
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point, path_kind
 from eadp.core.geometry.tracks import TRACKS, Track
@@ -132,19 +132,6 @@ class Stage:
     def track(self, path: PathFunction, end: Point) -> Track:
         """Its path, at parameters, as travelled to a point [m]; raises PathUndefined as `Track`."""
         return TRACKS[self.kind](path, end, self.sense)
-
-
-def point_function(point: PointExpression, what: str) -> Callable[[Sequence[float]], Point]:
-    """`point_at` of the parameters alone, for a point that is evaluated again and again."""
-    x_at, y_at = value_function(point[0]), value_function(point[1])
-
-    def at(parameters: Sequence[float]) -> Point:
-        try:
-            return x_at(parameters), y_at(parameters)
-        except PathUndefined as error:
-            raise PathUndefined(f"{what}: {error}") from None
-
-    return at
 
 
 def point_at(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import pickle
 import subprocess
 import sys
 
@@ -847,3 +848,11 @@ def test_an_expression_is_its_tree():
     assert one == other
     assert hash(one) == hash(other)
     assert one != Expression(Symbol("x"))
+
+
+def test_an_expression_that_has_been_evaluated_can_be_pickled():
+    expression = read_expression("150 - 2*sqrt(4900 + c1)/c2")
+    value = expression.at((-1000.0, 4.0))
+    again = pickle.loads(pickle.dumps(expression))
+    assert again == expression
+    assert again.at((-1000.0, 4.0)) == value == 150 - 2 * math.sqrt(3900) / 4
