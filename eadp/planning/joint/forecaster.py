@@ -512,6 +512,7 @@ class Forecaster:
 
     def _clear_routes(self) -> None:
         """The remaining plan has changed for all parameters."""
+        self._now, self._in_steps = None, False
         self._routes.clear()
         self._left.clear()
         self._evaluated.clear()
@@ -602,7 +603,7 @@ class Forecaster:
                 evaluated = self._on_route(route)
                 if self._ripple_w == math.inf and evaluated is not None and self._is_limited(evaluated[0]):
                     assert self._ask_ripple_w is not None
-                    self._ripple_w, self._now = self._ask_ripple_w(), None
+                    self._ripple_w, self._now, self._in_steps = self._ask_ripple_w(), None, False
                     evaluated = self._on_route(route)
                 self._evaluated[shares] = evaluated
         return self._evaluated[shares]

@@ -41,7 +41,7 @@ Bracket = tuple[tuple[float, float], ...]
 """How far below and above a climb starts to look along each path parameter: part of the way to the next place that is
 known to be no better."""
 
-COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 1e-4
+COARSE, MAX_HALVINGS, MIN_BOUND_GAIN = 13, 60, 2e-5
 """A scan: points over a set, maximum halvings towards edges of steps, and minimum bound of the gain of a step."""
 
 GRIDS, SEARCHED, MIN_STEP = {2: 11, 3: 5}, 3, 1e-3
@@ -596,10 +596,14 @@ class _Scan(NamedTuple):
             return found[i]
 
         last, skipped = len(points) - 1, set[int]()
-        feasible = [i for i in (points.index(base[axis]), 0, last) if _is_feasible(look(i))][:1]
-        for near, end in itertools.product(feasible, (0, last)):
-            far, at_near, at_far = end, _beyond_a_lap(look(near)), _beyond_a_lap(look(end))
-            while at_far > 0 and abs(far - near) > 1:
+        feasible = next((i for i in (points.index(base[axis]), 0, last) if _is_feasible(look(i))), None)
+        for end in (0, last):
+            if feasible is None or bounds[end] <= self._limit(best):
+                continue
+            near, far = feasible, end
+            at_near, at_far = _beyond_a_lap(look(near)), _beyond_a_lap(look(end))
+            # the point between where it is short of a lap, by the line through both
+            while at_near <= 0 < at_far and abs(far - near) > 1:
                 steps = round(at_near / (at_near - at_far) * abs(far - near))
                 i = near + min(max(steps, 1), abs(far - near) - 1) * (1 if far > near else -1)
                 short = _beyond_a_lap(look(i))
