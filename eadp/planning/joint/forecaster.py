@@ -34,7 +34,18 @@ from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPow
 from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
 from eadp.planning.joint.kernels import EXPECTED, MOTION, PEAK, TIMES
-from eadp.planning.joint.place_kernel import FEASIBLE, NO_ENDS, UNFLYABLE, UNKNOWN, Found, Now, find_place
+from eadp.planning.joint.place_kernel import (
+    FEASIBLE,
+    MIN_STD,
+    NO_ENDS,
+    ROUNDING,
+    SAME_SOC,
+    UNFLYABLE,
+    UNKNOWN,
+    Found,
+    Now,
+    find_place,
+)
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
@@ -51,7 +62,6 @@ ALIKE_STDS = 0.1
 """Plans whose final charge differs by less, in standard deviations, are equally safe: probabilities differ by at most
 four points, near 0.95 by one."""
 
-MIN_STD, SAME_SOC = 1e-6, 1e-5
 NAVIGATION_M, NAVIGATION_STDS = (0.25, 10.0), 2.5
 """Least and greatest standard deviation of how far the aircraft reaches [m]; ends that it passes, or misses, by more
 than so many are certain."""
@@ -618,7 +628,7 @@ class Forecaster:
 
     def _is_limited(self, terms: KnapsackTerms) -> bool:
         """Whether the maximum power of the motion alters a forecast."""
-        limited = terms.beyond_w > 0 or terms.letter_soc > self._settings.reserve_soc or terms.delivered_soc > 0
+        limited = terms.beyond_w > 0 or terms.letter_soc > self._settings.reserve_soc or terms.delivered_soc > ROUNDING
         return limited or bool(terms.truncated.any())
 
     def candidate(self, shares: Shares) -> Candidate | None:

@@ -38,8 +38,9 @@ FEASIBLE, SHORT, UNFLYABLE, UNKNOWN = range(4)
 """What is found: the charge suffices, or not; the wind is too strong; or the steps have to be taken, as the battery's
 power limits something, or the computations' values have other proportions."""
 
-MIN_STD, SAME_SOC = 1e-6, 1e-5
-"""Least standard deviation of a final charge, and accuracy of a quantile where there are several ends."""
+MIN_STD, SAME_SOC, ROUNDING = 1e-6, 1e-5, 1e-9
+"""Least standard deviation of a final charge, accuracy of a quantile where there are several ends, and a charge that
+counts as rounding."""
 
 PROBABILITY, UNUSED = range(2)
 """Rows of an array of shape (2, ends): probability of each end, and energy not used then [J]."""
@@ -309,7 +310,7 @@ def _find_place(
         amounts,
     )
     beyond, letter_soc, delivered_soc = limits
-    limited = letter_soc > now.reserve_soc or delivered_soc > 0.0
+    limited = letter_soc > now.reserve_soc or delivered_soc > ROUNDING
     if truncates or beyond > 0.0 or (ripple_w == math.inf and limited):
         return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
     min_v = 0.1 * mean_v

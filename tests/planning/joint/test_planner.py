@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -26,6 +27,8 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.joint import planner as module
+from eadp.planning.joint.forecaster import Forecaster, ripple_w
 from eadp.planning.joint.knapsack import Increments
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
 from eadp.planning.joint.program import Candidate, place_of
@@ -471,3 +474,34 @@ def test_where_the_plan_cannot_be_flown_nothing_holds():
     first = next(time_s for time_s in asked if time_s >= 60)
     assert [time_s for time_s in asked if first <= time_s <= 90] == list(np.arange(first, 91))
     assert len([time_s for time_s in asked if time_s < 60]) < 40
+
+
+@pytest.mark.parametrize(("battery", "asked"), [({}, False), ({"battery.max_c_rate": 6.25}, True)])
+def test_the_ripple_is_asked_for_where_it_matters_and_nothing_else_depends_on_when(battery, asked, monkeypatch):
+    """A flight with the ripple of every moment, and one where it is asked for when a limit could depend on it."""
+    calls, flights = [], []
+    monkeypatch.setattr(module, "ripple_w", lambda state_w: calls.append(1) or ripple_w(state_w))
+    start_at = Forecaster.start_at
+    for always in (False, True):
+
+        def start(self, time_s, position, ask=None, always=always):
+            start_at(self, time_s, position, ask)
+            if always and ask is not None:
+                self._ripple_w = ask()
+
+        monkeypatch.setattr(Forecaster, "start_at", start)
+        inputs = load_flight(
+            str(ROOT / "plans/survey.plan"),
+            scenario_path=str(ROOT / "scenarios/survey.yaml"),
+            overrides={"step_s": STEP_S, "battery.capacity_ah": 0.6, "time_limit_s": 250, **battery},
+        )
+        calls.clear()
+        planner, outcome = inputs.planner(), Outcome()
+        for _ in fly(replace(inputs.world, log_every_s=math.inf), planner, outcome):
+            pass
+        flights.append((len(calls), [record._replace(calls=0) for record in outcome.records]))
+    (few, records), (many, expected) = flights
+    assert records == expected
+    assert len(records) > 10
+    assert (few > 0) == asked
+    assert many > 10

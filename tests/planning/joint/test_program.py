@@ -467,3 +467,28 @@ def test_a_worse_solution_of_the_qp_is_replaced_by_the_closed_form_and_counted(m
     assert (solution.status, report.outdone) == (CLOSED_FORM, 1)
     assert solution.value == start.value
     assert solution.gap == report.gaps[-1] == pytest.approx(start.value - start.candidate.increments.base_value)
+
+
+def test_a_bracket_is_part_of_the_way_to_the_next_places_that_differ_in_one_share():
+    known = [(0.5, 0.2), (0.4, 0.2), (0.3, 0.2), (0.52, 0.2), (0.5, 0.9), (0.51, 0.21)]
+    (first, second) = module._bracket((0.5, 0.2), known)
+    assert first == pytest.approx((0.1 * module.WITHIN, 0.02 * module.WITHIN))
+    assert second == (module.FIRST_REACH, module.FIRST_REACH), "none below, and one above that is farther"
+
+
+@pytest.mark.parametrize("rises", [True, False])
+def test_a_scan_does_not_look_between_places_that_are_short_by_more_than_a_lap(rises):
+    """A value and a use that rise with a share, or fall, and charge for 0.3 of its set; a lap is a tenth of the use."""
+    none, looked = np.zeros(0, dtype=np.intp), []
+
+    def candidate_at(shares):
+        looked.append(shares[0])
+        p = shares[0] if rises else 1 - shares[0]
+        increments = Increments(none, none, np.zeros(0), np.zeros(0), 0.4 + 2 * p, p)
+        return Candidate(shares, (1, 2, 3, 4) * 10, increments, 1.0)
+
+    solution = MissionProgram(1).scanned(candidate_at, (0.0 if rises else 1.0,))
+    assert solution.value == pytest.approx(0.3, abs=1e-3)
+    lap_share = 0.05  # where the use is a lap more than the charge, 0.4 + 2 p = 1 + (0.4 + 2 p) / 10
+    short = [p for p in (looked if rises else [1 - p for p in looked]) if p > 0.3 + lap_share + 1 / 12]
+    assert len(short) <= 3, short
