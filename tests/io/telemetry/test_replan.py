@@ -8,7 +8,7 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.estimation.estimator import ExactEstimator
+from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.estimation.regressions import TimeRatio
 from eadp.planning.live import APPLY_S
 
@@ -105,7 +105,7 @@ def test_what_is_applied_makes_up_for_what_is_not():
 def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
     """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
     learned, periods_s = [], []
-    learn, lap = TimeRatio.learn, ExactEstimator.lap
+    learn, lap = TimeRatio.learn, DeferredEstimator.lap
 
     def recorded(self, forecast_s, flown_s, *others):
         learned.append((forecast_s, flown_s))
@@ -116,7 +116,7 @@ def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
         periods_s.append(self.period_s)
 
     monkeypatch.setattr(TimeRatio, "learn", recorded)
-    monkeypatch.setattr(ExactEstimator, "lap", recorded_lap)
+    monkeypatch.setattr(DeferredEstimator, "lap", recorded_lap)
     flown(short_survey(), UNDISTURBED)
     whole, lap_s = len(learned), periods_s[-1]
     for disturbance in DISTURBANCES[:2]:
