@@ -19,6 +19,7 @@ from common.routes import Tracked
 from scipy.integrate import quad
 
 from eadp.cli.main import main
+from eadp.core import compiled
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
 from eadp.errors import PathUndefined
@@ -28,7 +29,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.leg_ends import beyond_m, leg_numbers
+from eadp.models.plan.leg_ends import beyond_m, end_on, leg_numbers
 from eadp.models.plan.leg_table import LegTable
 from eadp.models.plan.legs import Leg, left_m, leg_points
 from eadp.models.plan.plan import Plan
@@ -832,3 +833,27 @@ def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
     wind = (3.0, -4.0)
     for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):
         assert ours.tolist() == theirs.tolist()
+
+
+@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+@pytest.mark.parametrize("seed", range(9))
+def test_ends_on_legs_are_the_same_compiled(seed):
+    rng = random.Random(seed)
+    legs = [
+        a_leg("3*x - 4*y", (-72.0, -54.0), (72.0, 54.0)),
+        a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (60 * math.cos(4.0), 60 * math.sin(4.0))),
+        a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270),
+    ]
+    leg, kinds = legs[seed % 3], set()
+    for _ in range(60):
+        final = (rng.uniform(-70, 140), rng.uniform(-70, 70))
+        shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+        arguments = leg, final, shift, rng.uniform(2, 40), rng.choice([0.0, 1.0, 12.0, -2.0]), 0.9 * leg.length_m
+        plain = end_on(*arguments)
+        compiled.enable(True)
+        try:
+            assert end_on(*arguments) == pytest.approx(plain, rel=1e-12)
+        finally:
+            compiled.enable(False)
+        kinds.add((plain[0] < math.inf, math.isfinite(plain[1])))
+    assert kinds == {(True, False), (False, False), (True, True)}, "certain, uncertain, and none"
