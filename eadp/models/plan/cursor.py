@@ -271,13 +271,10 @@ class PlanCursor(NamedTuple):
 
     def _moved(self, *, waiting: Vector, decided: Vector | None = None) -> PlanCursor:
         """The same stage with other parameters."""
-        offset = self._offset(self.stage.index - 1, self.base_m, waiting, due=self.shift_due)
-        return self._replace(
-            parameters=_clipped(self.stage, waiting),
-            offset_m=offset,
-            decided=self.decided if decided is None else decided,
-            waiting=waiting,
-        )
+        stage, _, lap, _, state, segment, before, _, base_m, due, table = self
+        offset, own = self._offset(stage.index - 1, base_m, waiting, due=due), _clipped(stage, waiting)
+        decided = before if decided is None else decided
+        return PlanCursor(stage, own, lap, offset, state, segment, decided, waiting, base_m, due, table)
 
     def _offset(self, index: int, base_m: Point, waiting: Vector, *, due: bool) -> Point:
         """Live, a lap lies where the parameters of the moment shift it to, but for its last stage."""
