@@ -221,7 +221,9 @@ class PlanCursor(NamedTuple):
             offsets.append((ox, oy))
             ox, oy = ox + dx, oy + dy
             _check_laps(self.lap + len(offsets))
-        return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
+        stage, own, lap, _, state, segment, decided, waiting, _, due, table = self
+        at = ox, oy
+        return offsets, PlanCursor(stage, own, lap + len(offsets), at, state, segment, decided, waiting, at, due, table)
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""

@@ -191,12 +191,7 @@ def find_place(
     wind_variance : float
         Variance of the logarithm of the time due to the wind.
     """
-    compiled = jitted(
-        _find_place,
-        *(write_load, write_leg_times, write_rates, write_terms, *WRITES_TERMS),
-        *(after_drain, optimal_gain, level, probability_above),
-        makes_arrays=False,
-    )
+    compiled = jitted(_find_place, *CALLED, makes_arrays=False)
     work = work_arrays(len(order), envelopes.steps)
     known = np.empty(len(rows.stages), np.intp), np.empty(len(weights)), np.empty((2, len(uncertain) + 1))
     nodes, first, airspeeds_mps, _, free, shares = rows
@@ -409,3 +404,10 @@ def optimal_gain(amounts: FloatArray, count: int, spare: float) -> float:
                 kept += 1
         count = kept
     return total
+
+
+CALLED = (
+    *(write_load, write_leg_times, write_rates, write_terms, *WRITES_TERMS),
+    *(after_drain, optimal_gain, level, probability_above),
+)
+"""What `_find_place` calls, to be compiled with it."""
