@@ -69,6 +69,9 @@ solution's multiplier may leave open for it to be kept."""
 TIE = 1e-3
 """Relative difference of gain per charge to the multiplier within which a QP's shares are kept."""
 
+SAME = 1e-12
+"""Difference of values, and of shortfalls, that is rounding: sums in another order must not choose another place."""
+
 RECENTRED = 2
 """Maximum number of QPs with a proximal term around the last one's solution, where the gap is larger."""
 
@@ -290,7 +293,8 @@ class MissionProgram:
         enough = best.shortfall + best.tolerance
         if not best.feasible and math.isfinite(enough):
             as_good = [place for place in known.values() if place is not None and place.shortfall <= enough]
-            best = max(as_good, key=lambda place: place.value)
+            for place in as_good:
+                best = place if place.value > best.value + SAME else best
         candidate = candidate_at(best.shares)
         assert candidate is not None
         bracket = _bracket(best.shares, known) if self.dimensions and self.dimensions not in GRIDS else ()
@@ -526,14 +530,17 @@ def _bracket(shares: Shares, known: Iterable[Shares]) -> Bracket:
 
 
 def _better(new: Place | None, old: Place | None) -> Place | None:
-    """The better of two: the feasible one, then the greater value; of two infeasible ones the smaller shortfall."""
+    """The better of two: the feasible one, then the greater value; of two infeasible ones the smaller shortfall.
+
+    The old one stays where they are the same.
+    """
     if new is None or old is None:
         return old if new is None else new
     if new.feasible != old.feasible:
         return new if new.feasible else old
     if not new.feasible:
-        return new if new.shortfall < old.shortfall else old
-    return new if new.value > old.value else old
+        return new if new.shortfall < old.shortfall - SAME else old
+    return new if new.value > old.value + SAME else old
 
 
 def _grid_search(evaluate: PlaceAt, best: Place | None, dimensions: int) -> Place | None:
@@ -549,7 +556,7 @@ def _grid_search(evaluate: PlaceAt, best: Place | None, dimensions: int) -> Plac
     ]
     if best is not None:
         found.append(best)
-    found.sort(key=lambda place: (place.feasible, place.value if place.feasible else -place.shortfall))
+    found.sort(key=lambda place: (place.feasible, round(place.value if place.feasible else -place.shortfall, 11)))
     for start in found[-SEARCHED:]:
         own = start
         step = 0.5 / (GRIDS[dimensions] - 1)

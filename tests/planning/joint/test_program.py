@@ -469,6 +469,15 @@ def test_a_worse_solution_of_the_qp_is_replaced_by_the_closed_form_and_counted(m
     assert solution.gap == report.gaps[-1] == pytest.approx(start.value - start.candidate.increments.base_value)
 
 
+def test_rounding_does_not_choose_between_places():
+    place = module.Place((0.2,), (1,), True, 0.0, True, 1.0, 0.5, 0.6)
+    short = place._replace(feasible=False, available=0.4)
+    assert module._better(place._replace(shares=(0.7,), value=1.0 + 3e-16), place) is place
+    assert module._better(short._replace(shares=(0.7,), available=0.4 + 3e-16), short) is short
+    more = place._replace(value=1.0 + 1e-9)
+    assert module._better(more, place) is more
+
+
 def test_a_bracket_is_part_of_the_way_to_the_next_places_that_differ_in_one_share():
     known = [(0.5, 0.2), (0.4, 0.2), (0.3, 0.2), (0.52, 0.2), (0.5, 0.9), (0.51, 0.21)]
     (first, second) = module._bracket((0.5, 0.2), known)
