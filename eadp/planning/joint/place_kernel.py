@@ -47,6 +47,9 @@ PROBABILITY, UNUSED = range(2)
 
 NO_ENDS = np.zeros((0, 4))
 
+NOTHING = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
+"""The numbers after the kind of a route of which nothing else is found."""
+
 
 class Numbers(NamedTuple):
     """What is found of a route, beside its arrays.
@@ -194,22 +197,9 @@ def find_place(
     compiled = jitted(_find_place, *CALLED, makes_arrays=False)
     work = work_arrays(len(order), envelopes.steps)
     known = np.empty(len(rows.stages), np.intp), np.empty(len(weights)), np.empty((2, len(uncertain) + 1))
-    nodes, first, airspeeds_mps, _, free, shares = rows
+    (nodes, first, airspeeds_mps, _, free, shares), arrays = rows, envelopes.arrays
     numbers = compiled(
-        *(
-            nodes,
-            first,
-            airspeeds_mps,
-            free,
-            shares,
-            order,
-            group_of,
-            envelopes.arrays,
-            *past,
-            weights,
-            path,
-            uncertain,
-        ),
+        *(nodes, first, airspeeds_mps, free, shares, order, group_of, arrays, *past, weights, path, uncertain),
         *(now, cell, charge, left, wind_variance, *work, *known),
     )
     return Found(Numbers(*numbers), group_of, envelopes.kinds, *work)
@@ -251,7 +241,7 @@ def _find_place(
         *(max_w, known, legs),
     )
     if not total_s < math.inf:
-        return UNFLYABLE, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
+        return UNFLYABLE, *NOTHING
     time_variance = total_s * total_s * (now.ratio_variance + wind_variance) + now.noise_s * total_s
     squares = total_s * total_s * now.level_variance + 2 * total_s * bank_s * now.covariance
     energy_variance = squares + bank_s * bank_s * now.slope_variance + now.window_noise * total_s
@@ -288,7 +278,7 @@ def _find_place(
     for k in range(path, len(rates)):
         proportion = rates[k] / scale if scale > 0.0 else rates[k]
         if round(proportion, 4) != envelopes.proportions[k - path]:
-            return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
+            return UNKNOWN, *NOTHING
     limits, (size, use, own_value), truncates, mean_w, mean_v = write_terms(
         envelopes.extremes_w,
         group_of,
@@ -307,7 +297,7 @@ def _find_place(
     beyond, letter_soc, delivered_soc = limits
     limited = letter_soc > now.reserve_soc or delivered_soc > ROUNDING
     if truncates or beyond > 0.0 or (ripple_w == math.inf and limited):
-        return UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0
+        return UNKNOWN, *NOTHING
     min_v = 0.1 * mean_v
     soc_per_j = per_as / math.sqrt(max(mean_v * mean_v - 4 * cell[2] * mean_w, min_v * min_v))
 
