@@ -362,7 +362,9 @@ def _latches(plan: Plan, segment: Segment) -> list[int | None]:
 
 def _clipped(stage: Stage, values: Vector) -> Vector:
     """Parameters clipped to a stage's sets."""
-    for box, value in zip(stage.sets, values, strict=False):
+    if not stage.sets:
+        return values
+    for box, value in zip(stage.sets, values, strict=True):
         if not box.lo <= value <= box.hi:
             return tuple([box.clip(value) for box, value in zip(stage.sets, values, strict=True)])
     return values
