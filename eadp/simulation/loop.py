@@ -135,11 +135,11 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     bridge = _SensorBridge(world, planner, inner_loop, outcome, log_every)
     losses = _losses(world)
     alarms = [step + bridge.late for step, _ in losses]
-    parameters, stage, sets = executor.parameters, executor.stage, world.plan.quality_sets
+    parameters, stage = executor.parameters, executor.stage
     computing_w = world.computing_w(parameters, stage)
-    log = outcome.parameters = ParameterLog(world.plan, parameters, sets[stage.index - 1], world.actual, computing_w)
+    log = outcome.parameters = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
     inner_loop.start_stage(executor, computing_w)
-    plan_stage = stage.index
+    plan_stage, stages_started = stage.index, executor.stages_started
     decided = bridge.decision.parameters
     steps = math.ceil(world.time_limit_s / step_s - 1e-9)
     reason, returning = TIME_LIMIT, False
@@ -190,10 +190,15 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
             break
         if changed:
             stage, parameters = executor.stage, executor.parameters
-            plan_stage = plan_stage if returning else stage.index  # of the plan that was given up
             computing_w = world.computing_w(parameters, stage)
             inner_loop.start_stage(executor, computing_w)
-            log.change(time_s, parameters, stage.sets if returning else sets[plan_stage - 1], computing_w)
+            if returning:  # the plan was given up
+                log.give_up(time_s, parameters, stage.sets, computing_w)
+            else:
+                plan_stage = stage.index
+                started = executor.stages_started != stages_started
+                stages_started = executor.stages_started
+                log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
         if returning:
             next_update = steps
         elif changed:
@@ -207,7 +212,8 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     totals = outcome.totals
     totals.energy_j, totals.distance_m = variable(ENERGY) * step_s, variable(DISTANCE) * step_s
     totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
-    log.close(k * step_s)
+    short_of = (variable(X), variable(Y)), world.vehicle.airspeed_mps
+    log.close(k * step_s, None if outcome.completed else short_of)
     outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, variable(SOC)
     bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
     outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)

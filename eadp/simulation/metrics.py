@@ -6,8 +6,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from eadp.models.plan.cursor import Vector
+import numpy as np
+
+from eadp.core.geometry.curves import Point
+from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.ground import GroundLog
+from eadp.models.plan.legs import left_m
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.route_arrays import RouteArrays
 from eadp.models.plan.stage import Box
 
 
@@ -34,18 +41,28 @@ class ParameterRecord:
 
 
 class ParameterLog:
-    """Parameters over time: means, changes, the quality U, and the energy of computations. Updated at changes only.
+    """Parameters over time: means, changes, the quality U by ground, and the energy of computations.
 
-    U is Σ weight · c̃ over the parameters whose set has more than one value, averaged over the time in which it has; the
-    sets are those of `Plan.quality_sets`. Weights are equal by default, and scaled to sum to 1. c̃ is that of the rates
-    at which the computations run, which `actual` gives. Source: letter, Sec. V.
+    Updated at new stages and changes only. `actual` gives the rates at which the computations run.
+
+    Parameters
+    ----------
+    plan : Plan
+    cursor : PlanCursor
+        The first stage, and the parameters in force on it.
+    joined_m : (float, float)
+        Where it is joined [m].
+    actual : function, optional
+        Parameters as they are, from those commanded.
+    computing_w : float
+        Power of the computations [W].
     """
 
     def __init__(
         self,
         plan: Plan,
-        parameters: Vector,
-        sets: tuple[Box, ...],
+        cursor: PlanCursor,
+        joined_m: Point,
         actual: Callable[[Vector], Vector] = tuple,
         computing_w: float = 0.0,
     ) -> None:
@@ -53,14 +70,35 @@ class ParameterLog:
         self.computing_j = 0.0
         self._computing_w = computing_w
         self._since_s = 0.0
-        self._values = parameters
-        self._sets = sets
-        self.records = [ParameterRecord(value, value) for value in parameters]
-        self._share_integral = [0.0] * len(parameters)
-        self._share_time_s = [0.0] * len(parameters)
+        self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
+        self.records = [ParameterRecord(value, value) for value in self._values]
+        self._share_integral = [0.0] * len(self._values)
+        self._share_time_s = [0.0] * len(self._values)
+        self._events: list[tuple[float, PlanCursor, Point | None, Vector]] = [
+            (0.0, cursor, joined_m, actual(cursor.parameters))
+        ]
+        self._ended_s: float | None = None
+        self._short_of: tuple[Point, float] | None = None
 
-    def change(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float = 0.0) -> None:
-        """Record new values or sets, and the power of the computations [W], from a time on [s]."""
+    def change(
+        self, time_s: float, cursor: PlanCursor, joined_m: Point | None = None, computing_w: float = 0.0
+    ) -> None:
+        """Record a new stage, joined at `joined_m` [m], or new parameters, from a time on [s]."""
+        self._set(time_s, cursor.parameters, self._plan.quality_sets[cursor.stage.index - 1], computing_w)
+        self._events.append((time_s, cursor, joined_m, self._actual(cursor.parameters)))
+
+    def give_up(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
+        """The plan is given up at a time [s], for a flight with other parameters and sets; or these change."""
+        self._set(time_s, parameters, sets, computing_w)
+        self._ended_s = time_s if self._ended_s is None else self._ended_s
+
+    def close(self, time_s: float, short_of: tuple[Point, float] | None = None) -> None:
+        """End the flight; short of the plan's end where it is at a position [m], at an airspeed [m/s]."""
+        self._advance(time_s)
+        self._ended_s = time_s if self._ended_s is None else self._ended_s
+        self._short_of = short_of
+
+    def _set(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
@@ -68,10 +106,6 @@ class ParameterLog:
                 record.last = new
                 record.history.append((round(time_s, 6), new))
         self._values, self._sets, self._computing_w = parameters, sets, computing_w
-
-    def close(self, time_s: float) -> None:
-        """End the flight."""
-        self._advance(time_s)
 
     def _advance(self, time_s: float) -> None:
         duration = time_s - self._since_s
@@ -101,11 +135,31 @@ class ParameterLog:
         return self._share_integral[index] / time_s if time_s > 0 else None
 
     def quality(self, weights: Mapping[str, float]) -> float | None:
-        """U; None without a free parameter."""
-        shares = [(name, self.mean_share(i)) for i, name in enumerate(self._plan.names)]
-        free = [(weights.get(name, 0.0) if weights else 1.0, share) for name, share in shares if share is not None]
-        total = sum(weight for weight, _ in free)
-        return sum(weight * share for weight, share in free) / total if total > 0 else None
+        """U of the mission by its ground; None where no parameter has a choice.
+
+        Source: `eadp.models.plan.ground`.
+        """
+        ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
+        for time_s, cursor, joined_m, parameters in self._events:
+            if joined_m is not None:
+                joined, since_s = joined_m, time_s
+                ground.start_leg(time_s, cursor, predictor.leg(cursor, joined_m).length_m)
+            ground.hold(time_s, cursor, parameters)
+        ended_s = self._since_s if self._ended_s is None else self._ended_s
+        flown = ground.until(ended_s)
+        route = predictor.route(cursor, joined)
+        legs = RouteArrays.of([route])
+        times_s = np.zeros(len(route.order))
+        if self._short_of is not None:
+            (position, airspeed_mps), leg = self._short_of, route.first
+            times_s, _ = route.times_s(airspeed_mps, (0.0, 0.0))
+            along_m = min(leg.distance_m, (ended_s - since_s) * airspeed_mps)
+            times_s[0] *= left_m(leg, position, along_m) / leg.distance_m if leg.distance_m > 0 else 0.0
+        of_leg, flown_per_s = legs.ground(flown, times_s)
+        counted = np.array([ground.shares.scaled(stage).any() for stage in legs.stages.tolist()])
+        total = flown.ground + flown_per_s[0] * flown.run.free_s + float(of_leg[counted].sum())
+        seen = flown.value + flown_per_s[0] * flown.run.area_s
+        return float(seen / total) if total > 0 else None
 
     def paper_metric(self, soc_final: float) -> float | None:
         """Σ_t ½(c̃1 + c̃2)/(|T| SoC(t_f)), for any number of parameters; None where SoC(t_f) is not above 0.

@@ -291,7 +291,7 @@ class PlanCursor(NamedTuple):
 
 
 class _Table:
-    """What all cursors of a plan share."""
+    """What all cursors of a plan share; `highest` are its highest parameters."""
 
     def __init__(self, plan: Plan, rules: Rules) -> None:
         self.plan, self.rules = plan, rules
@@ -302,6 +302,7 @@ class _Table:
             next((stage for stage in plan.stages if parameter.name in stage.path.names), plan.stages[0])
             for parameter in plan.parameters
         ]
+        self.highest = tuple([plan.hull(i).hi for i in range(len(plan.parameters))]) if plan.has_sets else ()
         self._ends: dict[Vector, tuple[Point, Point, Point]] = {}
         self._shifts: dict[Vector, Point] = {}
         self._laid_out: dict[tuple[int, Vector, State], tuple[PathFunction, Point]] = {}

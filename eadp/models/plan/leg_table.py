@@ -42,6 +42,7 @@ class LegRows(NamedTuple):
     nodes: Nodes
     first: IntArray
     airspeeds_mps: FloatArray
+    lengths_m: FloatArray
     stages: IntArray
     free: FloatArray
     shares: FloatArray
@@ -75,7 +76,7 @@ class LegTable:
         self._filled = 0
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
-        self._rows = LegRows(Nodes(none, none, none, none), zero, none, zero[1:], nothing, nothing)
+        self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, nothing)
 
     def row(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
         """The row of a leg; a new one for what is not in the table yet."""
@@ -110,6 +111,7 @@ class LegTable:
                 array[used:last] = values
             rows.first[number + 1] = used = last
             rows.airspeeds_mps[number] = stage.airspeed_mps or math.nan
+            rows.lengths_m[number] = nodes.weights_m.sum()
             rows.stages[number] = stage.index
             sets, own = self._sets[stage.index - 1], self.parameters[number]
             rows.free[number] = self._free[stage.index - 1]
@@ -126,6 +128,7 @@ class LegTable:
             Nodes(*(grown(array, used, last) for array in old.nodes)),
             grown(old.first, known + 1, count + 1),
             grown(old.airspeeds_mps, known, count),
+            grown(old.lengths_m, known, count),
             grown(old.stages, known, count),
             grown(old.free, known, count),
             grown(old.shares, known, count),

@@ -18,6 +18,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
+from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.leg_ends import end_on
 from eadp.models.plan.leg_table import LegTable, leg_times_s
 from eadp.models.plan.legs import Leg
@@ -63,12 +64,21 @@ class Route:
         Ends before the last leg's, in the order of their clearance.
     pieces : tuple of Leg or AlikeLaps
         The legs, those of laps that are alike together.
+    runs : array of int, shape (legs,)
+        The lap, or run of stages outside laps, that each leg belongs to, from 0.
+    scales : array, shape (runs,)
+        Ground per metre of each, see `eadp.models.plan.ground.lap_scale`.
+    beyond_m : float
+        Length of the last lap beyond the end of the plan [m]: its strip is as long as any other.
     """
 
     table: LegTable
     order: IntArray
     ends: tuple[UncertainEnd, ...]
     pieces: tuple[Leg | AlikeLaps, ...]
+    runs: IntArray
+    scales: FloatArray
+    beyond_m: float = 0.0
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -128,7 +138,9 @@ class Route:
         """The same without its first leg."""
         ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
         pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
-        return Route(self.table, self.order[1:], ends, pieces)
+        passed = int(self.runs[1]) if len(self.runs) > 1 else 0
+        runs, scales = self.runs[1:] - passed, self.scales[passed:]
+        return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -170,43 +182,61 @@ class RoutePredictor:
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
         table = self._table = self._table or LegTable(cursor.table.plan)
-        pieces: list[Leg | AlikeLaps] = []
-        rows: list[int] = []
-        ends: list[UncertainEnd] = []
+        made = _RouteMaker(table)
         start = joined_m
         following: PlanCursor | None = cursor
         while following is not None:
             cursor = following
             lap = self._lap(cursor, start) if cursor.repeats_alike else None
             if lap is not None:
-                offsets, cursor = cursor.laps_before_end()
+                offsets, last = cursor.laps_before_end()
                 if offsets:
-                    pieces.append(AlikeLaps(lap, cursor.lap - len(offsets), offsets, start))
-                    rows += lap.rows * len(offsets)
-                    start = pieces[-1].end_m
+                    laps = AlikeLaps(lap, cursor.lap, offsets, start)
+                    made.add_laps(laps, lap_scale(cursor))
+                    start = laps.end_m
+                cursor = last
                 legs = AlikeLaps(lap, cursor.lap, [cursor.offset_m], start).legs()
                 numbers = lap.rows
             else:
                 leg, number = self._leg(cursor, start)
                 legs, numbers = [leg], [number]
+            made.start(cursor)
             end = cursor.end()
-            for leg, number in zip(legs, numbers, strict=True):
+            for count, (leg, number) in enumerate(zip(legs, numbers, strict=True), 1):
                 cut = None
                 if end is not None and not end.at_trigger:
-                    cut = _cut_at_end(leg, len(rows), end, cursor.table.plan, margin_m, ends)
+                    cut = _cut_at_end(leg, len(made.rows), end, cursor.table.plan, margin_m, made.ends)
                 if cut is not None:
                     (ox, oy), (x, y) = cut.offset_m, cut.start_m
                     share = cut.distance_m / cut.length_m if cut.length_m else 1.0
                     nodes = cut.track.nodes((x - ox, y - oy), cut.distance_m, share)
-                    pieces.append(cut)
-                    rows.append(table.row(cut.stage, table.parameters[number], nodes))
-                    return Route(table, np.array(rows, dtype=np.intp), tuple(ends), tuple(pieces))
-                pieces.append(leg)
-                rows.append(number)
+                    made.add(cut, table.row(cut.stage, table.parameters[number], nodes))
+                    rest_m = sum([other.length_m for other in legs[count:]]) if lap else self._rest_m(cursor, leg.end_m)
+                    return made.route(cut.length_m - cut.distance_m + rest_m)
+                made.add(leg, number)
             start, following = legs[-1].end_m, cursor.next() if lap is None else cursor.next_lap()
             if later is not None and cursor.repeats and (following is None or following.segment != cursor.segment):
                 following, later = cursor.decide(later).next(), None
-        return Route(table, np.array(rows, dtype=np.intp), tuple(ends), tuple(pieces))
+        return made.route()
+
+    def leg(self, cursor: PlanCursor, joined_m: Point) -> Leg:
+        """The whole of a stage from where it is joined.
+
+        Raises
+        ------
+        PathUndefined
+            As `route`.
+        """
+        self._table = self._table or LegTable(cursor.table.plan)
+        return self._leg(cursor, joined_m)[0]
+
+    def _rest_m(self, cursor: PlanCursor, start: Point) -> float:
+        """Length of the stages of a lap after this one [m]."""
+        total_m, following = 0.0, cursor.next()
+        while following is not None and (following.segment, following.lap) == (cursor.segment, cursor.lap):
+            leg, _ = self._leg(following, start)
+            total_m, start, following = total_m + leg.length_m, leg.end_m, following.next()
+        return total_m
 
     def _leg(self, cursor: PlanCursor, start: Point) -> tuple[Leg, int]:
         """The leg of a stage from where it is joined, and its row."""
@@ -255,6 +285,55 @@ class RoutePredictor:
                 raise PathUndefined(f"the path of stage {stage.index} does not lead to its trigger")
             self._shapes[key] = _Shape(track, trigger, length_m, track.nodes(start, length_m, 1.0))
         return self._shapes[key]
+
+
+class _RouteMaker:
+    """Collects the legs of a route, and the laps that they belong to."""
+
+    def __init__(self, table: LegTable) -> None:
+        self.rows: list[int] = []
+        self.ends: list[UncertainEnd] = []
+        self._table = table
+        self._pieces: list[Leg | AlikeLaps] = []
+        self._runs: list[int] = []
+        self._scales: list[float] = []
+        self._place: tuple[int, int] | None = None
+        self._cursor: PlanCursor | None = None
+
+    def add_laps(self, laps: AlikeLaps, scale: float) -> None:
+        """Add laps that are alike."""
+        self._finish()
+        count, legs = len(laps.offsets_m), len(laps.lap.rows)
+        self._pieces.append(laps)
+        self.rows += laps.lap.rows * count
+        first = len(self._scales)
+        self._runs += [run for run in range(first, first + count) for _ in range(legs)]
+        self._scales += [scale] * count
+
+    def start(self, cursor: PlanCursor) -> None:
+        """Go on with legs of a cursor's lap."""
+        if (cursor.segment, cursor.lap) != self._place:
+            self._finish()
+            self._place = cursor.segment, cursor.lap
+        self._cursor = cursor
+
+    def add(self, leg: Leg, row: int) -> None:
+        """Add a leg."""
+        self._pieces.append(leg)
+        self.rows.append(row)
+        self._runs.append(len(self._scales))
+
+    def _finish(self) -> None:
+        """A lap is complete: what shifts the next one is known."""
+        if self._cursor is not None:
+            self._scales.append(lap_scale(self._cursor))
+        self._cursor = self._place = None
+
+    def route(self, beyond_m: float = 0.0) -> Route:
+        """The route; see its `beyond_m`."""
+        self._finish()
+        order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
+        return Route(self._table, order, tuple(self.ends), tuple(self._pieces), runs, np.array(self._scales), beyond_m)
 
 
 def _cut_at_end(

@@ -89,6 +89,12 @@ class Segment:
         known = self._known(parameters, state)
         return self.until[0].value(known) >= self.until[1].value(known)
 
+    def left(self, parameters: Sequence[float], state: State) -> float:
+        """How far the end of a repeated segment is at a state: b − a, 0 or less where no further lap is flown."""
+        assert self.until is not None
+        known = self._known(parameters, state)
+        return self.until[1].value(known) - self.until[0].value(known)
+
     def first_lap(self) -> dict[str, Expression]:
         """Every loop variable in the first lap, in parameters alone.
 
