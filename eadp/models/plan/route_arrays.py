@@ -92,9 +92,10 @@ class RouteArrays(NamedTuple):
         flown_per_s : array, shape (routes,)
             [m/s].
         """
-        lengths_m = np.bincount(self.run, self.rows.lengths_m[self.order], len(self.scales)) + self.beyond_m
-        seconds = np.bincount(self.run, times_s, len(self.scales))
-        lengths_m[self.first_run] += flown.run.flown_m
-        seconds[self.first_run] += flown.run.flown_s
+        flying = np.zeros(len(self.scales))
+        flying[self.first_run] = 1.0
+        of_legs_m = np.bincount(self.run, self.rows.lengths_m[self.order], len(self.scales))
+        lengths_m = of_legs_m + self.beyond_m + flying * flown.run.flown_m
+        seconds = np.bincount(self.run, times_s, len(self.scales)) + flying * flown.run.flown_s
         per_s = self.scales * lengths_m / np.maximum(seconds, 1e-9)
         return per_s[self.run] * times_s, per_s[self.first_run]

@@ -197,7 +197,7 @@ def find_place(
     compiled = jitted(_find_place, *CALLED, makes_arrays=False)
     work = work_arrays(len(order), envelopes.steps)
     known = np.empty(len(rows.stages), np.intp), np.empty(len(weights)), np.empty((2, len(uncertain) + 1))
-    (nodes, first, airspeeds_mps, _, free, shares), arrays = rows, envelopes.arrays
+    (nodes, first, airspeeds_mps, _, _, free, shares), arrays = rows, envelopes.arrays
     numbers = compiled(
         *(nodes, first, airspeeds_mps, free, shares, order, group_of, arrays, *past, weights, path, uncertain),
         *(now, cell, charge, left, wind_variance, *work, *known),
