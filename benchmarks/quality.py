@@ -494,10 +494,19 @@ class Lowest(TrackingPlanner):
         """At every step."""
         return 0.0
 
+    def ingest(self, readings: Any) -> Decision:
+        """The inner planner's decision, or the lowest."""
+        decision: Decision = self._inner.ingest(readings)
+        return decision if readings.times_s[-1] < self._from_s - 1e-9 else Decision(self._lowest)
+
+    def estimates(self, times_s: Any) -> Any:
+        """The inner planner's."""
+        return self._inner.estimates(times_s)
+
     def update(self, observation: Observation) -> Decision:
         """The inner planner's decision, or the lowest."""
         if observation.time_s >= self._from_s - 1e-9:
-            return Decision(self._lowest, 0.0)
+            return Decision(self._lowest)
         return self._inner.update(observation)
 
 

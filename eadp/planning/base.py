@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
 
 from annotated_types import Ge, Le, Len
 
@@ -37,6 +37,9 @@ from eadp.planning.estimation.estimator import (
     PowerEstimate,
     PublishedEstimator,
 )
+
+if TYPE_CHECKING:
+    from eadp.planning.state.flight_state import FlightState
 
 SOC_JUMP = 0.01
 UNKNOWN_PERIOD_S = 6.0
@@ -71,6 +74,8 @@ class Observation(NamedTuple):
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
     airspeed_mps : float or None
         Measured airspeed [m/s].
+    state : FlightState or None
+        What is known of the flight, this observation included.
     """
 
     time_s: float
@@ -86,6 +91,7 @@ class Observation(NamedTuple):
     heading_rad: float | None = None
     through_gap: bool = False
     airspeed_mps: float | None = None
+    state: FlightState | None = None
 
     @property
     def stage(self) -> int:
@@ -99,9 +105,9 @@ class Observation(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity and heading.
+    """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity, heading, airspeed.
 
-    Quantities are as in `Observation`, velocities and headings NaN where they are not measured.
+    Quantities are as in `Observation`, NaN where they are not measured; airspeeds may be left out.
     """
 
     times_s: Sequence[float]
@@ -112,6 +118,7 @@ class Readings(NamedTuple):
     vx_mps: Sequence[float]
     vy_mps: Sequence[float]
     headings_rad: Sequence[float]
+    airspeeds_mps: Sequence[float] = ()
 
 
 class Decision(NamedTuple):

@@ -219,16 +219,19 @@ class RoutePredictor:
                 following, later = cursor.decide(later).next(), None
         return made.route()
 
-    def leg(self, cursor: PlanCursor, joined_m: Point) -> Leg:
-        """The whole of a stage from where it is joined.
+    def leg(self, cursor: PlanCursor, joined_m: Point) -> Route:
+        """The whole of a stage alone, from where it is joined.
 
         Raises
         ------
         PathUndefined
             As `route`.
         """
-        self._table = self._table or LegTable(cursor.table.plan)
-        return self._leg(cursor, joined_m)[0]
+        table = self._table = self._table or LegTable(cursor.table.plan)
+        made = _RouteMaker(table)
+        made.start(cursor)
+        made.add(*self._leg(cursor, joined_m))
+        return made.route()
 
     def _rest_m(self, cursor: PlanCursor, start: Point) -> float:
         """Length of the stages of a lap after this one [m]."""

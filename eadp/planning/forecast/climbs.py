@@ -1,0 +1,53 @@
+"""What climbs, descents and airspeeds of stages add to time and motion power of the legs of a route."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.models.plan.route import Route
+from eadp.planning.state.climb import Climb
+
+MAX_SLOWED = 0.9
+"""Greatest share of the ground speed that a climb takes: against a strong wind it would take all."""
+
+
+def with_climbs(
+    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times [s], mean and greatest motion powers [W] of a route's legs with climbs and airspeeds, shape (legs,).
+
+    Parameters
+    ----------
+    climb : Climb
+        Where the aircraft is now.
+    route : Route
+    whole_s : array, shape (legs,)
+        Time of each leg from its start in level flight [s].
+    times_s, motion_w : array, shape (legs,)
+        Time left of each leg [s] and motion power [W] in level flight at the airframe's airspeed.
+
+    Source: energy of a climb m g Δh / η; ground speed by V cos γ.
+    """
+    times, added_w, peak_w = times_s.copy(), np.zeros(len(times_s)), np.zeros(len(times_s))
+    here_m, per_m = climb.altitude_m, climb.airframe.climb_j_per_m
+    for i, leg in enumerate(route.legs):
+        altitude_m, airspeed_mps = climb.commanded(leg.stage)
+        added_w[i] = peak_w[i] = climb.faster_w(airspeed_mps)
+        up_mps, down_mps = climb.rates_mps(airspeed_mps)
+        rate_mps = up_mps if altitude_m > here_m else -down_mps
+        if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
+            continue
+        climb_s = (altitude_m - here_m) / rate_mps
+        # the climb takes V (1 − cos γ) of the ground speed
+        slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
+        slowed = min(slower_mps * whole_s[i] / max(leg.distance_m, 1e-9), MAX_SLOWED)
+        climbed_s = min(climb_s, times[i] / (1 - slowed))
+        times[i] += slowed * climbed_s
+        climb_m = rate_mps * climbed_s
+        here_m = altitude_m if climbed_s == climb_s else here_m + climb_m
+        added_w[i] += per_m * climb_m / times[i]
+        peak_w[i] += max(per_m * rate_mps, 0.0)
+    return times, np.maximum(motion_w + added_w, 0.0), motion_w + peak_w

@@ -1,0 +1,208 @@
+"""Configurations of the computations on each stage, and the concave envelope of their value over their power.
+
+Each stage is a class of a multiple-choice knapsack: its configurations have a power and a value, and a mix of two of them
+lies between. The best mixes lie on the upper concave envelope, from the configuration of minimum power on.
+
+Source: Sinha and Zoltners 1979.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.envelope import upper_envelope
+from eadp.errors import Infeasible
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.ground import QualityShares
+from eadp.models.plan.leg_table import LegTable
+from eadp.models.plan.stage import Box, Stage
+from eadp.planning.base import Mission, PlannerSettings, TradeOff, allowed_levels, thinned
+
+MAX_CONFIGURATIONS = 50_000
+
+
+class ConcaveEnvelope(NamedTuple):
+    """Upper concave envelope of value over power, in ascending order of power.
+
+    Attributes
+    ----------
+    powers_w, values : array, shape (k,)
+        Power [W] and value of each configuration, both rising.
+    configurations : array, shape (k, computations)
+    """
+
+    powers_w: FloatArray
+    values: FloatArray
+    configurations: FloatArray
+
+
+def concave_envelope(powers_w: FloatArray, values: FloatArray, configurations: FloatArray) -> ConcaveEnvelope:
+    """Upper concave envelope of configurations: the one of minimum power, and the vertices above it.
+
+    Parameters
+    ----------
+    powers_w, values : array, shape (n,)
+    configurations : array, shape (n, computations)
+    """
+    order = np.lexsort((-values, powers_w))
+    kept = order[upper_envelope(powers_w[order], values[order])]
+    return ConcaveEnvelope(powers_w[kept], values[kept], configurations[kept])
+
+
+class _Group(NamedTuple):
+    """All configurations of a kind of stage, in ascending order of power [W], and their values."""
+
+    configurations: FloatArray
+    powers_w: FloatArray
+    values: FloatArray
+
+
+class EnvelopeTable(NamedTuple):
+    """The envelopes known, one a row; rows are filled up with their last vertex.
+
+    Attributes
+    ----------
+    powers_w, values : array, shape (kinds, vertices)
+    """
+
+    powers_w: FloatArray
+    values: FloatArray
+
+
+class Envelopes:
+    """Envelopes of a mission, each built once.
+
+    A kind is a group of configurations up to a power: stages with the same sets and weights have one group, and
+    the battery may exclude its upper configurations.
+
+    Parameters
+    ----------
+    mission : Mission
+    settings : PlannerSettings
+        Weights and levels are used here.
+    trade_offs : sequence of TradeOff
+        Rows that the configurations keep to.
+    total : bool
+        Whether the value is the weighted sum of the computations, in place of U.
+    """
+
+    def __init__(
+        self, mission: Mission, settings: PlannerSettings, trade_offs: Sequence[TradeOff], *, total: bool
+    ) -> None:
+        self._mission, self._settings, self._trade_offs, self._total = mission, settings, trade_offs, total
+        self._rho = mission.plan.path_count
+        self.shares = QualityShares(mission.plan, settings.weights)
+        self._groups: list[_Group] = []
+        self._numbers: dict[object, int] = {}
+        self._kinds: dict[tuple[int, int], int] = {}
+        self._envelopes: list[ConcaveEnvelope] = []
+        self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
+        self._of_table: tuple[LegTable | None, list[int]] = (None, [])
+
+    def __getitem__(self, kind: int) -> ConcaveEnvelope:
+        return self._envelopes[kind]
+
+    @property
+    def table(self) -> EnvelopeTable:
+        """The envelopes as arrays."""
+        if len(self._table.powers_w) < len(self._envelopes):
+            width = max(len(envelope.powers_w) for envelope in self._envelopes)
+            rows = [
+                [np.pad(each, (0, width - len(each)), mode="edge") for each in envelope[:2]]
+                for envelope in self._envelopes
+            ]
+            self._table = EnvelopeTable(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
+        return self._table
+
+    def groups(self, table: LegTable, order: IntArray) -> IntArray:
+        """Group of each leg, by its row in a table, shape (legs,)."""
+        known = self._of_table[1] if self._of_table[0] is table else []
+        if len(known) < len(table.stages):
+            rest = slice(len(known), None)
+            known = known + [
+                self._group(stage, own) for stage, own in zip(table.stages[rest], table.parameters[rest], strict=True)
+            ]
+            self._of_table = table, known
+        return np.array(known, dtype=np.intp)[order]
+
+    def extremes_w(self) -> FloatArray:
+        """Least and greatest power of each group [W], shape (groups, 2)."""
+        return np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._groups])
+
+    def kinds(self, groups: IntArray, room_w: FloatArray | None = None) -> IntArray:
+        """The envelope of each leg: of all configurations of its group, or of those within some power [W]."""
+        if room_w is None:
+            return np.array([self._kind(i, len(group.powers_w)) for i, group in enumerate(self._groups)])[groups]
+        kinds = np.zeros(len(groups), dtype=np.intp)
+        for number in np.unique(groups).tolist():
+            members = np.flatnonzero(groups == number)
+            powers_w = self._groups[number].powers_w
+            counts = np.maximum(powers_w.searchsorted(room_w[members], side="right"), 1)
+            kinds[members] = [self._kind(number, count) for count in counts.tolist()]
+        return kinds
+
+    def _kind(self, group: int, count: int) -> int:
+        """The number of the envelope of a group's first configurations."""
+        number = self._kinds.setdefault((group, count), len(self._envelopes))
+        if number == len(self._envelopes):
+            configurations, powers_w, values = self._groups[group]
+            self._envelopes.append(concave_envelope(powers_w[:count], values[:count], configurations[:count]))
+        return number
+
+    def _group(self, stage: Stage, own: Vector) -> int:
+        """The number of the group of a stage."""
+        path = own[: self._rho] if self._trade_offs else ()
+        weights = self.shares.weights if self._total else self.shares.scaled(stage.index)
+        key = (tuple((box.lo, box.hi) for box in stage.sets[self._rho :]), path, tuple(weights[self._rho :].tolist()))
+        number = self._numbers.setdefault(key, len(self._groups))
+        if number == len(self._groups):
+            configurations, powers_w = self._listed(stage.sets, own)
+            values = self._values(configurations, stage.sets, weights)
+            self._groups.append(_Group(configurations, powers_w, values))
+        return number
+
+    def _values(self, configurations: FloatArray, sets: Sequence[Box], weights: FloatArray) -> FloatArray:
+        """Value of configurations: Σ ω c̃, or Σ ω c for the total."""
+        values = np.zeros(len(configurations))
+        for k, box in enumerate(sets[self._rho :]):
+            column, weight = configurations[:, k], weights[self._rho + k]
+            if self._total:
+                values += weight * column
+            elif not box.fixed:
+                values += weight * (column - box.lo) / (box.hi - box.lo)
+        return values
+
+    def _listed(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
+        """Configurations of a stage within the trade-offs, and their powers [W], in ascending order of power."""
+        rho, names, computing = self._rho, self._mission.plan.names, self._mission.computing
+        levels = thinned(
+            [
+                allowed_levels(self._settings, self._mission, rho + k, box, measured=True)
+                for k, box in enumerate(sets[rho:])
+            ],
+            MAX_CONFIGURATIONS,
+        )
+        rows, powers = [], []
+        for choice in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
+            values = (*own[:rho], *choice)
+            named = list(zip(names, values, strict=True))
+            if any(
+                sum(row.coefficients.get(name, 0.0) * value for name, value in named) < row.at_least - 1e-9
+                for row in self._trade_offs
+            ):
+                continue
+            try:
+                powers.append(computing.power_w(values, sets))
+            except Infeasible:
+                continue
+            rows.append(choice)
+        if not rows:  # no configuration satisfies the trade-offs: the lowest levels, as where nothing is feasible
+            rows = [tuple(values[0] for values in levels)]
+            powers = [computing.power_w((*own[:rho], *rows[0]), sets)]
+        order = np.argsort(powers, kind="stable")
+        return np.array(rows, dtype=float).reshape(len(rows), len(levels))[order], np.array(powers)[order]

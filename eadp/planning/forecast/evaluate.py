@@ -1,0 +1,537 @@
+"""Evaluates what is left of a mission at several path parameters at once: time, charge, and quality by ground.
+
+A pure function of what is known of the flight and of routes. Legs of all routes stand one after the other in flat
+arrays, so that each formula stands once and runs once, whatever the number of places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
+from eadp.core.geometry.curves import Point
+from eadp.errors import PathUndefined
+from eadp.models.plan.leg_table import LegRows
+from eadp.models.plan.legs import left_m
+from eadp.models.plan.route import Route
+from eadp.models.plan.route_arrays import RouteArrays
+from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.estimation.regressions import after_drain
+from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
+from eadp.planning.forecast.climbs import with_climbs
+from eadp.planning.forecast.envelopes import Envelopes
+from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, moments
+from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
+from eadp.planning.state.known import Known, WindKnown
+
+PASSED_S = 3.0
+"""An end that has been passed for this long without the flight having ended there is none [s]."""
+
+WIND_PRIOR_MPS = 4.0
+"""Standard deviation of each component of the wind before anything is known of it: a mean speed of 5 m/s [m/s]."""
+
+MAX_WIND = 0.8
+"""Greatest wind for which the variance of times is taken, as a share of the airspeed."""
+
+ROUNDING = 1e-9
+"""Charge that counts as rounding."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a forecast keeps, and counts.
+
+    Attributes
+    ----------
+    reserve_soc : float
+        State of charge to keep at the end.
+    probability : float
+        With which it is kept.
+    losses_per_s : float
+        Sudden losses of charge to expect [1/s].
+    total : bool
+        Whether the objective is the weighted sum of the computations over time, in place of the quality U.
+    trade_offs : tuple of TradeOff
+        Rows that the computations keep to.
+    """
+
+    reserve_soc: float
+    probability: float = 0.95
+    losses_per_s: float = 0.0
+    total: bool = False
+    trade_offs: tuple[TradeOff, ...] = ()
+
+
+class Totals(NamedTuple):
+    """Of each route: what is summed over its legs, each of shape (routes,).
+
+    Attributes
+    ----------
+    seconds, time_var_s2 : array
+        Time to the end, and its variance.
+    energy_var_j2 : array
+        Variance of the motion's energy.
+    use_ratio, charge_var : array
+        Ratio of charge used to charge predicted, and the variance of the final state of charge due to it.
+    mean_w, soc_per_j : array
+        Mean power with the computations half way between their extremes [W], and the derivative of the final state
+        of charge by energy there [1/J].
+    """
+
+    seconds: FloatArray
+    time_var_s2: FloatArray
+    energy_var_j2: FloatArray
+    use_ratio: FloatArray
+    charge_var: FloatArray
+    mean_w: FloatArray
+    soc_per_j: FloatArray
+
+
+class UncertainEnds(NamedTuple):
+    """Ends before the last leg's that a flight may have: their probabilities, and the share of each leg not flown."""
+
+    shares: tuple[float, ...]
+    unflown: tuple[FloatArray, ...]
+
+    def unspent(self, values: FloatArray) -> list[float]:
+        """What is not spent of some values of the legs, shape (legs,), at the route's end and each before it."""
+        return [0.0, *(float(values @ unflown) for unflown in self.unflown)]
+
+    @property
+    def all_shares(self) -> tuple[float, ...]:
+        """Probability of the route's end, and of each before it."""
+        return (1.0 - sum(self.shares), *self.shares)
+
+
+CERTAIN = UncertainEnds((), ())
+
+
+class Forecast(NamedTuple):
+    """Forecast of the rest of a mission as planned, see `DecisionRecord`.
+
+    Means and standard deviations are over all the ends that the flight may have, whose charges are `ends`. At
+    `empty_soc` the battery is empty: the cut-off voltage is reached.
+    """
+
+    remaining_s: float
+    remaining_std_s: float
+    energy_wh: float
+    energy_std_wh: float
+    reserve_soc: float
+    empty_soc: float = 0.0
+    ends: FinalCharge = FinalCharge()
+
+    @property
+    def soc_end(self) -> float:
+        """Mean state of charge at the end."""
+        return self.ends.mean
+
+    @property
+    def soc_end_std(self) -> float:
+        """Its standard deviation."""
+        return math.sqrt(self.ends.variance)
+
+    @property
+    def completes_probability(self) -> float:
+        """Probability that the battery is not empty before the end."""
+        return self.ends.probability_above(self.empty_soc)
+
+    @property
+    def reserve_probability(self) -> float:
+        """Probability that the reserve is kept."""
+        return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Routes evaluated; places are numbered as the routes that can be flown.
+
+    Attributes
+    ----------
+    routes : list of Route
+        Those that can be flown in this wind.
+    index : array of int, shape (places,)
+        Their numbers among those that were given.
+    legs : RouteArrays
+    load : RouteLoad
+    kinds : array of int, shape (legs,)
+        Envelope of each leg.
+    limits : PowerLimits
+    totals : Totals
+    ends : list of UncertainEnds
+        Of each place.
+    std : array, shape (places,)
+        Standard deviation of the final state of charge with the reserve just kept.
+    knapsack : Knapsack
+        The computations of each place, within the charge that keeps the reserve with its probability.
+    """
+
+    evaluator: Evaluator
+    known: Known
+    routes: list[Route]
+    index: IntArray
+    legs: RouteArrays
+    load: RouteLoad
+    kinds: IntArray
+    limits: PowerLimits
+    totals: Totals
+    ends: list[UncertainEnds]
+    std: FloatArray
+    knapsack: Knapsack
+
+    def filled(self) -> Filling:
+        """The optimal computations at each place, in closed form."""
+        return fill_greedy(self.knapsack)
+
+    def at(self, place: int) -> Evaluation:
+        """One place alone."""
+        return self.evaluator.evaluate(self.known, [self.routes[place]])
+
+    def shortfall(self, place: int) -> float:
+        """State of charge missing for minimum power; 0 where it suffices."""
+        return max(0.0, -float(self.knapsack.spare[place]))
+
+    def computing_w(self, shares: FloatArray) -> FloatArray:
+        """Mean power of the computations on each leg with shares of the increments [W], shape (legs,)."""
+        powers_w = self.evaluator.envelopes.table.powers_w[self.kinds]
+        added: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
+        return added
+
+    def forecast(self, place: int, filling: Filling) -> Forecast:
+        """Forecast at a place with computations as filled."""
+        mine = self.legs.place == place
+        powers_w = self.load.motion_w[mine] + self.computing_w(filling.shares)[mine]
+        times_s, ends, totals = self.load.times_s[mine], self.ends[place], self.totals
+        energies_j = powers_w * times_s
+        energy_j, seconds = float(energies_j.sum()), float(totals.seconds[place])
+        energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(totals.time_var_s2[place])
+        end_soc = self.known.soc - float(filling.use[place]) - self.evaluator.lost(seconds)
+        std = self.evaluator.charge_std(self.known, totals, end_soc)[place]
+        time_mean, time_var = moments(ends.all_shares, ends.unspent(times_s))
+        energy_mean, spread = moments(ends.all_shares, ends.unspent(energies_j))
+        means = tuple([end_soc + float(totals.soc_per_j[place]) * left for left in ends.unspent(energies_j)])
+        return Forecast(
+            remaining_s=seconds - time_mean,
+            remaining_std_s=math.sqrt(float(totals.time_var_s2[place]) + time_var),
+            energy_wh=(energy_j - energy_mean) / 3600,
+            energy_std_wh=math.sqrt(energy_var + spread) / 3600,
+            reserve_soc=self.evaluator.objective.reserve_soc,
+            empty_soc=max(float(self.limits.delivered_soc[place]), 0.0),
+            ends=FinalCharge(float(std), ends.all_shares, means),
+        )
+
+
+class Evaluator:
+    """Evaluates routes of one mission.
+
+    Parameters
+    ----------
+    mission : Mission
+    settings : PlannerSettings
+        Weights, levels and reserve are used here.
+    objective : Objective
+
+    Attributes
+    ----------
+    envelopes : Envelopes
+        Of the computations.
+    """
+
+    def __init__(self, mission: Mission, settings: PlannerSettings, objective: Objective) -> None:
+        self.mission, self.objective = mission, objective
+        self.envelopes = Envelopes(mission, settings, objective.trade_offs, total=objective.total)
+        self._z = NormalDist().inv_cdf(objective.probability)
+        stages = range(1, len(mission.plan.stages) + 1)
+        scaled = [self.envelopes.shares.scaled(stage) for stage in stages]
+        rho = mission.plan.path_count
+        self._path_weights = np.array([own[:rho] for own in scaled]).reshape(len(scaled), rho)
+        self._counted = np.array([own.sum() for own in scaled])
+        self._scale_s = 0.0
+
+    def lost(self, seconds: float) -> float:
+        """State of charge that sudden losses take over a time [s], on average."""
+        return self.objective.losses_per_s * seconds * LOSS
+
+    def charge_std(self, known: Known, totals: Totals, soc: float | FloatArray) -> FloatArray:
+        """Standard deviation of the final state of charge, where its mean is `soc`, shape (routes,)."""
+        # the energy of the motion, and that of a time that is off
+        energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
+        gain = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
+        losses = self.objective.losses_per_s * totals.seconds * LOSS_SQUARE
+        std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + totals.charge_var + gain**2 + losses)
+        return std
+
+    def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:
+        """Evaluate routes from a moment of a flight.
+
+        Parameters
+        ----------
+        known : Known
+        routes : sequence of Route
+            From the start of the stage being flown, with a common table.
+
+        Raises
+        ------
+        PathUndefined
+            If none of them can be flown in this wind.
+        """
+        legs = RouteArrays.of(routes)
+        whole_s, turning_s = _leg_times_s(known, legs)
+        flyable = np.isfinite(legs.sums(whole_s))
+        if not flyable.all():
+            index = np.flatnonzero(flyable)
+            if not len(index):
+                raise PathUndefined("the rest of the plan cannot be flown in this wind")
+            rest = self.evaluate(known, [routes[i] for i in index.tolist()])
+            return Evaluation(**{**rest.__dict__, "index": index[rest.index]})
+        factor, wind_var = _wind_effect(known, routes[0])
+        whole_s, turning_s = whole_s * factor, turning_s * factor
+        left = self._left(known, legs, routes[0], whole_s)
+        times_s = whole_s * known.time.ratio
+        times_s[legs.first] *= left
+        part = np.ones(len(times_s))
+        part[legs.first] = left
+        slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
+        motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
+        bank_s = legs.sums(turning_s * part) * known.time.ratio
+        peak_w = motion_w
+        if known.climb is not None:
+            times_s, motion_w, peak_w = self._climbed(known, routes, whole_s, times_s, motion_w)
+        groups = self.envelopes.groups(routes[0].table, legs.order)
+        extremes_w = self.envelopes.extremes_w()[groups]
+        load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
+        totals = self._totals(known, legs, load, bank_s, wind_var)
+        battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
+        limits = power_limits(legs, load, battery, known.soc, reserve_soc, totals.use_ratio)
+        kinds = self.envelopes.kinds(groups, limits.room_w if limits.truncated.any() else None)
+        mean_v = legs.sums(limits.volts) / (legs.last - legs.first + 1)
+        # dI/dP at the mean power, bounded near the greatest power
+        discriminant = mean_v**2 - 4 * battery.resistance_ohm * totals.mean_w
+        root = np.sqrt(np.maximum(discriminant, (0.1 * mean_v) ** 2))
+        totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio / root)
+        ends = [_ends(known, route, left) for route in routes]
+        std = self.charge_std(known, totals, max(reserve_soc, 0.0))
+        knapsack = self._knapsack(known, legs, load, kinds, limits, totals)
+        knapsack = knapsack._replace(available=self._available(known, legs, load, limits, totals, ends, std, knapsack))
+        index = np.arange(len(routes))
+        return Evaluation(
+            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack
+        )
+
+    def _left(self, known: Known, legs: RouteArrays, route: Route, whole_s: FloatArray) -> float:
+        """Share of the first leg that is left, by the position; elapsed time distinguishes the turns of a circle."""
+        leg, leg_s = route.first, float(whole_s[0]) * known.time.ratio
+        flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
+        if leg.distance_m <= 0:
+            return 0.0
+        try:
+            early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0
+            return left_m(leg, known.position_m, flown * leg.distance_m, early_m) / leg.distance_m
+        except PathUndefined:
+            return 1.0 - flown
+
+    def _climbed(
+        self, known: Known, routes: Sequence[Route], whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        assert known.climb is not None
+        found, first = [], 0
+        for route in routes:
+            own = slice(first, first + len(route.order))
+            whole = whole_s[own] * known.time.ratio
+            found.append(with_climbs(known.climb, route, whole, times_s[own], motion_w[own]))
+            first = own.stop
+        times, motion, peak = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        return times, motion, np.maximum(peak, motion)
+
+    def _totals(
+        self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: float
+    ) -> Totals:
+        """Sums over each route; `soc_per_j` is still to come."""
+        time, motion = known.time, known.motion
+        seconds = np.maximum(legs.sums(load.times_s), 1e-3)
+        time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
+        energy_var = (
+            seconds**2 * motion.var_level
+            + 2 * seconds * bank_s * motion.cov_level_slope
+            + bank_s**2 * motion.var_slope
+            + motion.noise * seconds
+        )
+        mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
+        battery = self.mission.battery
+        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
+        drain = drains_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
+        then = after_drain(known.charge.filtered, drain)
+        use_ratio = (known.soc - then[0]) / np.maximum(drain, 1e-12)
+        return Totals(seconds, time_var, energy_var, use_ratio, then[3] + 0 * drain, mean_w, seconds)
+
+    def _knapsack(
+        self,
+        known: Known,
+        legs: RouteArrays,
+        load: RouteLoad,
+        kinds: IntArray,
+        limits: PowerLimits,
+        totals: Totals,
+    ) -> Knapsack:
+        """Use and gain of every increment, and the values at minimum power; what is available is still to come."""
+        battery, table = self.mission.battery, self.envelopes.table
+        powers_w, values = table.powers_w[kinds], table.values[kinds]
+        per_as = (battery.drain_per_as * totals.use_ratio)[legs.place]
+        drains = drains_per_s(
+            load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0
+        )
+        use = drains * (load.times_s * per_as)[:, None]
+        if self.objective.total:
+            weight, base = self._total_weights(legs, load), np.zeros(len(legs.first))
+        else:
+            weight, base = self._ground_weights(known, legs, load)
+        base = base + legs.sums(weight * values[:, 0])
+        gain = np.diff(values, axis=1) * weight[:, None]
+        return Knapsack(np.diff(use, axis=1), gain, legs.place, legs.sums(use[:, 0]), base, base)
+
+    def _ground_weights(
+        self, known: Known, legs: RouteArrays, load: RouteLoad
+    ) -> tuple[FloatArray, FloatArray]:
+        """Share of the mission's ground that each leg stands for; and U of what is flown and of the path.
+
+        Source: `eadp.models.plan.ground`.
+        """
+        ground_m, per_s = legs.ground(known.flown, load.times_s)
+        stage = legs.stages - 1
+        run = known.flown.run
+        whole_m = known.flown.ground + per_s * run.free_s + legs.sums(ground_m * (self._counted[stage] > 0))
+        whole_m = np.where(whole_m > 0, whole_m, math.inf)
+        rho = self._path_weights.shape[1]
+        path = (self._path_weights[stage] * legs.rows.shares[legs.order, :rho]).sum(axis=1)
+        seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
+        return ground_m / whole_m[legs.place], seen_m / whole_m
+
+    def _total_weights(self, legs: RouteArrays, load: RouteLoad) -> FloatArray:
+        """Weight of each leg's Σ w c where the objective is their sum over time, relative to the first maximum."""
+        if not self._scale_s:
+            plan, weights = self.mission.plan, self.envelopes.shares.weights
+            rho = plan.path_count
+            highest = sum(float(weights[i]) * plan.hull(i).hi for i in range(rho, len(weights)))
+            self._scale_s = max(highest, 1e-12) * max(float(legs.sums(load.times_s)[0]), 1.0)
+        return load.times_s / self._scale_s
+
+    def _available(
+        self,
+        known: Known,
+        legs: RouteArrays,
+        load: RouteLoad,
+        limits: PowerLimits,
+        totals: Totals,
+        ends: list[UncertainEnds],
+        std: FloatArray,
+        knapsack: Knapsack,
+    ) -> FloatArray:
+        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
+        soc = known.soc - self.objective.losses_per_s * totals.seconds * LOSS
+        level = soc - self._z * std
+        for place, own in enumerate(ends):
+            if own.shares:
+                mine = legs.place == place
+                # the computations' power matters where an end is uncertain
+                unspent = own.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
+                means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
+                level[place] = FinalCharge(float(std[place]), own.all_shares, means).level(self.objective.probability)
+        available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
+        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
+        excess = limits.beyond_w * totals.seconds * totals.soc_per_j
+        short: FloatArray = np.minimum(available, knapsack.base_use) - excess
+        return np.where(limits.beyond_w > 0, short, available)
+
+
+def _leg_times_s(known: Known, legs: RouteArrays) -> tuple[FloatArray, FloatArray]:
+    """Time on each whole leg of routes, and the time integral of tan² of its bank [s], shape (legs,)."""
+    rows, of_leg = np.unique(legs.order, return_inverse=True)
+    times_s, turning_s = _row_times_s(legs.rows, rows, known.airspeed_mps, known.wind.mps)
+    return times_s[of_leg], turning_s[of_leg]
+
+
+def _row_times_s(rows: LegRows, chosen: IntArray, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
+    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s]."""
+    first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
+    ends = np.cumsum(counts)
+    at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)
+    weights_m, cosine, sine, curvature_per_m = (array[at] for array in rows.nodes)
+    own = rows.airspeeds_mps[chosen]
+    airspeeds = np.repeat(np.where(np.isnan(own), airspeed_mps, own), counts)
+    speeds, along = ground_speeds_mps(cosine, sine, airspeeds, wind_mps)
+    forward = speeds > 0.0
+    seconds = weights_m / np.where(forward, speeds, 1.0)
+    slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeeds)
+    starts = ends - counts
+    turning = np.add.reduceat(np.where(forward, seconds * slopes, 0.0), starts)
+    return np.add.reduceat(np.where(forward, seconds, np.inf), starts), turning
+
+
+def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
+    """Factor of a route's mean time due to the variance of the wind, and the variance of the time's logarithm.
+
+    To second order: times at two pairs of points about the estimate, along the axes of its covariance.
+
+    Source: unscented transform, Julier and Uhlmann 1997.
+    """
+    points = _sigma_points(known.wind, known.airspeed_mps)
+    if not points:
+        return 1.0, 0.0
+    rows, counts = np.unique(route.order, return_counts=True)
+    times_s = [
+        float(_row_times_s(route.table.rows, rows, known.airspeed_mps, wind_mps)[0] @ counts)
+        for wind_mps in (known.wind.mps, *points)
+    ]
+    if not all(map(math.isfinite, times_s)) or min(times_s) <= 0:
+        return 1.0, 0.0
+    logs = [math.log(seconds / times_s[0]) for seconds in times_s[1:]]
+    mean = sum(logs) / len(logs)
+    return math.exp(mean), sum((value - mean) ** 2 for value in logs) / len(logs)
+
+
+def _sigma_points(wind: WindKnown, airspeed_mps: float) -> list[Point]:
+    """Winds about an estimate, within `MAX_WIND`; none where it is exact."""
+    pxx, pyy, pxy = wind.covariance
+    if pxx + pyy <= 0:
+        return []
+    covariance, prior = np.array([[pxx, pxy], [pxy, pyy]]), WIND_PRIOR_MPS**2 * np.eye(2)
+    # no more uncertain than before anything was known
+    covariance = covariance @ np.linalg.inv(covariance + prior) @ prior
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    points = []
+    for value, (dx, dy) in zip(values.tolist(), vectors.T.tolist(), strict=True):
+        step = math.sqrt(2 * max(value, 0.0))
+        for side in (-step, step):
+            x, y = wind.mps[0] + side * dx, wind.mps[1] + side * dy
+            scale = min(1.0, MAX_WIND * airspeed_mps / max(math.hypot(x, y), 1e-9))
+            points.append((scale * x, scale * y))
+    return points
+
+
+def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
+    """Uncertain ends ahead; `left` is the remaining share of the first leg."""
+    if not route.ends:
+        return CERTAIN
+    reach = NormalDist(0.0, known.reach_std_m)
+    before, shares, unflown_of = 0.0, [], []
+    for end in route.ends:
+        ahead_m = end.length_m * (left if end.leg == 0 else 1.0)
+        unflown_m = end.length_m - end.flown_m
+        if ahead_m - unflown_m < -PASSED_S * known.airspeed_mps:
+            continue
+        unflown = np.zeros(len(route.order))
+        unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, 1e-6))
+        unflown[end.leg + 1 :] = 1.0
+        reached = reach.cdf(end.clearance_m)
+        shares.append(reached - before)
+        unflown_of.append(unflown)
+        before = reached
+    return UncertainEnds(tuple(shares), tuple(unflown_of))

@@ -1,0 +1,94 @@
+"""Climbs, descents and airspeeds that stages command: followed in flight by dead reckoning."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+from eadp.models.plan.stage import Stage
+from eadp.models.vehicle import FixedWing
+from eadp.planning.base import Mission
+
+
+class Climb(NamedTuple):
+    """The aircraft that climbs, and its altitude now [m]."""
+
+    airframe: FixedWing
+    altitude_m: float
+
+    def commanded(self, stage: Stage) -> tuple[float, float]:
+        """The altitude [m] and the airspeed [m/s] that hold on a stage."""
+        return (
+            self.airframe.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m,
+            self.airframe.airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps,
+        )
+
+    def faster_w(self, airspeed_mps: float) -> float:
+        """Power of level flight above that at the airframe's own airspeed [W]."""
+        return _level_w(self.airframe, airspeed_mps) - _level_w(self.airframe, self.airframe.airspeed_mps)
+
+    def rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
+        """Greatest rates of climb and descent [m/s]."""
+        return _rates_mps(self.airframe, airspeed_mps)
+
+
+@lru_cache(256)
+def _level_w(airframe: FixedWing, airspeed_mps: float) -> float:
+    return airframe.level_power_w(airspeed_mps)
+
+
+@lru_cache(256)
+def _rates_mps(airframe: FixedWing, airspeed_mps: float) -> tuple[float, float]:
+    return airframe.climb_rates_mps(airspeed_mps)
+
+
+class ClimbFollower:
+    """Follows the altitude along a flight.
+
+    An aircraft climbs to a stage's altitude from the start of the stage, as fast as it can, and goes on climbing in the
+    next stages where that is not enough.
+
+    Parameters
+    ----------
+    climb : Climb
+        At take-off.
+
+    Attributes
+    ----------
+    climb : Climb
+        Now.
+    power_w : float
+        What climbing and the airspeed added to the motion's power over the last step [W]; negative in a descent.
+    level_mps : float
+        The airspeed's horizontal part over the last step [m/s].
+    slowed_s : float
+        By how much climbing has delayed the flight in this stage, without wind [s].
+    """
+
+    def __init__(self, climb: Climb) -> None:
+        self.climb = climb
+        self.power_w = self.slowed_s = 0.0
+        self.level_mps = climb.airframe.airspeed_mps
+
+    @classmethod
+    def of(cls, mission: Mission) -> ClimbFollower | None:
+        """That of a mission; None where its stages command neither altitudes nor airspeeds."""
+        commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
+        if not commanded or mission.airframe is None:
+            return None
+        return cls(Climb(mission.airframe, mission.altitude_m))
+
+    def follow(self, stage: Stage, step_s: float) -> None:
+        """Follow the flight along a stage for a step [s]."""
+        airframe, here_m = self.climb
+        altitude_m, airspeed_mps = self.climb.commanded(stage)
+        up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
+        # ḣ = k (h_d − h) within the rates
+        closing = -math.expm1(-airframe.altitude_gain_per_s * step_s)
+        climb_m = min(max(closing * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
+        self.climb = Climb(airframe, here_m + climb_m)
+        rate_mps = climb_m / step_s if step_s > 0 else 0.0
+        self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
+        self.slowed_s += step_s * (1 - self.level_mps / airspeed_mps)
+        self.power_w = airframe.climb_j_per_m * rate_mps + self.climb.faster_w(airspeed_mps)

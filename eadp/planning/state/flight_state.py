@@ -1,0 +1,305 @@
+"""The state of a flight, from its readings: wind, power of the motion, times, charge, navigation, climb, ground seen.
+
+It belongs to whoever flies, a simulation or a live flight, and observations carry it: planners and forecasts ask it what
+is known. Readings and observations wait until it is asked, and are processed in their order: a planner that never asks
+costs nothing. What it answers does not depend on when it is asked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.flight.wind import WindFilter
+from eadp.core.geometry.curves import Point
+from eadp.errors import PathUndefined
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.ground import GroundLog
+from eadp.models.plan.route import Route, RoutePredictor
+from eadp.planning.base import Mission, Observation, Readings
+from eadp.planning.state.charge import ChargeFilter, DrainModel
+from eadp.planning.state.climb import ClimbFollower
+from eadp.planning.state.heading_gate import HEADING_DISBELIEVED, HeadingGate
+from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown, WindKnown
+from eadp.planning.state.motion import MotionPower
+from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
+from eadp.planning.state.time_ratio import TimeRatio
+
+MAX_STEP_S = 10.0
+"""Time between readings above which the power in it is not measured [s]."""
+
+MAX_AIRSPEEDS = 5.0
+"""Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
+
+MEASURED_WIND_S = 60.0
+"""How long a measured wind is used [s]."""
+
+NAVIGATION_M = 0.25, 10.0
+"""Least and greatest standard deviation of how far the aircraft reaches [m]."""
+
+OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
+"""Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
+
+GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
+"""Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
+
+
+class FlightState:
+    """What is known of a flight; see the module.
+
+    Parameters
+    ----------
+    mission : Mission
+    weights : mapping of name to float, optional
+        Weights of the parameters in U.
+    """
+
+    def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None) -> None:
+        self._mission = mission
+        self._waiting: list[Readings | Observation] = []
+        self._place = _Place(mission)
+        self._ground = GroundLog(mission.plan, weights or {})
+        self._wind = WindFilter(mission.cruise_mps, mission.gust_time_s)
+        self._headings = HeadingGate()
+        self._measured_wind: tuple[Point, float] | None = None
+        self._times = TimeRatio()
+        self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
+        battery = mission.battery
+        full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
+        limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
+        self._gate = PowerGate(mission.motion_w, limit_w)
+        per_as = 0.0 if battery.prescribed else battery.drain_per_as
+        model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as)
+        self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
+        self._climb = ClimbFollower.of(mission)
+        self._computing_w = 0.0
+        self._last_s: float | None = None
+        self._losses = 0
+
+    # --- readings in
+
+    def ingest(self, readings: Readings) -> None:
+        """Take readings since the last observation: stage and parameters have not changed."""
+        self._waiting.append(readings)
+
+    def observe(self, observation: Observation) -> None:
+        """Take an observation, which is a reading, too."""
+        self._waiting.append(observation)
+
+    def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
+        """Before take-off: the wind of the weather forecast [m/s], and its gusts."""
+        self._measured_wind = wind_mps, math.inf
+        self._times.expect(gust_std_mps, self._mission.cruise_mps, self._mission.gust_time_s)
+
+    def _process(self) -> None:
+        """Process what waits, in its order."""
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
+            if isinstance(each, Observation):
+                self._locate(each)
+                each = _reading_of(each)
+            first_s = float(each.times_s[0])
+            step_s = 0.0 if self._last_s is None else first_s - self._last_s
+            if self._last_s is None or step_s > 0:
+                self._read(each, step_s)
+
+    def _locate(self, o: Observation) -> None:
+        """Update place, parameters in force, ground seen, and what the legs flown show."""
+        place = self._place
+        position = o.x_m, o.y_m
+        place.off_path(position, o.time_s)
+        place.through_gap |= o.through_gap
+        if o.stages_started != place.stages_started or place.route is None:
+            self._start_stage(o)
+        if (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided) or (
+            o.stages_started != place.stages_started
+        ):
+            self._ground.hold(o.time_s, o.cursor, o.parameters)
+        place.cursor, place.stages_started = o.cursor, o.stages_started
+        self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
+        if o.wind_mps is not None:
+            self._measured_wind = o.wind_mps, o.time_s + MEASURED_WIND_S
+
+    def _start_stage(self, o: Observation) -> None:
+        """A stage has started: the leg before shows how long legs take, unless it was flown only in part."""
+        place, speed, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
+        slowed_s = 0.0
+        if self._climb is not None:
+            slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
+        if place.route is not None:
+            if place.stages_started > 1 and not place.through_gap:
+                forecast_s = float(place.route.times_s(speed, self.wind_mps)[0][0])
+                flown_s = o.time_s - place.since_s - slowed_s
+                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, speed, gust_time_s)
+            self._motion.end_window(place.slope)
+        place.start(o)
+        route = place.route
+        if route is not None:
+            self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
+            times_s, turning_s = route.times_s(speed, self.wind_mps)
+            place.slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
+        self._ground.hold(o.time_s, o.cursor, o.parameters)
+
+    def _read(self, readings: Readings, step_s: float) -> None:
+        """Update the filters with readings, the first of them `step_s` after the last one [s]."""
+        times_s = np.asarray(readings.times_s, dtype=float)
+        steps_s = np.diff(times_s, prepend=times_s[0] - step_s)
+        self._last_s = float(times_s[-1])
+        powers_w = self._gate.ingest(times_s, _numbers(readings.powers_w), self._computing_w)
+        beside_w = self._computing_w + self._followed_w(steps_s)
+        airspeed_mps = readings.airspeeds_mps[-1] if len(readings.airspeeds_mps) else math.nan
+        speed, horizontal = self._mission.cruise_mps, self._climb.level_mps if self._climb else self._mission.cruise_mps
+        measured = 1 / MAX_AIRSPEEDS < airspeed_mps / speed < MAX_AIRSPEEDS
+        self._wind.airspeed_mps = airspeed_mps if measured else horizontal
+        vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
+        headings = self._headings.ingest(vx, vy, headings, steps_s, self._wind.airspeed_mps, self._wind)
+        if self._measured_wind is not None and self._last_s > self._measured_wind[1]:
+            self._measured_wind = None
+        moving = steps_s > 0
+        self._wind.ingest(*(column[moving] for column in (vx, vy, np.asarray(headings), steps_s)))
+        known = powers_w.copy()
+        known[steps_s > MAX_STEP_S] = math.nan  # not measured in between
+        self._motion.ingest(powers_w, beside_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
+        self._losses += self._charge.ingest(_numbers(readings.charges), known, steps_s)
+
+    def _followed_w(self, steps_s: FloatArray) -> FloatArray:
+        """Power that climbing and the stage's airspeed added over each step [W]."""
+        if self._climb is None:
+            return np.zeros(len(steps_s))
+        added_w = []
+        for step_s in steps_s.tolist():
+            self._climb.follow(self._place.cursor.stage, step_s)
+            added_w.append(self._climb.power_w)
+        return np.array(added_w)
+
+    # --- what is known
+
+    @property
+    def wind_mps(self) -> Point:
+        """The wind to plan with [m/s]: measured, else estimated."""
+        return self._wind.wind_mps if self._measured_wind is None else self._measured_wind[0]
+
+    @property
+    def losses(self) -> int:
+        """Sudden losses of charge so far."""
+        self._process()
+        return self._losses
+
+    @property
+    def believes_gauge(self) -> bool:
+        """Whether the gauge's charge is used, and not the integral of the power."""
+        self._process()
+        return self._charge.believed
+
+    def is_ambiguous(self, soc: float) -> bool:
+        """Whether the charge, `soc` now, may have jumped: the next reading decides."""
+        self._process()
+        return self._charge.is_ambiguous(soc)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Codes of what is wrong with the readings."""
+        self._process()
+        known = {
+            GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
+            GAUGE_RISES: not self._charge.believed and self._charge.rises,
+            POWER_OUTLIER: self._gate.rejects,
+            HEADING_DISBELIEVED: self._headings.disbelieved,
+        }
+        return tuple([code for code, holds in known.items() if holds])
+
+    def known(self, time_s: float, position: Point) -> Known:
+        """What is known at a time [s] and a position [m]."""
+        self._process()
+        place, times, (gain_std, gain_from) = self._place, self._times, self._charge.gauge_gain
+        wind = WindKnown(self.wind_mps, self._wind.covariance if self._measured_wind is None else (0.0, 0.0, 0.0))
+        return Known(
+            time_s,
+            position,
+            place.cursor,
+            place.joined_m,
+            place.since_s,
+            place.stages_started,
+            self._mission.cruise_mps,
+            wind,
+            TimeKnown(times.ratio, times.variance, times.noise_s),
+            MotionKnown(self._motion.level_w, self._motion.slope_w, *self._motion.variances),
+            ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed),
+            place.reach_std_m,
+            self._climb.climb if self._climb is not None else None,
+            self._ground.until(time_s),
+        )
+
+
+class _Place:
+    """Where the flight is in its plan, and how well it keeps to it.
+
+    Attributes
+    ----------
+    cursor, joined_m, stages_started
+        As of the last observation.
+    route : Route or None
+        The leg being flown alone; None where it cannot be laid out.
+    since_s : float
+        When it was joined [s].
+    slope : float
+        Its mean tan² φ.
+    through_gap : bool
+        Whether its start or end may be unknown.
+    reach_std_m : float
+        Standard deviation of the cross-track error [m].
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules)
+        self.joined_m: Point = mission.start_m or (0.0, 0.0)
+        self.stages_started = 1
+        self.route: Route | None = None
+        self.since_s = self.slope = 0.0
+        self.through_gap = False
+        self.reach_std_m = NAVIGATION_M[0]
+        self._located_s = 0.0
+        self._predictor = RoutePredictor()
+
+    def start(self, o: Observation) -> None:
+        """A stage has started."""
+        self.joined_m, self.since_s, self.through_gap = o.joined_m, o.time_s, o.through_gap
+        try:
+            self.route = self._predictor.leg(o.cursor, o.joined_m)
+        except PathUndefined:
+            self.route = None
+
+    def off_path(self, position: Point, time_s: float) -> None:
+        """Update the standard deviation of the cross-track error, by its median: stages are joined from far off.
+
+        Source: recursive median, a step up or down for each reading above or below it.
+        """
+        step_s, self._located_s = time_s - self._located_s, time_s
+        if self.route is None or step_s <= 0:
+            return
+        leg = self.route.first
+        try:
+            phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
+        except (ArithmeticError, ValueError):
+            return
+        square = gx * gx + gy * gy
+        if square > 0 and math.isfinite(phi):
+            above = phi * phi > square * (MEDIAN_PER_STD * self.reach_std_m) ** 2
+            std_m = self.reach_std_m * math.exp((1.0 if above else -1.0) * min(1.0, step_s / OFF_PATH_S))
+            self.reach_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
+
+
+def _reading_of(o: Observation) -> Readings:
+    """An observation as a batch of one reading."""
+    vx, vy = (math.nan, math.nan) if o.velocity_mps is None or o.wind_mps is not None else o.velocity_mps
+    one = ([math.nan if value is None else value] for value in (o.power_w, o.soc, vx, vy, o.heading_rad, o.airspeed_mps))
+    powers_w, charges, *rest = one
+    return Readings([o.time_s], [o.x_m], [o.y_m], powers_w, charges, *rest)
+
+
+def _numbers(column: object) -> FloatArray:
+    """A column as an array, NaN for None."""
+    return np.array(column, dtype=float)

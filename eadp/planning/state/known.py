@@ -1,0 +1,97 @@
+"""What is known of a flight at one moment: numbers that a forecast starts from. Immutable."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from eadp.core.geometry.curves import Point
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.ground import FlownGround
+from eadp.planning.estimation.regressions import Charge
+from eadp.planning.state.climb import Climb
+
+
+class WindKnown(NamedTuple):
+    """Wind [m/s], and the variances of both components and their covariance [m²/s²]."""
+
+    mps: Point = (0.0, 0.0)
+    covariance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class TimeKnown(NamedTuple):
+    """Ratio of flown to forecast times, its variance, and the variance of times per second beside it [s]."""
+
+    ratio: float
+    variance: float
+    noise_s: float
+
+
+class MotionKnown(NamedTuple):
+    """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s]."""
+
+    level_w: float
+    slope_w: float
+    var_level: float
+    cov_level_slope: float
+    var_slope: float
+    noise: float
+
+
+class ChargeKnown(NamedTuple):
+    """State of charge with what it is used for a predicted drain; standard deviation of the gauge's gain, and the charge
+    from which on it counts; and whether the gauge is believed."""
+
+    filtered: Charge
+    gain_std: float
+    gain_from: float
+    believed: bool
+
+
+class Known(NamedTuple):
+    """What is known of a flight.
+
+    Attributes
+    ----------
+    time_s : float
+        Now [s].
+    position_m : (float, float)
+        [m].
+    cursor : PlanCursor
+        The stage being flown.
+    joined_m : (float, float)
+        Where it was joined [m].
+    since_s : float
+        When [s].
+    stages_started : int
+        Over the flight.
+    airspeed_mps : float
+        Cruise [m/s].
+    wind, time, motion, charge
+        Estimates.
+    reach_std_m : float
+        Standard deviation of how far the aircraft reaches beside its path [m].
+    climb : Climb or None
+        Altitude and climbs, where the plan commands them.
+    flown : FlownGround
+        What has been seen.
+    """
+
+    time_s: float
+    position_m: Point
+    cursor: PlanCursor
+    joined_m: Point
+    since_s: float
+    stages_started: int
+    airspeed_mps: float
+    wind: WindKnown
+    time: TimeKnown
+    motion: MotionKnown
+    charge: ChargeKnown
+    reach_std_m: float
+    climb: Climb | None
+    flown: FlownGround
+
+    @property
+    def soc(self) -> float:
+        """Filtered state of charge."""
+        return self.charge.filtered[0]
