@@ -1,0 +1,492 @@
+"""State of charge in flight: a Kalman filter of gauge readings and of the charge drained by the power."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from eadp.core.arrays import Column, columns
+from eadp.core.compiled import jitted
+from eadp.core.flight.battery import drain_per_s
+
+JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
+"""Innovation, absolute and in standard deviations, beyond which a reading is an outlier; and that of an exact gauge."""
+
+SMALL_JUMP_STDS = 3.0
+"""Innovation, in standard deviations, whose excess is charge that was lost."""
+
+SAME_STEPS = 1e-3
+"""Part of a step by which the changes of a gauge of steps are off its multiples."""
+
+EXACT_GAUGE, NOISE_SHARE, FIRST_READINGS, FIRST_CHANGES = 1e-8, 0.02, 60, 5
+"""Variance below which a gauge is exact; gain of its noise estimate; readings before the variance may shrink freely,
+and before a gauge may count as exact."""
+
+RATIO_OF_USE_STD, SLOPE_OF_USE_STD, MAX_USE = 0.03, 0.1, 2.0
+"""Prior standard deviations of the ratio of charge used to charge predicted, and of its change with the charge; and
+the ratio's greatest value, and its least one's inverse."""
+
+USE_DRIFT, USE_NOISE, UNMEASURED = 0.015, 5e-4, 0.3
+"""Standard deviations per √charge: of the ratio's random walk, and of the charge used; and of a drain whose power was
+not measured, as a share of it."""
+
+GAUGE_QUANTUM, MAX_QUANTUM, CHECKED_DRAIN, CHECKED_QUANTA, CHECKED_STDS, MIN_FALL = 0.01, 0.1, 0.02, 2.5, 10.0, 0.25
+"""Resolution of a gauge until it is seen, and at most; drain over which a gauge is checked, at least, in resolutions
+and in standard deviations of its noise; and the least share of it by which it has to fall."""
+
+GAUGE_GAIN_STD = 0.01
+"""Standard deviation of a gauge's gain: what it counts of the charge used, less 1. No reading shows it."""
+
+MAX_STEP_S = 10.0
+"""Time between readings above which the power in it is not measured [s]."""
+
+
+class DrainModel(NamedTuple):
+    """Battery that predicts the drain: a voltage source, linear in the charge, behind a resistance.
+
+    Attributes
+    ----------
+    empty_v, rise_v : float
+        Voltage when empty, and its rise to full [V].
+    resistance_ohm : float
+        Inner resistance [Ω].
+    per_as : float
+        State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]; 0 where nothing is drained.
+    """
+
+    empty_v: float
+    rise_v: float
+    resistance_ohm: float
+    per_as: float
+
+
+class Charge(NamedTuple):
+    """State and covariance of the Kalman filter: x = (b, κ, s, o) and P, symmetric.
+
+    Attributes
+    ----------
+    soc : float
+        State of charge b.
+    use_ratio, use_slope : float
+        Charge used per charge predicted, κ, and its change per charge predicted, s.
+    offset : float
+        Charge above what the gauge reads, o.
+    var_soc, ..., var_offset : float
+        Their variances and covariances.
+    """
+
+    soc: float
+    use_ratio: float
+    use_slope: float
+    var_soc: float
+    cov_soc_ratio: float
+    cov_soc_slope: float
+    var_ratio: float
+    cov_ratio_slope: float
+    var_slope: float
+    offset: float
+    cov_soc_offset: float
+    cov_ratio_offset: float
+    cov_slope_offset: float
+    var_offset: float
+
+
+class Drain(NamedTuple):
+    """Charge drained by prediction: since `Charge` holds, the part of it without a measured power, and in all.
+
+    Attributes
+    ----------
+    since, unmeasured, total : float
+    power_w : float
+        The last power known [W].
+    """
+
+    since: float
+    unmeasured: float
+    total: float
+    power_w: float
+
+
+class GaugeReadings(NamedTuple):
+    """First and last reading; number of readings, of those another than the last, and of outliers in a row."""
+
+    first: float
+    last: float
+    taken: int
+    changes: int
+    outliers: int
+
+
+class Gauge(NamedTuple):
+    """What the readings show of the gauge.
+
+    Attributes
+    ----------
+    noise_variance : float
+    quantum : float
+        Resolution, at least.
+    step : float
+        Its step; 0 where it has none, NaN before its first change.
+    from_full : bool
+        Whether it started at a full battery and lost nothing.
+    """
+
+    noise_variance: float
+    quantum: float
+    step: float
+    from_full: bool
+
+
+class Belief(NamedTuple):
+    """Whether the gauge is believed, and rose where it was not; charge lost in all, and the number of losses."""
+
+    believed: bool
+    rises: bool
+    lost: float
+    losses: int
+
+
+class Checkpoint(NamedTuple):
+    """Reading, drain in all and charge when the gauge was compared with the drain last."""
+
+    reading: float
+    total_drain: float
+    charge: Charge
+
+
+class ChargeState(NamedTuple):
+    """State of `ChargeFilter`."""
+
+    charge: Charge
+    drain: Drain
+    readings: GaugeReadings
+    gauge: Gauge
+    belief: Belief
+    checkpoint: Checkpoint
+
+
+class ChargeFilter:
+    """Kalman filter of the state of charge b: gauge readings against the charge drained by the power.
+
+    The battery uses κ of the drain predicted, and κ changes by s for each charge: an inaccurate capacity, and a voltage
+    that falls. Over a predicted drain d
+
+        b ← b − κ d − ½ s d²,  κ ← κ + s d
+
+    and κ drifts. A reading that repeats the last one says nothing: a coarse gauge is read where it changes. There b is
+    above the reading by an offset o, up to a step of the gauge: 0 where it rounds up, half where it rounds to the
+    nearest. It is a constant state; a battery that starts full shows it. The noise is estimated from differences. Two
+    outliers in a row are accepted as a loss, or as the end of a false one. A gauge that falls by less than `MIN_FALL`
+    of the drain, over more of it than the gauge resolves, is disbelieved until it agrees with the integral.
+
+    Parameters
+    ----------
+    model : DrainModel
+        What predicts the drain.
+    voltage_fall : float, optional
+        By how much the voltage that predicts the drain falls from full to empty, as a share of its mean.
+    start_soc : float, optional
+        State of charge before the first reading of the gauge; NaN where it is not known.
+
+    Source: Kalman filter.
+    """
+
+    def __init__(self, model: DrainModel, voltage_fall: float = 0.0, start_soc: float = math.nan) -> None:
+        self._model, self._min_slope = model, -voltage_fall
+        # κ is what is stated at half of the charge: when full, it is less by half of s
+        slope = SLOPE_OF_USE_STD**2
+        of_ratio = RATIO_OF_USE_STD**2 + slope / 4
+        no_offset = 0.0, 0.0, 0.0, 0.0, 0.0
+        charge = Charge(start_soc, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope, *no_offset)
+        self._state = ChargeState(
+            charge,
+            Drain(since=0.0, unmeasured=0.0, total=0.0, power_w=0.0),
+            GaugeReadings(first=math.nan, last=math.nan, taken=1, changes=1, outliers=0),
+            Gauge(noise_variance=0.0, quantum=GAUGE_QUANTUM, step=math.nan, from_full=False),
+            Belief(believed=True, rises=False, lost=0.0, losses=0),
+            Checkpoint(math.nan, 0.0, charge),
+        )
+        self._now = charge
+
+    def ingest(self, charges: Column, powers_w: Column, steps_s: Column) -> bool:
+        """Take readings in order; return whether charge was lost.
+
+        Parameters
+        ----------
+        charges : sequence of float or array, shape (n,)
+            Readings of the gauge; NaN for none: the power alone drains the battery then.
+        powers_w : sequence of float or array, shape (n,)
+            Readings of the power [W]; NaN for none: the last one holds. It says little of κ then, and where the time
+            since the last reading is above `MAX_STEP_S`.
+        steps_s : sequence of float or array, shape (n,)
+            Times since the last reading [s].
+        """
+        losses = self._state.belief.losses
+        self._state = jitted(_ingested, *INGESTS)(self._state, self._model, *columns(charges, powers_w, steps_s))
+        self._now = after_drain(self._state.charge, self._state.drain.since)
+        return self._state.belief.losses > losses
+
+    @property
+    def soc(self) -> float:
+        """b; NaN before anything is known."""
+        return self._now.soc
+
+    @property
+    def variance(self) -> float:
+        """Variance of b."""
+        return self._now.var_soc
+
+    @property
+    def power_w(self) -> float:
+        """The last power known [W]."""
+        return self._state.drain.power_w
+
+    @property
+    def believed(self) -> bool:
+        """Whether the gauge is believed."""
+        return self._state.belief.believed
+
+    @property
+    def rises(self) -> bool:
+        """Whether the gauge rose where it was disbelieved."""
+        return self._state.belief.rises
+
+    def use(self, drain: float) -> tuple[float, float]:
+        """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
+
+        The slope has a least value: no voltage rises while the charge falls.
+
+        Source: b ← b − κ d − ½ s d².
+        """
+        now = self.ahead
+        then = after_drain(now, drain)
+        return now.soc - then.soc, then.var_soc
+
+    @property
+    def ahead(self) -> Charge:
+        """The state that `use` starts from."""
+        return self._now._replace(use_slope=max(self._now.use_slope, self._min_slope))
+
+    def gain_std(self, soc: float) -> float:
+        """Standard deviation of b at a reading, as a gauge that is not exact counts too much or too little."""
+        gain_std, first_soc = self.gauge_gain
+        return gain_std * max(first_soc - soc, 0.0)
+
+    @property
+    def gauge_gain(self) -> tuple[float, float]:
+        """Standard deviation of the gauge's gain, and the charge from which on it counts; 0 for an exact gauge."""
+        exact = self._state.gauge.noise_variance < EXACT_GAUGE
+        return (0.0, 0.0) if exact else (GAUGE_GAIN_STD, self._state.readings.first)
+
+    def is_ambiguous(self, soc: float) -> bool:
+        """Whether the last reading, or a charge not yet taken, may be an outlier: the next reading decides."""
+        return self._state.readings.outliers > 0 or abs(soc - self.soc) > MIN_JUMP
+
+
+# The functions below may be compiled, see `eadp.core.compiled`.
+
+
+def after_drain(charge: Charge, drain: float) -> Charge:
+    """The state after a predicted drain d, whose power was measured.
+
+    Source: prediction of a Kalman filter.
+    """
+    soc, ratio, slope, var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope = charge[:9]
+    offset, soc_offset, ratio_offset, slope_offset, var_offset = charge[9:]
+    d, h = drain, drain * drain / 2
+    # x ← F x with F = [[1, −d, −d²/2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    soc, ratio = soc - ratio * d - slope * h, ratio + slope * d
+    # F P, the first row
+    row_soc = var_soc - d * soc_ratio - h * soc_slope
+    row_ratio = soc_ratio - d * var_ratio - h * ratio_slope
+    row_slope = soc_slope - d * ratio_slope - h * var_slope
+    # P ← F P Fᵀ + Q: κ is a random walk of variance σ² d, so that b gains σ² d³/3, and both covary by −σ² d²/2
+    drift = USE_DRIFT**2 * d
+    return Charge(
+        soc,
+        ratio,
+        slope,
+        row_soc - d * row_ratio - h * row_slope + USE_NOISE**2 * d + drift * d * d / 3,
+        row_ratio + d * row_slope - drift * d / 2,
+        row_slope,
+        var_ratio + 2 * d * ratio_slope + d * d * var_slope + drift,
+        ratio_slope + d * var_slope,
+        var_slope,
+        offset,
+        soc_offset - d * ratio_offset - h * slope_offset,
+        ratio_offset + d * slope_offset,
+        slope_offset,
+        var_offset,
+    )
+
+
+def corrected(charge: Charge, error: float, noise: float) -> Charge:
+    """The state after a reading of b − o that is above the state's by `error`, of variance `noise`.
+
+    Source: correction of a Kalman filter.
+    """
+    c = charge
+    # H P with H = [1, 0, 0, −1]
+    of_soc, of_ratio = c.var_soc - c.cov_soc_offset, c.cov_soc_ratio - c.cov_ratio_offset
+    of_slope, of_offset = c.cov_soc_slope - c.cov_slope_offset, c.cov_soc_offset - c.var_offset
+    # S = H P Hᵀ + R,  K = P Hᵀ/S; an exact reading is the charge
+    innovation = max(of_soc - of_offset + noise, 1e-18)
+    by_soc = 1.0 if noise <= 1e-12 and c.var_offset == 0.0 else of_soc / innovation
+    by_ratio, by_slope, by_offset = of_ratio / innovation, of_slope / innovation, of_offset / innovation
+    # x ← x + K e,  P ← P − K H P
+    return Charge(
+        c.soc + by_soc * error,
+        min(max(c.use_ratio + by_ratio * error, 1 / MAX_USE), MAX_USE),
+        c.use_slope + by_slope * error,
+        c.var_soc - by_soc * of_soc,
+        c.cov_soc_ratio - by_soc * of_ratio,
+        c.cov_soc_slope - by_soc * of_slope,
+        c.var_ratio - by_ratio * of_ratio,
+        c.cov_ratio_slope - by_ratio * of_slope,
+        c.var_slope - by_slope * of_slope,
+        c.offset + by_offset * error,
+        c.cov_soc_offset - by_soc * of_offset,
+        c.cov_ratio_offset - by_ratio * of_offset,
+        c.cov_slope_offset - by_slope * of_offset,
+        c.var_offset - by_offset * of_offset,
+    )
+
+
+def _ingested(state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column) -> ChargeState:
+    """See `ChargeFilter.ingest`."""
+    for i in range(len(charges)):
+        drain = state.drain
+        measured = not math.isnan(powers_w[i])
+        power_w = powers_w[i] if measured else drain.power_w
+        drained = 0.0
+        if not math.isnan(state.charge.soc):
+            soc = after_drain(state.charge, drain.since).soc
+            volts = model.empty_v + model.rise_v * min(max(soc, 0.0), 1.0)
+            drained = drain_per_s(power_w, volts, model.resistance_ohm, model.per_as) * steps_s[i]
+        unmeasured = 0.0 if measured and steps_s[i] <= MAX_STEP_S else drained
+        drain = Drain(drain.since + drained, drain.unmeasured + unmeasured, drain.total + drained, power_w)
+        state = ChargeState(state.charge, drain, *state[2:])
+        if not math.isnan(charges[i]):
+            state = _with_reading(state, charges[i], drained)
+    return state
+
+
+def _with_reading(state: ChargeState, reading: float, drained: float) -> ChargeState:
+    """The state after a reading, and after the drain since the last one."""
+    charge, drain, readings, gauge, belief, checkpoint = state
+    first, last, taken, changes, outliers = readings
+    if math.isnan(last):
+        charge = Charge(reading, *charge[1:])
+        gauge = Gauge(gauge.noise_variance, gauge.quantum, gauge.step, reading == 1.0)
+        checkpoint = Checkpoint(reading, drain.total, charge)
+        drain = Drain(0.0, 0.0, drain.total, drain.power_w)
+        return ChargeState(charge, drain, GaugeReadings(reading, reading, *readings[2:]), gauge, belief, checkpoint)
+    readings = GaugeReadings(first, reading, taken + 1, changes, outliers)
+    state = ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+    fell = last - reading
+    if fell != 0.0 or outliers > 0 or drained == 0.0:
+        state = _with_change(state, fell, drained)
+    return _checked(state)
+
+
+def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
+    """The state after a reading that is another than the one before: an outlier, a loss, or a correction."""
+    charge, drain, readings, gauge, belief, checkpoint = state
+    first, reading, taken, changes, outliers = readings
+    changes += 1
+    exact = gauge.noise_variance < EXACT_GAUGE
+    if fell != 0.0:
+        charge, gauge = _with_step(charge, gauge, fell, drained)
+    now = after_drain(charge, drain.since)
+    var_soc = now.var_soc + (UNMEASURED * drain.unmeasured) ** 2
+    # a variance of b is at or above that of the mean of the first readings
+    if changes <= FIRST_READINGS and not gauge.from_full:
+        var_soc = max(var_soc, gauge.noise_variance / (changes - 1))
+    # a gauge that rises by a step is where it falls to the last reading
+    error = reading + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
+    variance = var_soc - 2 * now.cov_soc_offset + now.var_offset
+    if _is_outlier(abs(error), variance, gauge.noise_variance, taken, drain.since):
+        readings = GaugeReadings(first, reading, taken, changes, outliers + 1)
+        state = ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+        is_back = belief.believed and error <= belief.lost + MIN_JUMP
+        return _with_loss(state, now, error) if (outliers > 0 or exact) and (error < 0 or is_back) else state
+    readings = GaugeReadings(first, reading, taken, changes, 0)
+    if not belief.believed:
+        return ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+    # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
+    if not exact or changes <= FIRST_CHANGES:
+        var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
+    noise = gauge.noise_variance
+    if drain.unmeasured == 0.0:
+        # the difference of two readings has twice the noise of one
+        change = now.use_ratio * drain.since - fell
+        noise += max(NOISE_SHARE, 1 / (changes - 1)) * (change * change / 2 - noise)
+    gauge = Gauge(noise, min(max(gauge.quantum, fell), MAX_QUANTUM), gauge.step, gauge.from_full)
+    charge = corrected(Charge(*now[:3], var_soc, *now[4:]), error, noise)
+    return ChargeState(charge, Drain(0.0, 0.0, drain.total, drain.power_w), readings, gauge, belief, checkpoint)
+
+
+def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: float) -> bool:
+    """Whether an innovation of a size is that of an outlier, after a drain."""
+    if noise < EXACT_GAUGE and taken > 2:
+        return size > MIN_JUMP + 10 * drain
+    return taken > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + noise)
+
+
+def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
+    """The state after a loss of charge, or the end of a false one: the reading holds, and covaries with nothing."""
+    _, drain, readings, gauge, belief, _ = state
+    of_use, of_offset = now[6:10], now[11:]
+    charge = Charge(readings.last, *now[1:3], gauge.noise_variance, 0.0, 0.0, *of_use, 0.0, *of_offset)
+    return ChargeState(
+        charge,
+        Drain(0.0, 0.0, drain.total, drain.power_w),
+        GaugeReadings(readings.first, readings.last, taken=2, changes=2, outliers=0),
+        Gauge(gauge.noise_variance, gauge.quantum, gauge.step, from_full=False),
+        Belief(True, belief.rises, max(belief.lost - error, 0.0), belief.losses + 1),
+        Checkpoint(readings.last, drain.total, charge),
+    )
+
+
+def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tuple[Charge, Gauge]:
+    """See whether the gauge has steps: its first change is more than the last drain, and the others multiples of it."""
+    noise, quantum, step, from_full = gauge
+    size = abs(fell)
+    if math.isnan(step):
+        step = min(size, MAX_QUANTUM) if size > charge.use_ratio * drained + MIN_JUMP else 0.0
+        var_soc, cov_soc_offset, var_offset = charge.var_soc, 0.0, step * step / 12
+        if not from_full:  # the first reading was somewhere on a step: b = reading + o − u, u as uncertain as o
+            var_soc += step * step / 6
+            cov_soc_offset = step * step / 12
+        charge = Charge(*charge[:3], var_soc, *charge[4:9], step / 2, cov_soc_offset, *charge[11:13], var_offset)
+    elif step > 0.0 and abs(size / step - round(size / step)) > SAME_STEPS:
+        charge, step = Charge(*charge[:9], 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+    return charge, Gauge(noise, quantum, step, from_full)
+
+
+def _checked(state: ChargeState) -> ChargeState:
+    """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
+    charge, drain, readings, gauge, belief, checkpoint = state
+    drained = drain.total - checkpoint.total_drain
+    if drained < max(CHECKED_DRAIN, CHECKED_QUANTA * gauge.quantum, CHECKED_STDS * math.sqrt(gauge.noise_variance)):
+        return state
+    fell, expected = checkpoint.reading - readings.last, checkpoint.charge.use_ratio * drained
+    falls = MIN_FALL * expected <= fell
+    now = after_drain(charge, drain.since)
+    if belief.believed and not falls:
+        belief = Belief(False, fell < 0, belief.lost, belief.losses)
+        charge = now = after_drain(checkpoint.charge, drained)
+        drain = Drain(0.0, drain.unmeasured, drain.total, drain.power_w)
+    elif falls and fell <= expected / MIN_FALL:
+        far = max(CHECKED_QUANTA * gauge.quantum, JUMP_STDS * math.sqrt(now.var_soc))
+        if readings.last <= now.soc + far:
+            belief = Belief(True, belief.rises, belief.lost, belief.losses)
+    checkpoint = Checkpoint(readings.last, drain.total, now)
+    return ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+
+
+INGESTS = (
+    *(drain_per_s, after_drain, corrected, _with_reading, _with_change),
+    *(_is_outlier, _with_loss, _with_step, _checked),
+)
+"""What `_ingested` calls, to be compiled with it."""
