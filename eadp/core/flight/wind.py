@@ -6,12 +6,12 @@ Directions are of motion over ground, wind is the motion of the air: a wind alon
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
-from eadp.core.compiled import enabled, jitted
+from eadp.core.arrays import Column, FloatArray, columns
+from eadp.core.compiled import jitted
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.curves import Point
 
@@ -30,6 +30,9 @@ BEND = 10.0
 
 FORGET_S = 60.0
 """Averaging time of the gusts' variance."""
+
+INNOVATION_S = 10.0
+"""Averaging time of the normalised innovation [s]."""
 
 
 def ground_speeds_mps(
@@ -84,6 +87,31 @@ def squared_bank_slopes(
     return slopes
 
 
+class WindEstimate(NamedTuple):
+    """Mean wind [m/s], variances of its components and their covariance [m²/s²]."""
+
+    x_mps: float
+    y_mps: float
+    var_x: float
+    var_y: float
+    cov_xy: float
+
+
+class Gusts(NamedTuple):
+    """Variance of the gusts [m²/s²], and for how long they have been observed [s]."""
+
+    variance: float
+    seen_s: float
+
+
+class WindState(NamedTuple):
+    """State of `WindFilter`; the innovation is the mean that `WindFilter.heading_innovation` returns."""
+
+    wind: WindEstimate
+    gusts: Gusts
+    heading_innovation: float
+
+
 class WindFilter:
     """Kalman filter of the mean wind from velocity over ground, and heading where it is known.
 
@@ -103,124 +131,155 @@ class WindFilter:
 
     def __init__(self, airspeed_mps: float, gust_time_s: float = GUST_TIME_S) -> None:
         self.airspeed_mps, self._gust_time_s = airspeed_mps, gust_time_s
-        self._state: _WindState = (0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
+        wind = WindEstimate(0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0)
+        self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
 
     @property
     def wind_mps(self) -> Point:
         """Estimate [m/s]."""
-        return self._state[:2]
+        return self._state.wind.x_mps, self._state.wind.y_mps
 
     @property
     def gust_std_mps(self) -> float:
         """Standard deviation of the gusts [m/s]."""
-        return math.sqrt(self._state[5])
+        return math.sqrt(self._state.gusts.variance)
 
     @property
     def covariance(self) -> tuple[float, float, float]:
         """Variances of both components and their covariance [m²/s²]."""
-        return self._state[2:5]
+        wind = self._state.wind
+        return wind.var_x, wind.var_y, wind.cov_xy
 
-    def observe(self, velocity_mps: Point, heading_rad: float | None, step_s: float) -> None:
-        """Take a reading, `step_s` [s] after the last one."""
-        heading = math.nan if heading_rad is None else heading_rad
-        self._state = jitted(_updated, _corrected, _gust_variance)(
-            self._state, self.airspeed_mps, self._gust_time_s, *velocity_mps, heading, step_s
-        )
+    @property
+    def heading_innovation(self) -> float:
+        """Normalised innovation squared of readings with a heading, its mean over `INNOVATION_S`; 1 before the first.
 
-    def observe_batch(
-        self, vx_mps: Sequence[float], vy_mps: Sequence[float], headings_rad: Sequence[float], steps_s: Sequence[float]
-    ) -> None:
-        """Take readings in order, each `steps_s` [s] after the one before; NaN is no reading."""
-        columns: list[Sequence[float] | FloatArray] = [vx_mps, vy_mps, headings_rad, steps_s]
-        if enabled():
-            columns = [np.asarray(values) for values in columns]
-        self._state = jitted(_batch_updated, _updated, _corrected, _gust_variance)(
-            self._state, self.airspeed_mps, self._gust_time_s, *columns
-        )
+        ½ eᵀ S⁻¹ e of the wind's two components, S = P + σ² I with the variance of the gusts: 1 where readings are as
+        the estimate expects them. Gusts are estimated from the same readings: where all are false, σ grows, too.
 
+        Source: consistency of a Kalman filter (Bar-Shalom, Li and Kirubarajan 2001).
+        """
+        return self._state.heading_innovation
 
-_WindState = tuple[float, float, float, float, float, float, float]
-"""Wind [m/s]; variances of both components and their covariance, and the gusts' variance [m²/s²]; time observed [s]."""
+    def ingest(self, vx_mps: Column, vy_mps: Column, headings_rad: Column, steps_s: Column) -> None:
+        """Take readings in order.
+
+        Parameters
+        ----------
+        vx_mps, vy_mps : sequence of float or array, shape (n,)
+            Velocities over ground [m/s]; NaN is no reading.
+        headings_rad : sequence of float or array, shape (n,)
+            Headings [rad]; NaN where it is not known.
+        steps_s : sequence of float or array, shape (n,)
+            Times since the last reading [s].
+        """
+        ingested = jitted(_ingested, _normalised, _with_heading, _without_heading, _corrected, _gusts_after)
+        readings = columns(vx_mps, vy_mps, headings_rad, steps_s)
+        self._state = ingested(self._state, self.airspeed_mps, self._gust_time_s, *readings)
 
 
 # The functions below may be compiled, see `eadp.core.compiled`.
 
 
-def _batch_updated(
-    state: _WindState,
+def _ingested(
+    state: WindState,
     airspeed_mps: float,
     gust_time_s: float,
-    vx_mps: Sequence[float] | FloatArray,
-    vy_mps: Sequence[float] | FloatArray,
-    headings_rad: Sequence[float] | FloatArray,
-    steps_s: Sequence[float] | FloatArray,
-) -> _WindState:
+    vx_mps: Column,
+    vy_mps: Column,
+    headings_rad: Column,
+    steps_s: Column,
+) -> WindState:
+    """See `WindFilter.ingest`."""
     for i in range(len(steps_s)):
-        state = _updated(state, airspeed_mps, gust_time_s, vx_mps[i], vy_mps[i], headings_rad[i], steps_s[i])
+        vx, vy, heading_rad, step_s = vx_mps[i], vy_mps[i], headings_rad[i], max(steps_s[i], 1e-3)
+        if math.isnan(vx + vy):
+            continue
+        wind, gusts, innovation = state
+        drift = DRIFT_M2PS3 * step_s
+        wind = WindEstimate(wind.x_mps, wind.y_mps, wind.var_x + drift, wind.var_y + drift, wind.cov_xy)
+        if math.isnan(heading_rad):
+            wind, gusts = _without_heading(wind, gusts, vx, vy, airspeed_mps, step_s, gust_time_s)
+        else:
+            # v − s (cos θ, sin θ) measures w
+            ex = vx - airspeed_mps * math.cos(heading_rad) - wind.x_mps
+            ey = vy - airspeed_mps * math.sin(heading_rad) - wind.y_mps
+            of_reading = _normalised(wind, gusts.variance, ex, ey)
+            innovation += step_s / (step_s + INNOVATION_S) * (of_reading - innovation)
+            wind, gusts = _with_heading(wind, gusts, ex, ey, step_s, gust_time_s)
+        state = WindState(wind, gusts, innovation)
     return state
 
 
-def _updated(
-    state: _WindState,
-    airspeed_mps: float,
-    gust_time_s: float,
+def _normalised(wind: WindEstimate, gust_variance: float, ex: float, ey: float) -> float:
+    """Half of the normalised innovation squared of both components, whose errors are given [m/s]."""
+    # ½ eᵀ S⁻¹ e with S = P + σ² I
+    xx, yy, xy = wind.var_x + gust_variance, wind.var_y + gust_variance, wind.cov_xy
+    return (yy * ex * ex - 2 * xy * ex * ey + xx * ey * ey) / (2 * (xx * yy - xy * xy))
+
+
+def _with_heading(
+    wind: WindEstimate, gusts: Gusts, ex: float, ey: float, step_s: float, gust_time_s: float
+) -> tuple[WindEstimate, Gusts]:
+    """Wind and gusts after a reading with a heading, which shows both components with errors [m/s]."""
+    noise = gusts.variance * max(1.0, 2 * gust_time_s / step_s)
+    before = wind.y_mps
+    wind = _corrected(wind, 1.0, 0.0, ex, noise)
+    # the second component's error, after the first one's correction
+    wind = _corrected(wind, 0.0, 1.0, ey - (wind.y_mps - before), noise)
+    squared = (ex * ex + ey * ey) / 2
+    return wind, _gusts_after(gusts, squared, wind.var_x + wind.var_y, step_s, step_s, gust_time_s)
+
+
+def _without_heading(
+    wind: WindEstimate,
+    gusts: Gusts,
     vx: float,
     vy: float,
-    heading_rad: float,
+    airspeed_mps: float,
     step_s: float,
-) -> _WindState:
-    """The state after a reading; without a velocity unchanged. The heading may be NaN."""
-    if math.isnan(vx + vy):
-        return state
-    wx, wy, pxx, pyy, pxy, gusts, seen_s = state
-    step_s = max(step_s, 1e-3)
-    pxx += DRIFT_M2PS3 * step_s
-    pyy += DRIFT_M2PS3 * step_s
-    noise = gusts * max(1.0, 2 * gust_time_s / step_s)
-    if not math.isnan(heading_rad):
-        ex = vx - airspeed_mps * math.cos(heading_rad) - wx
-        ey = vy - airspeed_mps * math.sin(heading_rad) - wy
-        before = wy
-        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 1.0, 0.0, ex, noise)
-        # the second component's error, after the first one's correction
-        wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, 0.0, 1.0, ey - (wy - before), noise)
-        gusts, seen_s = _gust_variance(gusts, seen_s, (ex * ex + ey * ey) / 2, pxx + pyy, step_s, step_s, gust_time_s)
-        return wx, wy, pxx, pyy, pxy, gusts, seen_s
-    ax, ay = vx - wx, vy - wy
+    gust_time_s: float,
+) -> tuple[WindEstimate, Gusts]:
+    """Wind and gusts after a reading without a heading."""
+    ax, ay = vx - wind.x_mps, vy - wind.y_mps
     air = math.sqrt(ax * ax + ay * ay)
     if air < 0.1 * airspeed_mps:
-        return wx, wy, pxx, pyy, pxy, gusts, seen_s
+        return wind, gusts
     # h(w) = ‖v − w‖, ∂h/∂w = −(v − w)/‖v − w‖; second order across it: ½ d⊥²/‖v − w‖ of the error's component across
     hx, hy = -ax / air, -ay / air
-    along = hx * hx * pxx + 2 * hx * hy * pxy + hy * hy * pyy
-    across = hy * hy * pxx - 2 * hx * hy * pxy + hx * hx * pyy
+    along = hx * hx * wind.var_x + 2 * hx * hy * wind.cov_xy + hy * hy * wind.var_y
+    across = hy * hy * wind.var_x - 2 * hx * hy * wind.cov_xy + hx * hx * wind.var_y
     error = airspeed_mps - air - across / (2 * air)
     bent = across * across / (2 * air * air)  # the bend's variance, the same in every reading
-    bend = BEND * bent * max(1.0, 2 * gust_time_s / step_s)
-    wx, wy, pxx, pyy, pxy = _corrected(wx, wy, pxx, pyy, pxy, hx, hy, error, noise + bend)
-    independent_s = gusts / (gusts + along + bent) * step_s
-    gusts, seen_s = _gust_variance(gusts, seen_s, error * error, along + bent, independent_s, step_s, gust_time_s)
-    return wx, wy, pxx, pyy, pxy, gusts, seen_s
+    repeats = max(1.0, 2 * gust_time_s / step_s)
+    wind = _corrected(wind, hx, hy, error, gusts.variance * repeats + BEND * bent * repeats)
+    independent_s = gusts.variance / (gusts.variance + along + bent) * step_s
+    return wind, _gusts_after(gusts, error * error, along + bent, independent_s, step_s, gust_time_s)
 
 
-def _corrected(
-    wx: float, wy: float, pxx: float, pyy: float, pxy: float, hx: float, hy: float, error: float, noise: float
-) -> tuple[float, float, float, float, float]:
-    """Wind and its covariance after a reading of its part along h that is off by `error`."""
-    gx, gy = pxx * hx + pxy * hy, pxy * hx + pyy * hy
+def _corrected(wind: WindEstimate, hx: float, hy: float, error: float, noise: float) -> WindEstimate:
+    """Wind after a reading of its part along h that is off by `error` [m/s], of variance `noise` [m²/s²]."""
+    # S = h P hᵀ + R,  K = P hᵀ/S,  w ← w + K e,  P ← P − K h P
+    gx, gy = wind.var_x * hx + wind.cov_xy * hy, wind.cov_xy * hx + wind.var_y * hy
     innovation = hx * gx + hy * gy + noise
     kx, ky = gx / innovation, gy / innovation
-    return wx + kx * error, wy + ky * error, max(pxx - kx * gx, 1e-12), max(pyy - ky * gy, 1e-12), pxy - kx * gy
+    return WindEstimate(
+        wind.x_mps + kx * error,
+        wind.y_mps + ky * error,
+        max(wind.var_x - kx * gx, 1e-12),
+        max(wind.var_y - ky * gy, 1e-12),
+        wind.cov_xy - kx * gy,
+    )
 
 
-def _gust_variance(
-    gusts: float, seen_s: float, squared: float, state: float, counted_s: float, step_s: float, gust_time_s: float
-) -> tuple[float, float]:
-    """The gusts' variance and the time observed after an innovation, less the variance of the wind estimate.
+def _gusts_after(
+    gusts: Gusts, squared: float, of_wind: float, counted_s: float, step_s: float, gust_time_s: float
+) -> Gusts:
+    """Gusts after an innovation squared, which has the variance of the wind estimate in it [m²/s²].
 
     The initial estimate of the variance fades as readings come in.
     """
-    seen_s += step_s
+    seen_s = gusts.seen_s + step_s
     share = min(1.0, counted_s / min(FORGET_S, seen_s + 2 * gust_time_s))
-    gusts += share * (max(squared - state, 0.0) - gusts)
-    return max(gusts, MIN_GUST_MPS**2), seen_s
+    variance = gusts.variance + share * (max(squared - of_wind, 0.0) - gusts.variance)
+    return Gusts(max(variance, MIN_GUST_MPS**2), seen_s)

@@ -29,8 +29,6 @@ from eadp.models.plan.leg_table import leg_times_s
 from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
-from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
-from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint import kernels
 from eadp.planning.joint.climb import ClimbForecast
 from eadp.planning.joint.kernels import EXPECTED, MOTION, PEAK, TIMES
@@ -49,6 +47,11 @@ from eadp.planning.joint.place_kernel import (
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
+from eadp.planning.state.charge import MAX_STEP_S, Charge, ChargeFilter, DrainModel
+from eadp.planning.state.flown import ParameterAverages
+from eadp.planning.state.motion import MotionPower
+from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
+from eadp.planning.state.time_ratio import TimeRatio
 
 WIND_STEP_MPS = 0.02
 """A smaller change of the estimated wind is ignored."""
@@ -71,9 +74,6 @@ LOSS, LOSS_SQUARE = 0.07, (0.12**3 - 0.02**3) / 3 / 0.1
 
 PASSED_S = 3.0
 """An end that has been passed for this long without the flight having ended there is none [s]."""
-
-MAX_STEP_S = 10.0
-"""Time between readings above which the power in it is not measured [s]."""
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
@@ -271,8 +271,8 @@ class Forecaster:
         self._slope = 0.0
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         drain_per_as = 0.0 if battery.prescribed else battery.drain_per_as
-        self._cell = (empty_v, full_v - empty_v, battery.resistance_ohm, drain_per_as)
-        self._charge = ChargeFilter((full_v - empty_v) / battery.voltage_at(0.5))
+        self._cell = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, drain_per_as)
+        self._charge = ChargeFilter(self._cell, (full_v - empty_v) / battery.voltage_at(0.5))
         self._climb = ClimbForecast.of(mission)
         self._flown = ParameterAverages(len(plan.parameters))
         self._held_for: tuple[Vector, int] | None = None
@@ -292,7 +292,7 @@ class Forecaster:
         self._ripple_w = 0.0
         self._ask_ripple_w: Callable[[], float] | None = None
         self._navigation_std_m = NAVIGATION_M[0]
-        self._power_w = self._computing_w = 0.0
+        self._computing_w = 0.0
         self._stages_started = 1
         self._through_gap = False
         self.before_latch = self._cursor.accepts_changes()
@@ -355,6 +355,11 @@ class Forecaster:
             self._flown.hold(o.time_s, o.parameters, self._plan.quality_sets[o.stage - 1])
         return started
 
+    def passed_w(self, o: Observation, computing_w: float) -> float | None:
+        """The power of an observation [W], None where it is false or missing; `computing_w` is the computations'."""
+        power_w = float(self.gate.ingest([o.time_s], [o.power_w], computing_w)[0])
+        return None if math.isnan(power_w) else power_w
+
     def observe(self, o: Observation, computing_w: float) -> bool:
         """Update the estimates of wind, motion power and charge; return whether the charge has jumped.
 
@@ -369,13 +374,14 @@ class Forecaster:
         step_s = self._duration_s(o.time_s)
         beside_w = computing_w + self._followed_w(step_s, o.airspeed_mps)
         if o.power_w is not None and step_s > 0:
-            self._motion.observe(o.power_w - beside_w, min(step_s, MAX_STEP_S), self._slope)
+            self._motion.ingest([o.power_w], [beside_w], [min(step_s, MAX_STEP_S)], self._slope)
         if o.wind_mps is not None:
             self._measured_wind, self._measured_until_s = o.wind_mps, o.time_s + MEASURED_WIND_S
         elif o.time_s > self._measured_until_s:
             self._measured_wind = None
         if o.wind_mps is None and o.velocity_mps is not None and step_s > 0:
-            self._wind.observe(o.velocity_mps, o.heading_rad, step_s)
+            (vx, vy), heading = o.velocity_mps, math.nan if o.heading_rad is None else o.heading_rad
+            self._wind.ingest([vx], [vy], [heading], [step_s])
         return self._observe_charge(o.time_s, o.power_w, o.soc)
 
     def observe_batch(self, readings: Readings, computing_w: float) -> bool:
@@ -400,14 +406,11 @@ class Forecaster:
         if enabled():  # each is converted once
             columns = [np.asarray(column) for column in columns]
         *of_wind, powers_w, beside_w, charges, steps_s = columns
-        self._wind.observe_batch(*[column[first:] for column in of_wind])
-        self._motion.observe_batch(powers_w, beside_w, of_wind[-1], self._slope)
+        self._wind.ingest(*[column[first:] for column in of_wind])
+        self._motion.ingest(powers_w, beside_w, of_wind[-1], self._slope)
         if last_s > self._measured_until_s:
             self._measured_wind = None
-        jumped, self._power_w = self._charge.observe_batch(
-            self._power_w, powers_w, charges, steps_s, MAX_STEP_S, self._cell
-        )
-        return jumped
+        return self._charge.ingest(charges, powers_w, steps_s)
 
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the charge, `soc` now, may have jumped: the next reading decides."""
@@ -457,16 +460,13 @@ class Forecaster:
         """Before take-off: assume the wind of the weather forecast [m/s], its gusts, and a state of charge."""
         self._measured_wind, self._measured_until_s = wind_mps, math.inf
         self._ratio.expect(gust_std_mps, self._speed, self._mission.gust_time_s)
-        self._charge.observe(soc, 0.0)
+        self._charge.ingest([soc], [math.nan], [0.0])
 
     def _observe_charge(self, time_s: float, power_w: float | None, soc: float) -> bool:
         """Update the state of charge with a reading; return whether it has jumped."""
         powers_w, steps_s = [math.nan if power_w is None else power_w], [time_s - self._charge_s]
         self._charge_s = time_s
-        jumped, self._power_w = self._charge.observe_batch(
-            self._power_w, powers_w, [soc], steps_s, MAX_STEP_S, self._cell
-        )
-        return jumped
+        return self._charge.ingest([soc], powers_w, steps_s)
 
     def _start_stage(self, o: Observation) -> None:
         """Start the next stage; update the time ratio with the last leg, unless it is the first, flown only in part.

@@ -45,7 +45,7 @@ class HeldForecast:
         """Take an observation."""
         self._forecaster.update_stage(o)
         computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
-        power_w = self._forecaster.gate.passed(o.time_s, o.power_w, computing_w)
+        power_w = self._forecaster.passed_w(o, computing_w)
         self._forecaster.observe(o._replace(power_w=power_w), computing_w)
 
     def at(self, o: Observation, parameters: Vector) -> Forecast | None:

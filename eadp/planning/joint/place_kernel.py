@@ -16,7 +16,6 @@ from eadp.core.compiled import jitted
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.geometry.tracks import Nodes
 from eadp.models.plan.leg_table import LegRows, write_leg_times
-from eadp.planning.estimation.regressions import Charge, after_drain
 from eadp.planning.joint.kernels import (
     EXPECTED,
     GAIN,
@@ -33,6 +32,7 @@ from eadp.planning.joint.kernels import (
     write_terms,
 )
 from eadp.planning.joint.knapsack import FULL, ConcaveEnvelope
+from eadp.planning.state.charge import Charge, after_drain
 
 FEASIBLE, SHORT, UNFLYABLE, UNKNOWN = range(4)
 """What is found: the charge suffices, or not; the wind is too strong; or the steps have to be taken, as the battery's

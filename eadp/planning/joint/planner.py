@@ -16,6 +16,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -127,7 +128,7 @@ class JointPlanner(TrackingPlanner):
     def ingest(self, readings: Readings) -> Decision:
         """Take a batch of readings; the next update responds to a jump of the charge among them."""
         gate, now_w = self._forecaster.gate, self._computing_w
-        powers_w = gate.passed_batch(readings.times_s, readings.powers_w, now_w)
+        powers_w: Any = gate.ingest(readings.times_s, readings.powers_w, now_w)
         readings = readings._replace(powers_w=powers_w)
         self._jumped |= self._forecaster.observe_batch(readings, self._computing_w)
         return super().ingest(readings)
@@ -140,7 +141,7 @@ class JointPlanner(TrackingPlanner):
         cause = NEW_STAGE if forecaster.update_stage(o) else ""
         read = o.time_s >= self._next_reading_s - 1e-9
         if read:
-            o = o._replace(power_w=forecaster.gate.passed(o.time_s, o.power_w, self._computing_w))
+            o = o._replace(power_w=forecaster.passed_w(o, self._computing_w))
         self._track(o)
         self._jumped |= read and forecaster.observe(o, self._computing_w)
         self._updated_s, self._ambiguous = o.time_s, forecaster.is_ambiguous(o.soc)

@@ -134,10 +134,16 @@ def flown(seconds, wind_mps, gust_std_mps, seed, *, course=None, step_s=1.0):
         yield (vx, vy), heading
 
 
+def observe(found, velocity_mps, heading_rad, step_s):
+    """Take a reading, after a step."""
+    (vx, vy), heading = velocity_mps, math.nan if heading_rad is None else heading_rad
+    found.ingest([vx], [vy], [heading], [step_s])
+
+
 def filtered(readings, *, headings=True, step_s=1.0):
     found = WindFilter(AIRSPEED_MPS)
     for velocity, heading in readings:
-        found.observe(velocity, heading if headings else None, step_s)
+        observe(found, velocity, heading if headings else None, step_s)
         xx, yy, xy = found.covariance
         assert xx > 0
         assert yy > 0
@@ -147,7 +153,7 @@ def filtered(readings, *, headings=True, step_s=1.0):
 
 def test_with_headings_it_is_a_batch_least_squares_of_a_random_walk(monkeypatch):
     # the spread of the gusts kept as at first, so that all is linear
-    monkeypatch.setattr(wind, "_gust_variance", lambda gusts, seen_s, *_: (gusts, seen_s))
+    monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
     readings = list(flown(40, (3.0, -4.0), 0.5, 1))
     found = filtered(readings)
     n, noise = len(readings), wind.INITIAL_GUST_MPS**2 * 2 * wind.GUST_TIME_S
@@ -245,12 +251,12 @@ def test_a_wind_that_turns_is_followed():
 
 
 def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
-    monkeypatch.setattr(wind, "_gust_variance", lambda gusts, seen_s, *_: (gusts, seen_s))
+    monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
     found, twice = WindFilter(AIRSPEED_MPS), WindFilter(AIRSPEED_MPS)
     for _ in range(10):
-        found.observe((20.0, 0.0), 0.0, 1.0)
+        observe(found, (20.0, 0.0), 0.0, 1.0)
         for _ in range(10):
-            twice.observe((20.0, 0.0), 0.0, 0.1)
+            observe(twice, (20.0, 0.0), 0.0, 0.1)
     assert found.wind_mps == pytest.approx(twice.wind_mps, rel=0.001)
     assert found.covariance[0] == pytest.approx(twice.covariance[0], rel=0.01)
 
@@ -258,7 +264,7 @@ def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
 def test_standing_in_the_air_tells_nothing_without_a_heading():
     found = WindFilter(AIRSPEED_MPS)
     before = found.covariance
-    found.observe((0.0, 0.0), None, 1.0)
+    observe(found, (0.0, 0.0), None, 1.0)
     assert found.wind_mps == (0.0, 0.0)
     assert found.covariance[0] == pytest.approx(before[0], rel=1e-3)
 
@@ -274,9 +280,53 @@ def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
             some = readings[begin : begin + 7]
             (vx, vy), count = zip(*(velocity for velocity, _ in some), strict=True), len(some)
             directions = [heading if headings else math.nan for _, heading in some]
-            together.observe_batch(vx, vy, directions, [0.5] * count)
+            together.ingest(vx, vy, directions, [0.5] * count)
     finally:
         compiled.enable(False)
     assert together.wind_mps == pytest.approx(found.wind_mps, rel=NANO)
     assert together.covariance == pytest.approx(found.covariance, rel=NANO, abs=NANO)
     assert together.gust_std_mps == pytest.approx(found.gust_std_mps, rel=NANO)
+    assert together.heading_innovation == pytest.approx(found.heading_innovation, rel=NANO)
+
+
+# --- the innovation of headings ---------------------------------------------------------------------------------------
+
+
+def test_the_innovation_is_half_the_normalised_square_by_matrices(monkeypatch):
+    """Of the error before a correction, with the wind's covariance and that of the gusts."""
+    monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
+    found, mean = WindFilter(AIRSPEED_MPS), 1.0
+    for velocity, heading in flown(30, (3.0, -4.0), 0.5, 1):
+        observe(found, velocity, None, 1.0)  # so that the components covary
+        xx, yy, xy = found.covariance
+        scale = np.array([[xx, xy], [xy, yy]]) + (wind.DRIFT_M2PS3 + wind.INITIAL_GUST_MPS**2) * np.eye(2)
+        air = AIRSPEED_MPS * np.array([math.cos(heading), math.sin(heading)])
+        error = np.array(velocity) - air - found.wind_mps
+        mean += (error @ np.linalg.inv(scale) @ error / 2 - mean) / (1 + wind.INNOVATION_S)
+        observe(found, velocity, heading, 1.0)
+        assert found.heading_innovation == pytest.approx(mean, rel=1e-9)
+
+
+@pytest.mark.parametrize("gust_mps", [0.3, 1.5])
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+def test_the_innovation_of_true_headings_is_about_one(gust_mps, step_s):
+    found = [
+        filtered(flown(240, (3.0, -4.0), gust_mps, seed, step_s=step_s), step_s=step_s).heading_innovation
+        for seed in range(20)
+    ]
+    assert np.mean(found) == pytest.approx(1, abs=0.5)
+    assert max(found) < 4
+
+
+def test_a_heading_that_becomes_false_shows_in_the_innovation():
+    found = filtered(flown(120, (3.0, -4.0), 0.3, 1))
+    assert found.heading_innovation < 3
+    largest = 0.0
+    for velocity, heading in flown(20, (3.0, -4.0), 0.3, 2):
+        observe(found, velocity, math.pi / 2 - heading, 1.0)
+        largest = max(largest, found.heading_innovation)
+    assert largest > 10
+
+
+def test_without_headings_there_is_no_innovation():
+    assert filtered(flown(60, (3.0, -4.0), 0.5, 1), headings=False).heading_innovation == 1

@@ -16,7 +16,6 @@ from scipy.optimize import linprog
 from eadp.errors import Infeasible
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, KEPT, NOTHING_TO_CHOOSE, SOLVED, SolverReport
-from eadp.planning.estimation.power_gate import MAX_MOTION_W
 from eadp.planning.joint import program as module
 from eadp.planning.joint.forecaster import Forecaster
 from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
@@ -443,7 +442,7 @@ def test_power_beyond_the_battery_is_a_finite_shortfall_and_the_cheapest_wins():
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"))
     settings = inputs.scenario.planner
     forecaster = Forecaster(settings, replace(inputs.mission, max_motion_w=np.inf), settings.joint)
-    forecaster.gate._state[MAX_MOTION_W] = 6000.0
+    forecaster.gate._state = forecaster.gate._state._replace(max_motion_w=6000.0)
     forecaster.assume((0.0, 0.0), 0.0, 1.0)
     forecaster.start_at(0.0, inputs.world.start_m, lambda: 6000.0)
     shorts = {share: best_at(forecaster.candidate((share,))).shortfall for share in (0.0, 0.3, 0.6, 1.0)}

@@ -8,17 +8,26 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
-from eadp.planning.estimation.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
+from eadp.planning.state.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
 from eadp.simulation.loop import Outcome, fly
+
+fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 LIMIT_W, MEAN_W = 1000.0, 40.0
 
 
+def passed_of(gate, time_s, power_w):
+    """One reading, or None where it does not pass."""
+    found = float(gate.ingest([time_s], [power_w], 5.0)[0])
+    return None if math.isnan(found) else found
+
+
 def passed(powers_w, step_s=0.1, mean_w=MEAN_W):
     gate = PowerGate(mean_w, LIMIT_W)
-    return gate, [gate.passed(k * step_s, power_w, 5.0) for k, power_w in enumerate(powers_w)]
+    return gate, [passed_of(gate, k * step_s, power_w) for k, power_w in enumerate(powers_w)]
 
 
 @pytest.mark.parametrize("false_w", [1e5, -1.0, math.nan, math.inf, LIMIT_W + 1, MAX_RATIO * MEAN_W + 10])
@@ -114,20 +123,25 @@ def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
     assert quality(false_w) == pytest.approx(undisturbed, abs=0.01)
 
 
+@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 @pytest.mark.parametrize("seed", range(5))
-def test_readings_in_a_batch_pass_as_one_by_one(seed):
+def test_readings_in_a_batch_pass_as_one_by_one(seed, compiled_code):
     rng = np.random.default_rng(seed)
     times_s = np.cumsum(rng.uniform(0.05, 1.0, 200)).tolist()
     powers_w = (40.0 * np.exp(rng.normal(0, 0.2, 200))).tolist()
     for i in rng.integers(0, 200, 40):
         powers_w[i] = [None, math.nan, -1.0, 900.0, 1e9][i % 5]
     one, other = PowerGate(36.0, LIMIT_W), PowerGate(36.0, LIMIT_W)
-    expected = [one.passed(t, power, 5.0) for t, power in zip(times_s, powers_w, strict=True)]
+    expected = [passed_of(one, t, power) for t, power in zip(times_s, powers_w, strict=True)]
     found, at = [], 0
-    while at < 200:
-        end = at + int(rng.integers(1, 20))
-        passed = other.passed_batch(times_s[at:end], powers_w[at:end], 5.0)
-        found += [None if math.isnan(power_w) else power_w for power_w in passed]
-        at = end
+    compiled.enable(compiled_code)
+    try:
+        while at < 200:
+            end = at + int(rng.integers(1, 20))
+            passed = other.ingest(times_s[at:end], powers_w[at:end], 5.0)
+            found += [None if math.isnan(power_w) else power_w for power_w in passed]
+            at = end
+    finally:
+        compiled.enable(False)
     assert found == expected
     assert (one.max_motion_w, one.rejects) == (other.max_motion_w, other.rejects)

@@ -1,0 +1,482 @@
+"""The filter of the charge: the Kalman filter with matrices, gauges of all kinds, calibration over many flights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from eadp.core import compiled
+from eadp.core.flight.battery import current_a, drain_per_s
+from eadp.planning.state.charge import (
+    MAX_STEP_S,
+    MAX_USE,
+    USE_DRIFT,
+    USE_NOISE,
+    Charge,
+    ChargeFilter,
+    DrainModel,
+    after_drain,
+    corrected,
+)
+
+fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+
+UNIT = DrainModel(empty_v=1.0, rise_v=0.0, resistance_ohm=0.0, per_as=1.0)
+"""A battery that a watt drains by 1 in a second."""
+
+
+def observe(charge, reading, drained, *, measured=True):
+    """Take a reading, with the charge drained since the last by prediction; return whether some was lost."""
+    step_s = 1.0 if measured else 2 * MAX_STEP_S
+    return charge.ingest([reading], [drained / step_s], [step_s])
+
+
+def matrix(charge):
+    """The covariance of charge, ratio, slope and offset."""
+    _, _, _, bb, bk, bs, kk, ks, ss, _, bo, ko, so, oo = charge
+    return np.array([[bb, bk, bs, bo], [bk, kk, ks, ko], [bs, ks, ss, so], [bo, ko, so, oo]])
+
+
+def followed(readings, drained, jumps=None):
+    charge, found = ChargeFilter(UNIT), []
+    for k, reading in enumerate(readings):
+        jumped = observe(charge, reading, drained if k else 0.0)
+        if jumps is not None and jumped:
+            jumps.append(k)
+        assert charge.variance >= 0
+        found.append(charge.soc)
+    return charge, np.array(found)
+
+
+def test_an_exact_gauge_is_believed():
+    true = 1 - 1e-4 * np.arange(2000)
+    charge, found = followed(true, 1e-4, jumps := [])
+    assert found == pytest.approx(true, abs=1e-12)
+    assert charge.variance < 1e-12
+    assert jumps == []
+
+
+def test_an_exact_gauge_is_believed_where_the_battery_drains_otherwise():
+    true = 1 - 1.2e-4 * np.arange(2000)
+    _, found = followed(true, 1e-4, jumps := [])
+    assert np.abs(found - true).max() < 2e-3
+    assert jumps == []
+
+
+@pytest.mark.parametrize("drop", [0.02, 0.06, 0.5])
+def test_a_jump_of_an_exact_gauge_is_believed_at_once(drop):
+    true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, drop, 0)
+    _, found = followed(true, 1e-4, jumps := [])
+    assert jumps == [150]
+    assert found[150:] == pytest.approx(true[150:], abs=1e-9)
+
+
+def noisy(seed, std, count=600, drained=1e-4):
+    true = 1 - drained * np.arange(count)
+    return true, true + np.random.default_rng(seed).normal(0, std, count)
+
+
+def test_a_noisy_gauge_is_smoothed_in_the_end():
+    errors = []
+    for seed in range(20):
+        true, readings = noisy(seed, 0.003, 3000)
+        errors.append((followed(readings, 1e-4)[1] - true)[2000:])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.003 / 5
+
+
+def test_one_odd_reading_of_a_noisy_gauge_is_not_a_jump_two_are():
+    true, readings = noisy(3, 0.002)
+    readings[300] -= 0.2
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == []
+    assert abs(found[300] - true[300]) < 0.01
+    true, readings = noisy(3, 0.002)
+    readings[300:] -= 0.2
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == [301]
+    assert abs(found[301] - true[301] + 0.2) < 0.01
+
+
+def test_one_odd_reading_just_after_a_jump_is_no_other_jump():
+    true, readings = noisy(3, 0.002)
+    readings[300:] -= 0.2
+    readings[310] -= 0.2  # the jump is known by the reading 301, and its variance has settled by 309
+    _, found = followed(readings, 1e-4, jumps := [])
+    assert [k for k in jumps if k > 50] == [301]
+    assert found[311] == pytest.approx(true[311] - 0.2, abs=0.01)
+
+
+def test_a_drain_whose_power_was_not_measured_teaches_little():
+    """Three tenths of what is predicted are used: measured, that is an odd reading; not measured, it is the truth."""
+    found = {}
+    for measured in (True, False):
+        rng, charge, soc = np.random.default_rng(2), ChargeFilter(UNIT), 1.0
+        observe(charge, soc, 0.0)
+        for _ in range(200):
+            soc -= 1e-3
+            observe(charge, soc + rng.normal(0, 0.002), 1e-3)
+        before = charge.soc
+        observe(charge, soc - 0.03, 0.1, measured=measured)
+        found[measured] = before - charge.soc, charge.use(0.1)[0] / 0.1
+    assert found[True][0] == pytest.approx(0.1, abs=0.01)
+    assert found[False] == (pytest.approx(0.03, abs=0.01), pytest.approx(1.0, abs=0.1))
+
+
+@pytest.mark.parametrize("count", [10, 100, 600])
+def test_the_variance_of_a_noisy_gauge_is_calibrated(count):
+    squares = []
+    for seed in range(100):
+        true, readings = noisy(seed, 0.005, count)
+        charge, found = followed(readings, 1e-4)
+        squares.append((found[-1] - true[-1]) ** 2 / charge.variance)
+    assert np.mean(np.array(squares) < 1.96**2) > 0.8
+
+
+def test_a_noisy_gauge_does_not_jump_at_the_start():
+    jumps = []
+    for seed in range(30):
+        followed(noisy(seed, 0.01, 100)[1], 1e-4, jumps)
+    assert len(jumps) <= 3
+
+
+def test_a_small_loss_of_an_exact_gauge_is_believed_soon():
+    true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, 0.009, 0)
+    charge, found = followed(true, 1e-4)
+    late = abs(found[170] - true[170])
+    assert late < 0.002 or late < 3 * math.sqrt(charge.variance)
+
+
+def battery(ratio, count=4000, quantum=0.0, drained=2e-4):
+    """Charges of a battery that uses a ratio, a function of its charge, of what is predicted; and its readings."""
+    true = [1.0]
+    for _ in range(count - 1):
+        true.append(true[-1] - ratio(true[-1]) * drained)
+    charges = np.array(true)
+    return charges, np.ceil(charges / quantum - 1e-9) * quantum if quantum else charges
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.01])
+@pytest.mark.parametrize(
+    "ratio", [lambda _: 1.0, lambda _: 1 / 0.85, lambda b: 1 / (0.9 + 0.2 * b)], ids=["stated", "15 % less", "falls"]
+)
+def test_the_ratio_of_charge_used_to_charge_predicted_is_learned(ratio, quantum):
+    """From half of the charge on, what is used to the end is forecast within four of its standard deviations."""
+    charges, readings = battery(ratio, 4500, quantum)
+    half = int(np.argmax(charges < 0.5))
+    charge, found = followed(readings[: half + 1], 2e-4, jumps := [])
+    assert jumps == []
+    for steps in (200, 1000, 1500):
+        used, variance = charge.use(2e-4 * steps)
+        assert abs(found[-1] - used - charges[half + steps]) < 4 * math.sqrt(variance) + 1e-4
+        assert math.sqrt(variance) < 0.01
+        assert used == pytest.approx(charges[half] - charges[half + steps], rel=0.04)
+
+
+def test_the_variance_of_the_charge_to_be_used_is_that_of_a_kalman_filter_with_matrices():
+    charge = ChargeFilter(UNIT)
+    noise, rng = 0.004, np.random.default_rng(1)
+    b = 1.0
+    observe(charge, b, 0.0)
+    for _ in range(300):
+        drained = rng.uniform(1e-4, 6e-4)
+        b -= 1.05 * drained
+        observe(charge, b + rng.normal(0, noise), drained)
+    now = charge.ahead
+    state = np.array([now.soc, now.use_ratio, now.use_slope])
+    covariance = matrix(now)[:3, :3]
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    steps, drain = 4000, 0.6
+    d = drain / steps
+    move = np.array([[1, -d, -d * d / 2], [0, 1, d], [0, 0, 1]])
+    for _ in range(steps):
+        covariance = move @ covariance @ move.T + np.diag([USE_NOISE**2 * d, USE_DRIFT**2 * d, 0])
+    end = np.linalg.matrix_power(move, steps) @ state
+    used, variance = charge.use(drain)
+    assert used == pytest.approx(state[0] - end[0], rel=1e-9)
+    assert variance == pytest.approx(covariance[0, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.01, 0.02])
+def test_a_gauge_that_is_stuck_is_disbelieved_and_the_integral_holds(quantum):
+    charges, readings = battery(lambda _: 1.05, quantum=quantum)
+    stuck = readings.copy()
+    stuck[1500:] = readings[1500]
+    charge, found = followed(stuck, 2e-4, jumps := [])
+    assert not charge.believed
+    assert jumps == []
+    assert abs(found[-1] - charges[-1]) < 4 * math.sqrt(charge.variance) + quantum
+    assert abs(found[-1] - charges[-1]) < 0.02
+    # and it is believed once it shows the truth again
+    stuck[2500:] = readings[2500:]
+    charge, found = followed(stuck, 2e-4)
+    assert charge.believed
+    assert abs(found[-1] - charges[-1]) < 0.005 + quantum
+
+
+@pytest.mark.parametrize("rise", [2e-4, 2e-5])
+def test_a_gauge_that_rises_is_disbelieved_and_the_integral_holds(rise):
+    charges, readings = battery(lambda _: 1.0)
+    rising = readings.copy()
+    rising[1500:] = readings[1500] + rise * np.arange(len(readings) - 1500)
+    charge, found = followed(rising, 2e-4)
+    assert not charge.believed
+    assert abs(found[-1] - charges[-1]) < 0.01
+
+
+def test_a_gauge_that_jumps_up_is_disbelieved():
+    charges, readings = battery(lambda _: 1.0)
+    charge, found = followed(readings + np.where(np.arange(len(readings)) >= 1500, 0.2, 0.0), 2e-4, jumps := [])
+    assert jumps == []
+    assert not charge.believed
+    assert abs(found[-1] - charges[-1]) < 0.01
+
+
+def test_a_loss_that_was_false_is_taken_back():
+    charges, readings = battery(lambda _: 1.0)
+    false = readings.copy()
+    false[1500:1520] -= 0.3
+    charge, found = followed(false, 2e-4, jumps := [])
+    assert jumps == [1500, 1520]
+    assert charge.believed
+    assert abs(found[-1] - charges[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.01])
+def test_a_good_gauge_is_believed_throughout(quantum):
+    charge = ChargeFilter(UNIT)
+    for k, reading in enumerate(battery(lambda _: 0.9, quantum=quantum)[1]):
+        observe(charge, reading, 2e-4 if k else 0.0)
+        assert charge.believed
+
+
+def test_a_loss_below_the_outliers_limit_is_not_learned_as_use():
+    """Of a gauge in steps of 1 %, whose noise is taken for more than it is, 3.5 % are within six deviations."""
+    for seed in range(20):
+        rng, charge, soc = np.random.default_rng(seed), ChargeFilter(UNIT), 1.0
+        for k in range(200):
+            soc -= 1e-3 + (0.035 if k == 83 else 0.0)
+            observe(charge, round(soc + rng.normal(0, 0.002), 2), 0.0 if k == 0 else 1e-3)
+        assert charge.use(0.4)[0] == pytest.approx(0.4, rel=0.05)
+
+
+def test_the_gain_of_a_gauge_is_unknown_unless_it_is_exact():
+    coarse, exact = ChargeFilter(UNIT), ChargeFilter(UNIT)
+    for k in range(100):
+        observe(coarse, round(1 - 1e-3 * k, 2), 1e-3 * (k > 0))
+        observe(exact, 1 - 1e-3 * k, 1e-3 * (k > 0))
+    assert coarse.gain_std(0.2) == pytest.approx(0.01 * 0.8)
+    assert exact.gain_std(0.2) == 0.0
+
+
+@pytest.mark.parametrize(("voltage_fall", "slope"), [(0.0, 0.0), (0.2, -0.2)])
+def test_use_falls_no_faster_than_the_voltage_of_the_prediction(voltage_fall, slope):
+    """A voltage that is constant, predicted to fall by a fifth: the ratio of use falls by as much."""
+    charge, soc, drained = ChargeFilter(UNIT, voltage_fall), 1.0, 0.0
+    for _ in range(600):
+        observe(charge, soc, 1e-3 * (drained > 0))
+        soc -= 1e-3 * (1 + 0.4 * (0.25 - drained))
+        drained += 1e-3
+    now = charge.use(1e-6)[0] / 1e-6
+    assert charge.use(0.3)[0] == pytest.approx(0.3 * now + slope * 0.3**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
+def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
+    """Charge, with the drain by the power and a loss; nothing measured now and then, by the gauge neither."""
+    rng, count = np.random.default_rng(seed), 400
+    steps_s = rng.uniform(0.05, 0.5, count).tolist()
+    powers_w = (45.0 + rng.normal(0, 3, count)).tolist()
+    per_as, volts, resistance_ohm = 1 / 3600 / 0.5, 11.1, 0.05
+    charges = (1.0 - np.cumsum(steps_s) * 45.0 / volts * per_as + rng.normal(0, 0.002, count)).tolist()
+    charges[250:] = [charge - 0.08 for charge in charges[250:]]
+    for i in range(60, 80):
+        powers_w[i] = math.nan
+    if seed % 2:
+        charges[120:130] = [math.nan] * 10
+    one, other = ChargeFilter(UNIT), ChargeFilter(DrainModel(volts, 0.0, resistance_ohm, per_as))
+    power_w, expected, started = 0.0, False, False
+    for step_s, reading_w, charge in zip(steps_s, powers_w, charges, strict=True):
+        power_w = power_w if math.isnan(reading_w) else reading_w
+        drained = current_a(power_w, volts, resistance_ohm) * per_as * step_s if started else 0.0
+        expected |= observe(one, charge, drained, measured=not math.isnan(reading_w))
+        started = True
+    found, at = False, 0
+    compiled.enable(compiled_code)
+    try:
+        while at < count:
+            end = min(count, at + int(rng.integers(1, 40)))
+            found |= other.ingest(charges[at:end], powers_w[at:end], steps_s[at:end])
+            at = end
+    finally:
+        compiled.enable(False)
+    assert found
+    assert expected
+    assert other.power_w == powers_w[-1]
+    assert other.soc == pytest.approx(one.soc, abs=1e-12)
+    assert other.use(0.2) == pytest.approx(one.use(0.2), rel=1e-9)
+
+
+@pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
+def test_the_first_steps_of_a_coarse_gauge_are_not_the_capacity(rounded):
+    """Before its resolution is known, a step of 1 % after half of it is drained is no battery of half the charge."""
+    charge, soc, used = ChargeFilter(UNIT), 1.0, []
+    observe(charge, 1.0, 0.0)
+    for _ in range(60):
+        soc -= 1e-3
+        observe(charge, rounded(soc * 100) / 100, 1e-3)
+        used.append(charge.use(0.5)[0])
+    assert max(abs(value - 0.5) for value in used) < 0.02
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+@pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
+def test_a_gauge_that_rounds_is_above_its_readings_by_what_a_full_battery_shows(rounded, noise):
+    """After a fifth of the charge, gauges of 1 % are off by 3 per mille or less, their readings by up to 7.5."""
+    squares = []
+    for seed in range(20):
+        rng, charge, soc = np.random.default_rng(seed), ChargeFilter(UNIT), 1.0
+        observe(charge, 1.0, 0.0)
+        for _ in range(100):
+            soc -= 2e-3
+            observe(charge, min(rounded(100 * (soc + noise * rng.normal()) + 1e-9) / 100, 1.0), 2e-3)
+        squares.append((charge.soc - soc) ** 2)
+    assert math.sqrt(np.mean(squares)) < 0.003
+
+
+@pytest.mark.parametrize("start", [0.8, 0.797, 0.792])
+@pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
+def test_where_a_gauge_of_steps_starts_on_one_is_not_known(rounded, start):
+    """Of a battery that does not start full, the charge is within three standard deviations, of up to half a step."""
+    charge, soc = ChargeFilter(UNIT), start
+    observe(charge, rounded(100 * soc) / 100, 0.0)
+    for _ in range(200):
+        soc -= 2e-3
+        observe(charge, rounded(100 * soc) / 100, 2e-3)
+    assert abs(charge.soc - soc) < 3 * math.sqrt(charge.variance)
+    assert 0.002 < math.sqrt(charge.variance) < 0.005
+
+
+def test_a_gauge_whose_changes_are_no_multiples_of_the_first_has_no_steps():
+    """The mean of a gauge with noise is the charge, whatever its first change was."""
+    charge, rng = ChargeFilter(UNIT), np.random.default_rng(1)
+    observe(charge, 1.0, 0.0)
+    for k in range(1, 401):
+        observe(charge, 1 - 1e-3 * k + rng.normal(0, 0.004), 1e-3)
+    assert charge.soc == pytest.approx(0.6, abs=0.001)
+
+
+# --- the algebra ------------------------------------------------------------------------------------------------------
+
+
+def some_charge(rng):
+    root = rng.normal(0, 0.05, (4, 4))
+    p = root @ root.T
+    rows = np.array([[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2], [0, 3], [1, 3], [2, 3], [3, 3]])
+    values = [float(p[i, j]) for i, j in rows]
+    return Charge(0.6, 1.1, -0.2, *values[:6], 0.004, *values[6:])
+
+
+def either(function, compiled_code):
+    """A function, plain or compiled."""
+    compiled.enable(compiled_code)
+    try:
+        return compiled.jitted(function)
+    finally:
+        compiled.enable(False)
+
+
+@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_code):
+    rng = np.random.default_rng(seed)
+    charge, d = some_charge(rng), float(rng.uniform(0, 0.1))
+    f = np.array([[1, -d, -d * d / 2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    q = np.zeros((4, 4))
+    q[:2, :2] = USE_DRIFT**2 * np.array([[d**3 / 3, -d * d / 2], [-d * d / 2, d]]) + [[USE_NOISE**2 * d, 0], [0, 0]]
+    found = either(after_drain, compiled_code)(charge, d)
+    assert isinstance(found, Charge)
+    state = f @ [charge.soc, charge.use_ratio, charge.use_slope, charge.offset]
+    assert [found.soc, found.use_ratio, found.use_slope, found.offset] == pytest.approx(state, rel=1e-12)
+    assert matrix(found) == pytest.approx(f @ matrix(charge) @ f.T + q, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_reading_is_a_kalman_filters_correction_with_matrices(seed, compiled_code):
+    rng = np.random.default_rng(seed)
+    charge, error, noise = some_charge(rng), float(rng.normal(0, 0.01)), float(rng.uniform(1e-6, 1e-3))
+    p, h = matrix(charge), np.array([1, 0, 0, -1])
+    gain = p @ h / (h @ p @ h + noise)
+    found = either(corrected, compiled_code)(charge, error, noise)
+    state = np.array([charge.soc, charge.use_ratio, charge.use_slope, charge.offset]) + gain * error
+    assert 1 / MAX_USE < state[1] < MAX_USE
+    assert [found.soc, found.use_ratio, found.use_slope, found.offset] == pytest.approx(state, rel=1e-12)
+    assert matrix(found) == pytest.approx(p - np.outer(gain, h @ p), rel=1e-9, abs=1e-12)
+
+
+# --- a gauge that says nothing ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
+def test_without_a_gauge_the_charge_is_the_integral_of_the_power(compiled_code):
+    """From the charge at the start, whose drain follows a voltage that falls; a power that is missing is the last."""
+    model, rng = DrainModel(10.0, 2.0, 0.1, 1 / 3600 / 2), np.random.default_rng(1)
+    charge, soc, power_w = ChargeFilter(model, start_soc=0.9), 0.9, 0.0
+    powers_w, steps_s = rng.uniform(30, 60, 300), rng.uniform(0.1, 1.0, 300)
+    powers_w[100:110] = math.nan
+    for reading_w, step_s in zip(powers_w.tolist(), steps_s.tolist(), strict=True):
+        power_w = power_w if math.isnan(reading_w) else reading_w
+        soc -= drain_per_s(power_w, 10 + 2 * soc, 0.1, model.per_as) * step_s
+    compiled.enable(compiled_code)
+    try:
+        assert not charge.ingest(np.full(300, math.nan), powers_w, steps_s)
+    finally:
+        compiled.enable(False)
+    assert charge.soc == pytest.approx(soc, abs=1e-12)
+    assert charge.variance > 0
+    assert charge.believed
+    assert charge.gauge_gain == (0.0, 0.0)
+
+
+def test_before_anything_is_known_there_is_no_charge_and_the_first_reading_is_it():
+    charge = ChargeFilter(UNIT)
+    assert not observe(charge, math.nan, 0.1)
+    assert math.isnan(charge.soc)
+    assert not observe(charge, 0.8, 0.1)
+    assert charge.soc == 0.8
+
+
+def test_a_first_reading_holds_whatever_the_charge_at_the_start_was():
+    charge = ChargeFilter(UNIT, start_soc=0.9)
+    observe(charge, math.nan, 0.1)
+    assert charge.soc == pytest.approx(0.8)
+    assert not observe(charge, 0.7, 0.01)
+    assert charge.soc == 0.7
+    observe(charge, 0.69, 0.01)
+    assert charge.soc == pytest.approx(0.69, abs=1e-9)
+
+
+def test_a_battery_that_nothing_drains_keeps_its_charge_without_a_gauge():
+    charge = ChargeFilter(UNIT._replace(per_as=0.0), start_soc=0.9)
+    charge.ingest([math.nan] * 5, [40.0] * 5, [1.0] * 5)
+    assert (charge.soc, charge.variance) == (0.9, 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_readings_that_fail_for_a_while_are_bridged_by_the_drain(noise):
+    """After as many with a ratio of use to be estimated, a fifth of the charge is predicted within 4 deviations."""
+    rng, charge, soc = np.random.default_rng(5), ChargeFilter(UNIT), 1.0
+    observe(charge, 1.0, 0.0)
+    for k in range(1600):
+        soc -= 1.05 * 2.5e-4
+        observe(charge, math.nan if k >= 800 else soc + noise * rng.normal(), 2.5e-4)
+    assert abs(charge.soc - soc) < 4 * math.sqrt(charge.variance)
+    assert abs(charge.soc - soc) < 0.01
+    before = charge.variance
+    jumped = [observe(charge, soc + noise * rng.normal(), 0.0) for _ in range(5)]
+    assert not any(jumped)
+    assert charge.believed
+    assert charge.variance < before

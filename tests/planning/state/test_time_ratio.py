@@ -1,0 +1,76 @@
+"""The ratio of flown to forecast times: regression by its textbook formulas, calibration over many flights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from regression import posterior
+
+from eadp.planning.state import time_ratio
+from eadp.planning.state.time_ratio import TimeRatio
+
+ALGEBRA = 1e-9
+AIRSPEED_MPS, STAY_S = 15.0, 5.0
+
+
+def learned(pairs, gust_mps=0.0):
+    ratio = TimeRatio()
+    for told, flown in pairs:
+        ratio.learn(told, flown, gust_mps, AIRSPEED_MPS, STAY_S)
+    return ratio
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, 50])
+def test_the_ratio_is_a_bayesian_regression(count):
+    rng = np.random.default_rng(count)
+    told = rng.uniform(5, 40, count)
+    flown = told * 1.03 + rng.normal(0, 0.1 * np.sqrt(told))
+    found = learned(zip(told, flown, strict=True))
+    mean, covariance = posterior(told[:, None], flown - told, found.noise_s * told, np.zeros(1), [time_ratio.RATIO_STD])
+    assert found.ratio - 1 == pytest.approx(mean[0], abs=ALGEBRA)
+    assert found.variance == pytest.approx(covariance[0, 0], rel=ALGEBRA)
+    rest = 300.0  # a leg of 300 s to come: the ratio's variance and its own noise
+    assert found.variance_s2(rest) == pytest.approx(rest**2 * covariance[0, 0] + found.noise_s * rest)
+
+
+def test_before_anything_is_flown():
+    fresh = TimeRatio()
+    assert fresh.ratio == 1
+    assert fresh.variance == pytest.approx(time_ratio.RATIO_STD**2)
+
+
+def test_the_noise_of_a_gust_that_stays():
+    # a position that a coloured wind of σ moves: variance 2 τ σ² t for t ≫ τ
+    rng, gust, step, leg = np.random.default_rng(0), 1.0, 0.5, 100.0
+    kept, count = math.exp(-step / STAY_S), 4000
+    wind, moved = gust * rng.standard_normal(count), np.zeros(count)
+    for _ in range(round(leg / step)):
+        wind = kept * wind + gust * math.sqrt(1 - kept**2) * rng.standard_normal(count)
+        moved += wind * step
+    variance_s = (moved / AIRSPEED_MPS).var() / leg
+    ratio = learned([(leg, leg)], gust)
+    expected = time_ratio.TIME_NOISE_S + variance_s
+    share = time_ratio.TIME_NOISE_LEGS / (time_ratio.TIME_NOISE_LEGS + 1)
+    assert ratio.noise_s / share == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("nonsense_s", [0.0, -1.0, math.inf, math.nan])
+def test_a_forecast_of_no_time_teaches_nothing(nonsense_s):
+    assert learned([(nonsense_s, 3.0)]).ratio == 1
+
+
+def test_forecasts_of_times_are_calibrated():
+    squares = []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        true, noise = 1 + rng.normal(0, time_ratio.RATIO_STD), time_ratio.TIME_NOISE_S
+        told = rng.uniform(8, 25, 12)
+        flown = true * told + rng.normal(0, np.sqrt(noise * told))
+        ratio = learned(zip(told, flown, strict=True))
+        rest = 200.0
+        came = true * rest + rng.normal(0, math.sqrt(noise * rest))
+        squares.append((came - ratio.ratio * rest) ** 2 / ratio.variance_s2(rest))
+    assert np.mean(squares) == pytest.approx(1, abs=0.35)
+    assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.06)
