@@ -39,6 +39,7 @@ from eadp.planning.estimation.estimator import (
 )
 
 if TYPE_CHECKING:
+    from eadp.planning.forecast.held import Preflight
     from eadp.planning.state.flight_state import FlightState
 
 SOC_JUMP = 0.01
@@ -347,6 +348,9 @@ class Planner(Protocol):
     def next_update_s(self) -> float:
         """Time of the next update [s]; a new stage or a drop of charge requires one earlier."""
 
+    def flight_state(self) -> FlightState:
+        """The state of a flight that starts, for whoever flies it."""
+
     def update(self, observation: Observation) -> Decision:
         """Update with an observation and decide."""
 
@@ -398,6 +402,24 @@ class TrackingPlanner:
     ) -> list[tuple[str, str, str]]:
         """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
         return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
+
+    @classmethod
+    def preflight(
+        cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
+    ) -> Preflight | None:
+        """The forecast before take-off, in the wind of the weather forecast: with the parameters of take-off held.
+
+        None if the plan cannot be flown in this wind.
+        """
+        from eadp.planning.forecast.held import held_preflight
+
+        return held_preflight(settings, mission, wind_mps, gust_std_mps)
+
+    def flight_state(self) -> FlightState:
+        """The state of a flight that starts, for whoever flies it."""
+        from eadp.planning.state.flight_state import FlightState
+
+        return FlightState(self._mission, self._settings.weights)
 
     @property
     def period_s(self) -> float | None:

@@ -17,14 +17,14 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
 from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
-from eadp.planning.joint.forecaster import Forecast
-from eadp.planning.joint.held import HeldForecast
+from eadp.planning.forecast.evaluate import Forecast
+from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.state.flight_state import FlightState
 from eadp.planning.locator import Locator, Sighting
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
@@ -147,8 +147,8 @@ class LiveFlight:
         self._planner: Planner
         self._locator: Locator
         self._forecast: HeldForecast
+        self._state: FlightState
         self._ground = _GroundVelocity(mission.cruise_mps)
-        self._charge = _Charge(mission.battery)
         self._applied = AppliedParameters(mission.parameters, mission.plan)
         self._origin_s = 0.0
         self._located: tuple[float, Point] = (0.0, (0.0, 0.0))
@@ -156,7 +156,7 @@ class LiveFlight:
         self._last: tuple[float, float] = (0.0, 1.0)
         self._decision = Decision(mission.parameters)
         self._next_s = -math.inf
-        self._lost = self._empty = False
+        self._lost = self._empty = self._measured = False
         self._past_stage: int | None = None
         self._failure = ""
         self._reasons: list[str] = []
@@ -178,8 +178,8 @@ class LiveFlight:
         if sample.soc is not None and sample.soc <= 0:
             return self._run_empty(sample), ()
         time_s = sample.time_s - self._origin_s
-        soc = self._charge.update(time_s, sample.power_w, sample.soc)
-        self._empty = False
+        soc = self._state.soc if sample.soc is None else sample.soc
+        self._empty, self._measured = False, sample.soc is not None
         before = self._decision
         position = self._track(sample, time_s, soc, velocity)
         self._put_in_force(sample, time_s, position)
@@ -222,6 +222,7 @@ class LiveFlight:
         assert start is not None
         mission = replace(mission, start_m=start, live=True)
         self._planner = self._make(mission)
+        self._state = self._planner.flight_state()
         self._forecast = self._make_forecast(mission)
         executor = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
         time_s = min(0.0, elapsed_s)
@@ -271,7 +272,7 @@ class LiveFlight:
     def _seek(self, sighting: Sighting, soc: float) -> Point | None:
         """Find the flight again after a gap; the planner observes the stage at the time at which it started."""
         before = self._executor.stages_started
-        found = self._locator.seek(sighting, self._forecast.wind_mps)
+        found = self._locator.seek(sighting, self._state.wind_mps)
         since_s = self._locator.hypotheses[0].since_s
         if found is not None and self._executor.stages_started != before and self._last[0] < since_s < sighting.time_s:
             self._update_planner(self._observation(since_s, self._executor.joined_m, soc))
@@ -374,8 +375,8 @@ class LiveFlight:
         """Update the planner with an observation, and the plan with its decision."""
         before = self._decision
         try:
-            self._forecast.observe(observation)
-            self._decision = self._planner.update(observation)
+            self._state.observe(observation if self._measured else observation._replace(soc=math.nan))
+            self._decision = self._planner.update(observation._replace(state=self._state))
         except Exception as error:  # in flight, a failure of the planner must not stop the advice
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
             if what != self._failure:
@@ -409,9 +410,10 @@ class LiveFlight:
             wind_mps = record.wind_mps
         elif not self._lost:
             with contextlib.suppress(EadpError):
-                end = self._forecast.at(observation, self._applied.effective)
-        known = record or end
-        return self._advice(sample, reason, wind_mps, Ending() if known is None else Ending.of(known))
+                known = self._state.known(observation.time_s, (observation.x_m, observation.y_m))
+                end = self._forecast.at(known, self._applied.effective)
+        forecast = record or end
+        return self._advice(sample, reason, wind_mps, Ending() if forecast is None else Ending.of(forecast))
 
     def _run_empty(self, sample: Sample) -> Advice | None:
         """The battery is measured to be empty: no decisions until it is not."""
@@ -441,7 +443,7 @@ class LiveFlight:
             STAGE_UNKNOWN: self._lost or self._locator.uncertain,
             NOT_APPLIED: bool(self._applied.held),
         }
-        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._forecast.warnings)
+        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._state.warnings)
 
     def _named(self, parameters: Vector) -> dict[str, float]:
         return dict(zip(self._names, parameters, strict=True))
@@ -529,26 +531,6 @@ class AppliedParameters:
 
     def _same(self, i: int, one: float, other: float) -> bool:
         return abs(one - other) <= self._tolerances[i]
-
-
-class _Charge:
-    """The state of charge: measured, else less the charge drained by the power."""
-
-    def __init__(self, battery: Battery) -> None:
-        self._battery = battery
-        self._soc, self._power_w = battery.soc, 0.0
-        self._time_s: float | None = None
-
-    def update(self, time_s: float, power_w: float | None, soc: float | None) -> float:
-        """The state of charge at a time [s], with the power [W] and the state of charge if they are measured."""
-        battery, step_s = self._battery, 0.0 if self._time_s is None else time_s - self._time_s
-        self._time_s = time_s
-        self._power_w = self._power_w if power_w is None else power_w
-        if soc is None and not battery.prescribed:
-            drained = float(battery.drain_per_s(max(self._power_w, 0.0), battery.voltage_at(self._soc))) * step_s
-            soc = max(self._soc - drained, 0.0)
-        self._soc = self._soc if soc is None else soc
-        return self._soc
 
 
 class _GroundVelocity:

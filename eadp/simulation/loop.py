@@ -113,6 +113,8 @@ class Outcome:
 def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
 
+    The state of the flight takes every reading, and the observations carry it.
+
     The inner loop (`eadp.simulation.inner_loop`) runs until the planner, a loss of charge or a new stage is due, and
     writes the rows of the log on the way.
 
@@ -230,8 +232,15 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
 class _SensorBridge:
     """Measurements from the inner loop to the planner, its last decision, and rows of the log with its estimates."""
 
-    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, outcome: Outcome, log_every: int) -> None:
-        self._step_s = world.step_s
+    def __init__(
+        self,
+        world: World,
+        planner: Planner,
+        inner_loop: InnerLoop,
+        outcome: Outcome,
+        log_every: int,
+    ) -> None:
+        self._step_s, self._state = world.step_s, planner.flight_state()
         self._planner = planner
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
@@ -250,7 +259,10 @@ class _SensorBridge:
         x, y, power_w, soc, vx, vy, heading = self._inner_loop.measured(k)
         plan = executor.cursor, executor.joined_m, executor.stages_started
         observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
-        decision = self._planner.update(observation if self._ideal else self._suite.observe(k, observation))
+        if not self._ideal:
+            observation = self._suite.observe(k, observation)
+        self._state.observe(observation)
+        decision = self._planner.update(observation._replace(state=self._state))
         if decision.record is not None and decision.record is not self.decision.record:
             self._outcome.records.append(decision.record)
         self.decision = decision
@@ -290,6 +302,7 @@ class _SensorBridge:
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
         readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings)
+        self._state.ingest(readings)
         self.decision = self._planner.ingest(readings)
 
 

@@ -134,6 +134,11 @@ class WindFilter:
         wind = WindEstimate(0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0)
         self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
 
+    def restart(self, wind_mps: Point, std_mps: float) -> None:
+        """Start again from a wind [m/s] and the standard deviation of its components [m/s]."""
+        wind = WindEstimate(*wind_mps, std_mps**2, std_mps**2, 0.0)
+        self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
+
     @property
     def wind_mps(self) -> Point:
         """Estimate [m/s]."""

@@ -25,7 +25,7 @@ from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
-from eadp.planning.joint.preflight import Preflight
+from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"

@@ -29,7 +29,7 @@ from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
-from eadp.planning.joint.preflight import Preflight, preflight
+from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import World
 from eadp.simulation.sweep.design import Run
@@ -115,9 +115,11 @@ class FlightInputs:
 
     def preflight(self) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast."""
+        if self.mission.battery.prescribed:
+            return None
         wind, settings = self.world.wind, self.scenario.planner
-        own = settings.own if planner_class(settings.name).optimises_to_end else None
-        return preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps, own)
+        planner = planner_class(settings.name)
+        return planner.preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps)
 
 
 def load_flight(

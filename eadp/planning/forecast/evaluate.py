@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -24,12 +24,12 @@ from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
-from eadp.planning.estimation.regressions import after_drain
 from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
 from eadp.planning.forecast.climbs import with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, moments
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
+from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import Known, WindKnown
 
 PASSED_S = 3.0
@@ -170,6 +170,8 @@ class Evaluation:
         Of each place.
     std : array, shape (places,)
         Standard deviation of the final state of charge with the reserve just kept.
+    weight : array, shape (legs,)
+        What a value of 1 on a leg adds to the objective: for U, its share of the mission's ground.
     knapsack : Knapsack
         The computations of each place, within the charge that keeps the reserve with its probability.
     """
@@ -185,15 +187,16 @@ class Evaluation:
     totals: Totals
     ends: list[UncertainEnds]
     std: FloatArray
+    weight: FloatArray
     knapsack: Knapsack
 
     def filled(self) -> Filling:
         """The optimal computations at each place, in closed form."""
         return fill_greedy(self.knapsack)
 
-    def at(self, place: int) -> Evaluation:
-        """One place alone."""
-        return self.evaluator.evaluate(self.known, [self.routes[place]])
+    def with_knapsack(self, knapsack: Knapsack) -> Evaluation:
+        """The same with another knapsack."""
+        return replace(self, knapsack=knapsack)
 
     def shortfall(self, place: int) -> float:
         """State of charge missing for minimum power; 0 where it suffices."""
@@ -204,6 +207,18 @@ class Evaluation:
         powers_w = self.evaluator.envelopes.table.powers_w[self.kinds]
         added: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
         return added
+
+    def ground_ahead(self, place: int) -> float:
+        """Weight of what is left in the objective: the share of the mission's ground for U."""
+        return float(self.weight[self.legs.place == place].sum())
+
+    def expected_s(self, place: int) -> FloatArray:
+        """Time on each leg of a place times the probability that it is flown [s]."""
+        times_s = self.load.times_s[self.legs.place == place]
+        expected: FloatArray = times_s.copy()
+        for share, unflown in zip(*self.ends[place], strict=True):
+            expected -= share * unflown * times_s
+        return expected
 
     def forecast(self, place: int, filling: Filling) -> Forecast:
         """Forecast at a place with computations as filled."""
@@ -291,7 +306,7 @@ class Evaluator:
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
-            return Evaluation(**{**rest.__dict__, "index": index[rest.index]})
+            return replace(rest, index=index[rest.index])
         factor, wind_var = _wind_effect(known, routes[0])
         whole_s, turning_s = whole_s * factor, turning_s * factor
         left = self._left(known, legs, routes[0], whole_s)
@@ -319,11 +334,12 @@ class Evaluator:
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio / root)
         ends = [_ends(known, route, left) for route in routes]
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
-        knapsack = self._knapsack(known, legs, load, kinds, limits, totals)
+        weight, base = self._weights(known, legs, load)
+        knapsack = self._knapsack(legs, load, kinds, limits, totals, weight, base)
         knapsack = knapsack._replace(available=self._available(known, legs, load, limits, totals, ends, std, knapsack))
         index = np.arange(len(routes))
         return Evaluation(
-            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack
+            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack
         )
 
     def _left(self, known: Known, legs: RouteArrays, route: Route, whole_s: FloatArray) -> float:
@@ -351,9 +367,7 @@ class Evaluator:
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return times, motion, np.maximum(peak, motion)
 
-    def _totals(
-        self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: float
-    ) -> Totals:
+    def _totals(self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: float) -> Totals:
         """Sums over each route; `soc_per_j` is still to come."""
         time, motion = known.time, known.motion
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
@@ -374,39 +388,33 @@ class Evaluator:
 
     def _knapsack(
         self,
-        known: Known,
         legs: RouteArrays,
         load: RouteLoad,
         kinds: IntArray,
         limits: PowerLimits,
         totals: Totals,
+        weight: FloatArray,
+        base: FloatArray,
     ) -> Knapsack:
         """Use and gain of every increment, and the values at minimum power; what is available is still to come."""
         battery, table = self.mission.battery, self.envelopes.table
         powers_w, values = table.powers_w[kinds], table.values[kinds]
         per_as = (battery.drain_per_as * totals.use_ratio)[legs.place]
-        drains = drains_per_s(
-            load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0
-        )
+        drains = drains_per_s(load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0)
         use = drains * (load.times_s * per_as)[:, None]
-        if self.objective.total:
-            weight, base = self._total_weights(legs, load), np.zeros(len(legs.first))
-        else:
-            weight, base = self._ground_weights(known, legs, load)
-        base = base + legs.sums(weight * values[:, 0])
+        base_value = base + legs.sums(weight * values[:, 0])
         gain = np.diff(values, axis=1) * weight[:, None]
-        return Knapsack(np.diff(use, axis=1), gain, legs.place, legs.sums(use[:, 0]), base, base)
+        return Knapsack(np.diff(use, axis=1), gain, legs.place, legs.sums(use[:, 0]), base_value, base_value)
 
-    def _ground_weights(
-        self, known: Known, legs: RouteArrays, load: RouteLoad
-    ) -> tuple[FloatArray, FloatArray]:
-        """Share of the mission's ground that each leg stands for; and U of what is flown and of the path.
+    def _weights(self, known: Known, legs: RouteArrays, load: RouteLoad) -> tuple[FloatArray, FloatArray]:
+        """What a value of 1 on each leg adds to the objective; and that of what is flown and of the path.
 
-        Source: `eadp.models.plan.ground`.
+        Source: `eadp.models.plan.ground` for U.
         """
+        if self.objective.total:
+            return self._total_weights(legs, load), np.zeros(len(legs.first))
         ground_m, per_s = legs.ground(known.flown, load.times_s)
-        stage = legs.stages - 1
-        run = known.flown.run
+        stage, run = legs.stages - 1, known.flown.run
         whole_m = known.flown.ground + per_s * run.free_s + legs.sums(ground_m * (self._counted[stage] > 0))
         whole_m = np.where(whole_m > 0, whole_m, math.inf)
         rho = self._path_weights.shape[1]
@@ -458,7 +466,9 @@ def _leg_times_s(known: Known, legs: RouteArrays) -> tuple[FloatArray, FloatArra
     return times_s[of_leg], turning_s[of_leg]
 
 
-def _row_times_s(rows: LegRows, chosen: IntArray, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
+def _row_times_s(
+    rows: LegRows, chosen: IntArray, airspeed_mps: float, wind_mps: Point
+) -> tuple[FloatArray, FloatArray]:
     """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s]."""
     first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
     ends = np.cumsum(counts)

@@ -148,18 +148,18 @@ class FlightState:
         times_s = np.asarray(readings.times_s, dtype=float)
         steps_s = np.diff(times_s, prepend=times_s[0] - step_s)
         self._last_s = float(times_s[-1])
-        powers_w = self._gate.ingest(times_s, _numbers(readings.powers_w), self._computing_w)
+        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._computing_w))
         beside_w = self._computing_w + self._followed_w(steps_s)
         airspeed_mps = readings.airspeeds_mps[-1] if len(readings.airspeeds_mps) else math.nan
         speed, horizontal = self._mission.cruise_mps, self._climb.level_mps if self._climb else self._mission.cruise_mps
         measured = 1 / MAX_AIRSPEEDS < airspeed_mps / speed < MAX_AIRSPEEDS
         self._wind.airspeed_mps = airspeed_mps if measured else horizontal
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
-        headings = self._headings.ingest(vx, vy, headings, steps_s, self._wind.airspeed_mps, self._wind)
+        headings = np.asarray(self._headings.ingest(vx, vy, headings, steps_s, self._wind.airspeed_mps, self._wind))
         if self._measured_wind is not None and self._last_s > self._measured_wind[1]:
             self._measured_wind = None
         moving = steps_s > 0
-        self._wind.ingest(*(column[moving] for column in (vx, vy, np.asarray(headings), steps_s)))
+        self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s)))
         known = powers_w.copy()
         known[steps_s > MAX_STEP_S] = math.nan  # not measured in between
         self._motion.ingest(powers_w, beside_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
@@ -180,7 +180,14 @@ class FlightState:
     @property
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
+        self._process()
         return self._wind.wind_mps if self._measured_wind is None else self._measured_wind[0]
+
+    @property
+    def soc(self) -> float:
+        """Filtered state of charge at the last reading."""
+        self._process()
+        return self._charge.soc
 
     @property
     def losses(self) -> int:
@@ -295,9 +302,8 @@ class _Place:
 def _reading_of(o: Observation) -> Readings:
     """An observation as a batch of one reading."""
     vx, vy = (math.nan, math.nan) if o.velocity_mps is None or o.wind_mps is not None else o.velocity_mps
-    one = ([math.nan if value is None else value] for value in (o.power_w, o.soc, vx, vy, o.heading_rad, o.airspeed_mps))
-    powers_w, charges, *rest = one
-    return Readings([o.time_s], [o.x_m], [o.y_m], powers_w, charges, *rest)
+    rest = ([math.nan if value is None else value] for value in (o.soc, vx, vy, o.heading_rad, o.airspeed_mps))
+    return Readings([o.time_s], [o.x_m], [o.y_m], [o.power_w], *rest)
 
 
 def _numbers(column: object) -> FloatArray:

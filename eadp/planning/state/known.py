@@ -7,7 +7,7 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround
-from eadp.planning.estimation.regressions import Charge
+from eadp.planning.state.charge import Charge
 from eadp.planning.state.climb import Climb
 
 

@@ -1,0 +1,140 @@
+"""Forecast of a flight at parameters that are held, before take-off and in the air."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import PathUndefined
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
+from eadp.planning.base import Mission, PlannerSettings
+from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Forecast, Objective
+from eadp.planning.forecast.knapsack import Filling
+from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.known import Known
+
+NAVIGATION_STDS = 2.5
+"""Ends that are passed, or missed, by more than so many standard deviations of the navigation are certain."""
+
+
+def margin_m(known: Known) -> float:
+    """By how much the end of the plan has to be passed to be certain [m]."""
+    return max(MARGIN_M, NAVIGATION_STDS * known.reach_std_m)
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """Forecast of a mission before take-off.
+
+    Attributes
+    ----------
+    parameters : dict
+        Planned, by name; computations averaged over the time with a free set.
+    forecast : Forecast
+    feasible : bool
+        Whether the reserve is kept with the probability of the settings.
+    quality : float or None
+        Planned U.
+    stages : dict
+        Time [s] and energy [Wh] of each stage, over all its laps.
+    """
+
+    parameters: dict[str, float]
+    forecast: Forecast
+    feasible: bool
+    quality: float | None
+    stages: dict[int, tuple[float, float]]
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, place: int, filling: Filling) -> Preflight:
+        """That of a place with computations as filled; the evaluation is of this place alone."""
+        route, evaluator = evaluation.routes[place], evaluation.evaluator
+        plan = evaluator.mission.plan
+        means = _mean_computations(evaluation, filling, route, plan.path_count)
+        names = dict(zip(plan.names, (*route.parameters[0][: plan.path_count], *means), strict=True))
+        counted = any(evaluator.envelopes.shares.scaled(stage).any() for stage in route.stages.tolist())
+        quality = float(filling.value[place]) if counted else None
+        forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
+        expected_s = evaluation.expected_s(place)
+        powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
+        seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
+        stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
+        return cls(names, forecast, feasible, quality, stages)
+
+
+def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
+    """Mean of each computation over the time with a set in which it may run, as filled."""
+    envelopes = [evaluation.evaluator.envelopes[kind].configurations for kind in evaluation.kinds.tolist()]
+    configurations = np.array([envelope[0] for envelope in envelopes])
+    for leg, (envelope, shares) in enumerate(zip(envelopes, filling.shares, strict=True)):
+        configurations[leg] += shares[: len(envelope) - 1] @ np.diff(envelope, axis=0)
+    means = []
+    for k in range(configurations.shape[1]):
+        weights = evaluation.load.times_s * np.array([not stage.sets[rho + k].inhibited for stage in route.of_legs])
+        total_s = float(weights.sum())
+        means.append(float(configurations[:, k] @ weights) / total_s if total_s > 0 else 0.0)
+    return means
+
+
+class HeldForecast:
+    """Forecasts a flight at parameters that stay as they are.
+
+    Parameters
+    ----------
+    settings : PlannerSettings
+    mission : Mission
+    """
+
+    def __init__(self, settings: PlannerSettings, mission: Mission) -> None:
+        self._settings, self._mission = settings, mission
+        self._predictor = RoutePredictor()
+        self._evaluators: dict[Vector, Evaluator] = {}
+
+    def evaluation(self, known: Known, parameters: Vector) -> Evaluation:
+        """The rest of the flight at parameters.
+
+        Raises
+        ------
+        PathUndefined
+            If the plan cannot be flown at them, or not in this wind.
+        """
+        computing = parameters[self._mission.plan.path_count :]
+        if computing not in self._evaluators:
+            levels = {name: (value,) for name, value in zip(self._mission.plan.names, parameters, strict=True)}
+            settings = replace(self._settings, levels=levels)
+            self._evaluators[computing] = Evaluator(self._mission, settings, Objective(settings.reserve_soc))
+        cursor = known.cursor.decide(parameters)
+        route = self._predictor.route(cursor, known.joined_m, margin_m(known))
+        return self._evaluators[computing].evaluate(known, [route])
+
+    def at(self, known: Known, parameters: Vector) -> Forecast | None:
+        """Forecast at parameters; None where the plan cannot be flown at them."""
+        try:
+            found = self.evaluation(known, parameters)
+        except PathUndefined:
+            return None
+        return found.forecast(0, found.filled())
+
+
+def before_take_off(
+    settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
+) -> tuple[FlightState, Known]:
+    """The state of a flight before take-off, in the wind of the weather forecast [m/s] and its gusts."""
+    state = FlightState(mission, settings.weights)
+    state.assume(wind_mps, gust_std_mps)
+    return state, state.known(0.0, mission.start_m or (0.0, 0.0))
+
+
+def held_preflight(
+    settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
+) -> Preflight | None:
+    """Forecast before take-off with the parameters of take-off held; None where the plan cannot be flown."""
+    _, known = before_take_off(settings, mission, wind_mps, gust_std_mps)
+    try:
+        found = HeldForecast(settings, mission).evaluation(known, mission.parameters)
+    except PathUndefined:
+        return None
+    return Preflight.of(found, 0, found.filled())

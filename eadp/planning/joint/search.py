@@ -1,0 +1,190 @@
+"""Search for the best path parameters over places: shares of their sets, evaluated many at a time.
+
+At a place the best computations follow in closed form. The charge that a place needs is a step function, one step per
+whole lap, and rises on each step; U is concave but for these steps. So a grid finds the best neighbourhood, and rounds
+of halvings the edges of steps in it. Two or three parameters that compete for charge have their optimum along an edge
+that no search by one of them follows: a grid over all and a pattern search find it.
+
+Source: pattern search, Hooke and Jeeves 1961.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.planning.forecast.evaluate import Evaluation
+
+Shares = tuple[float, ...]
+"""Path parameters as shares of their sets; with later segments of laps, those for these follow."""
+
+POINTS = {1: 13, 2: 11, 3: 5}
+"""Points per side of the grid, by the number of path parameters; more are searched one after the other."""
+
+HALVED, ROUNDS, MIN_STEP = 4, 7, 1e-3
+"""Cells that are halved in a round, most rounds, and the smallest step."""
+
+SEARCHED = 3
+"""Best points of a grid from which pattern searches start."""
+
+SAME = 1e-11
+"""Difference of values, and of shortfalls, that is rounding: sums in another order must not choose another place."""
+
+
+class Place(NamedTuple):
+    """A place: whether the reserve is kept there with its probability, its value, and the charge it is short of.
+
+    `steps` identifies the step that it lies on, by the number of legs.
+    """
+
+    shares: Shares
+    feasible: bool
+    value: float
+    shortfall: float
+    steps: int
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Greater for the better place: the feasible one, then the greater value, else the smaller shortfall."""
+        return self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
+
+
+Evaluate = Callable[[list[Shares]], tuple[list[Shares], Evaluation | None]]
+"""Evaluates places; returns those that can be flown, and their evaluation."""
+
+
+@dataclass
+class Search:
+    """One search.
+
+    Parameters
+    ----------
+    evaluate : function
+    margin : float
+        Standard deviations of the final charge to keep beyond what the reserve requires.
+
+    Attributes
+    ----------
+    known : dict
+        Places evaluated; None for those that cannot be flown.
+    """
+
+    evaluate: Evaluate
+    margin: float = 0.0
+    known: dict[Shares, Place | None] = field(default_factory=dict)
+
+    def look(self, places: Iterable[Shares]) -> list[Place]:
+        """Evaluate places at once; return those that can be flown."""
+        wanted = list(dict.fromkeys(places))
+        new = [place for place in wanted if place not in self.known]
+        if new:
+            self.known.update(dict.fromkeys(new))
+            flyable, found = self.evaluate(new)
+            if found is not None:
+                knapsack = found.knapsack
+                if self.margin:
+                    knapsack = knapsack._replace(available=knapsack.available - self.margin * found.std)
+                    found = found.with_knapsack(knapsack)
+                filling, counts = found.filled(), found.legs.last - found.legs.first + 1
+                spare = found.knapsack.spare
+                for i, shares in enumerate(flyable):
+                    feasible = bool(filling.feasible[i])
+                    short = max(0.0, -float(spare[i]))
+                    self.known[shares] = Place(shares, feasible, float(filling.value[i]), short, int(counts[i]))
+        return [place for shares in wanted if (place := self.known[shares]) is not None]
+
+    def best(self, start: Shares, dimensions: int) -> Place | None:
+        """The best place found; None if the plan cannot be flown at any.
+
+        Parameters
+        ----------
+        start : tuple of float
+            The place in force.
+        dimensions : int
+            Number of path parameters; `start` has twice as many where later segments of laps have their own.
+        """
+        found = self.look([start])
+        twice = len(start) // dimensions
+        if dimensions > max(POINTS):
+            for axis in [*range(dimensions)] * 2:
+                base = max(found, key=_rank).shares if found else start
+                found += self._along(base, [axis], POINTS[1])
+        elif dimensions > 1:
+            grid = np.linspace(0.0, 1.0, POINTS[dimensions]).tolist()
+            found += self.look(point * twice for point in itertools.product(grid, repeat=dimensions))
+            for place in sorted(found, key=_rank)[-SEARCHED:]:
+                found.append(self._pattern(place, dimensions, 0.5 / (POINTS[dimensions] - 1)))
+        else:
+            found += self._along(start, range(twice), POINTS[1])
+            for axis in range(twice) if twice > 1 else ():
+                base = max(found, key=_rank).shares if found else start
+                found += self._along(base, [axis], POINTS[1] // 2)
+        return _best(found)
+
+    def _along(self, base: Shares, axes: Iterable[int], count: int) -> list[Place]:
+        """Places along some axes at once, from a grid over the whole set to edges of steps."""
+        moved = set(axes)
+
+        def at(share: float) -> Shares:
+            return tuple([share if axis in moved else own for axis, own in enumerate(base)])
+
+        grid = sorted({*np.linspace(0.0, 1.0, count).tolist(), *(base[axis] for axis in moved)})
+        found = self.look(map(at, grid))
+        cells = list(itertools.pairwise(grid))
+        for _ in range(ROUNDS):
+            best = _best(found)
+            if best is None:
+                break
+            bounds = sorted(
+                ((self._bound(at(low), at(high)), low, high) for low, high in cells if high - low > MIN_STEP),
+                reverse=True,
+            )
+            chosen = [(low, high) for bound, low, high in bounds if bound > best.rank[1] + MIN_STEP / 2][:HALVED]
+            if not best.feasible:
+                chosen = [(low, high) for _, low, high in bounds][:HALVED]
+            if not chosen:
+                break
+            middles = [(low + high) / 2 for low, high in chosen]
+            found += self.look(map(at, middles))
+            cells = [cell for cell in cells if cell not in chosen]
+            cells += [
+                part
+                for (low, high), middle in zip(chosen, middles, strict=True)
+                for part in ((low, middle), (middle, high))
+            ]
+        return found
+
+    def _bound(self, low: Shares, high: Shares) -> float:
+        """What the value between two places along one line may reach; −inf where no step ends between them."""
+        a, b = self.known[low], self.known[high]
+        values = [place.value for place in (a, b) if place is not None and place.feasible]
+        if not values or (a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible):
+            return -math.inf
+        # a share more is at most so much more of U
+        return max(values) + max(abs(y - x) for x, y in zip(low, high, strict=True))
+
+    def _pattern(self, start: Place, dimensions: int, step: float) -> Place:
+        """Pattern search from a place."""
+        own, twice = start, len(start.shares) // dimensions
+        while own.feasible and step > MIN_STEP:
+            centre = own.shares[:dimensions]
+            moves = itertools.product((-step, 0.0, step), repeat=dimensions)
+            around = [tuple(min(1.0, max(0.0, c + d)) for c, d in zip(centre, move, strict=True)) for move in moves]
+            own = _best([own, *self.look(point * twice for point in around)]) or own
+            if own.shares[:dimensions] == centre:
+                step /= 2
+        return own
+
+
+def _rank(place: Place) -> tuple[bool, float]:
+    return place.rank
+
+
+def _best(places: Iterable[Place]) -> Place | None:
+    """The first of the best places."""
+    return max(places, key=_rank, default=None)
