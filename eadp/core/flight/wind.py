@@ -162,7 +162,7 @@ class WindFilter:
         ½ eᵀ S⁻¹ e of the wind's two components, S = P + σ² I with the variance of the gusts: 1 where readings are as
         the estimate expects them. Gusts are estimated from the same readings: where all are false, σ grows, too.
 
-        Source: consistency of a Kalman filter (Bar-Shalom, Li and Kirubarajan 2001).
+        Source: consistency of a Kalman filter (Bar-Shalom et al. 2001).
         """
         return self._state.heading_innovation
 

@@ -291,8 +291,10 @@ def after_drain(charge: Charge, drain: float) -> Charge:
 
     Source: prediction of a Kalman filter.
     """
-    soc, ratio, slope, var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope = charge[:9]
-    offset, soc_offset, ratio_offset, slope_offset, var_offset = charge[9:]
+    # fmt: off
+    (soc, ratio, slope, var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope,
+     offset, soc_offset, ratio_offset, slope_offset, var_offset) = charge
+    # fmt: on
     d, h = drain, drain * drain / 2
     # x ← F x with F = [[1, −d, −d²/2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     soc, ratio = soc - ratio * d - slope * h, ratio + slope * d
