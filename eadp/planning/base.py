@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
 
 from annotated_types import Ge, Le, Len
 
+from eadp.core.arrays import Column, FloatArray
 from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
@@ -111,15 +112,15 @@ class Readings(NamedTuple):
     Quantities are as in `Observation`, NaN where they are not measured; airspeeds may be left out.
     """
 
-    times_s: Sequence[float]
-    x_m: Sequence[float]
-    y_m: Sequence[float]
-    powers_w: Sequence[float | None]
-    charges: Sequence[float]
-    vx_mps: Sequence[float]
-    vy_mps: Sequence[float]
-    headings_rad: Sequence[float]
-    airspeeds_mps: Sequence[float] = ()
+    times_s: Column
+    x_m: Column
+    y_m: Column
+    powers_w: Sequence[float | None] | FloatArray
+    charges: Column
+    vx_mps: Column
+    vy_mps: Column
+    headings_rad: Column
+    airspeeds_mps: Column = ()
 
 
 class Decision(NamedTuple):

@@ -6,7 +6,7 @@ Directions are of motion over ground, wind is the motion of the air: a wind alon
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ INNOVATION_S = 10.0
 
 
 def ground_speeds_mps(
-    cosine: FloatArray, sine: FloatArray, airspeed_mps: float | FloatArray, wind_mps: Point
+    cosine: FloatArray, sine: FloatArray, airspeed_mps: float | FloatArray, wind_mps: tuple[Any, Any]
 ) -> tuple[FloatArray, FloatArray]:
     """Speed over ground of an aircraft that holds courses in a wind by crabbing.
 

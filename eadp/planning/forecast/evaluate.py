@@ -258,6 +258,8 @@ class Evaluator:
     ----------
     envelopes : Envelopes
         Of the computations.
+    path_weight : float
+        Greatest weight of the path parameters on any stage.
     """
 
     def __init__(self, mission: Mission, settings: PlannerSettings, objective: Objective) -> None:
@@ -270,6 +272,7 @@ class Evaluator:
         self._path_weights = np.array([own[:rho] for own in scaled]).reshape(len(scaled), rho)
         self._counted = np.array([own.sum() for own in scaled])
         self._scale_s = 0.0
+        self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
     def lost(self, seconds: float) -> float:
         """State of charge that sudden losses take over a time [s], on average."""
@@ -462,68 +465,75 @@ class Evaluator:
 def _leg_times_s(known: Known, legs: RouteArrays) -> tuple[FloatArray, FloatArray]:
     """Time on each whole leg of routes, and the time integral of tan² of its bank [s], shape (legs,)."""
     rows, of_leg = np.unique(legs.order, return_inverse=True)
-    times_s, turning_s = _row_times_s(legs.rows, rows, known.airspeed_mps, known.wind.mps)
-    return times_s[of_leg], turning_s[of_leg]
+    times_s, turning_s = _row_times_s(legs.rows, rows, known.airspeed_mps, np.array([known.wind.mps]))
+    return times_s[0, of_leg], turning_s[0, of_leg]
 
 
 def _row_times_s(
-    rows: LegRows, chosen: IntArray, airspeed_mps: float, wind_mps: Point
+    rows: LegRows, chosen: IntArray, airspeed_mps: float, winds_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s]."""
+    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
+
+    Parameters
+    ----------
+    winds_mps : array, shape (winds, 2)
+
+    Returns
+    -------
+    times_s, turning_s : array, shape (winds, rows)
+
+    Source: ∫ ds/v over each leg, v from the wind triangle.
+    """
     first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
     ends = np.cumsum(counts)
     at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)
     weights_m, cosine, sine, curvature_per_m = (array[at] for array in rows.nodes)
     own = rows.airspeeds_mps[chosen]
     airspeeds = np.repeat(np.where(np.isnan(own), airspeed_mps, own), counts)
-    speeds, along = ground_speeds_mps(cosine, sine, airspeeds, wind_mps)
+    speeds, along = ground_speeds_mps(cosine, sine, airspeeds, (winds_mps[:, :1], winds_mps[:, 1:]))
     forward = speeds > 0.0
-    seconds = weights_m / np.where(forward, speeds, 1.0)
+    seconds = np.where(forward, weights_m / np.where(forward, speeds, 1.0), np.inf)
     slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeeds)
+    turning = np.where(forward, seconds, 0.0) * slopes
     starts = ends - counts
-    turning = np.add.reduceat(np.where(forward, seconds * slopes, 0.0), starts)
-    return np.add.reduceat(np.where(forward, seconds, np.inf), starts), turning
+    return np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)
 
 
 def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
     """Factor of a route's mean time due to the variance of the wind, and the variance of the time's logarithm.
 
-    To second order: times at two pairs of points about the estimate, along the axes of its covariance.
+    To second order: times at two pairs of points about the estimate, along the columns of a root of its covariance.
 
     Source: unscented transform, Julier and Uhlmann 1997.
     """
-    points = _sigma_points(known.wind, known.airspeed_mps)
-    if not points:
+    winds_mps = _sigma_points(known.wind, known.airspeed_mps)
+    if winds_mps is None:
         return 1.0, 0.0
     rows, counts = np.unique(route.order, return_counts=True)
-    times_s = [
-        float(_row_times_s(route.table.rows, rows, known.airspeed_mps, wind_mps)[0] @ counts)
-        for wind_mps in (known.wind.mps, *points)
-    ]
-    if not all(map(math.isfinite, times_s)) or min(times_s) <= 0:
+    times_s = _row_times_s(route.table.rows, rows, known.airspeed_mps, winds_mps)[0] @ counts
+    if not np.isfinite(times_s).all() or times_s.min() <= 0:
         return 1.0, 0.0
-    logs = [math.log(seconds / times_s[0]) for seconds in times_s[1:]]
-    mean = sum(logs) / len(logs)
-    return math.exp(mean), sum((value - mean) ** 2 for value in logs) / len(logs)
+    logs = np.log(times_s[1:] / times_s[0])
+    return math.exp(float(logs.mean())), float(logs.var())
 
 
-def _sigma_points(wind: WindKnown, airspeed_mps: float) -> list[Point]:
-    """Winds about an estimate, within `MAX_WIND`; none where it is exact."""
-    pxx, pyy, pxy = wind.covariance
+def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray | None:
+    """A wind and four about it, within `MAX_WIND`, shape (5, 2); None where it is exact."""
+    (x, y), (pxx, pyy, pxy) = wind.mps, wind.covariance
     if pxx + pyy <= 0:
-        return []
-    covariance, prior = np.array([[pxx, pxy], [pxy, pyy]]), WIND_PRIOR_MPS**2 * np.eye(2)
-    # no more uncertain than before anything was known
-    covariance = covariance @ np.linalg.inv(covariance + prior) @ prior
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    points = []
-    for value, (dx, dy) in zip(values.tolist(), vectors.T.tolist(), strict=True):
-        step = math.sqrt(2 * max(value, 0.0))
-        for side in (-step, step):
-            x, y = wind.mps[0] + side * dx, wind.mps[1] + side * dy
-            scale = min(1.0, MAX_WIND * airspeed_mps / max(math.hypot(x, y), 1e-9))
-            points.append((scale * x, scale * y))
-    return points
+        return None
+    # no more uncertain than before anything was known: P (P + σ² I)⁻¹ σ², of two dimensions
+    prior, determinant = WIND_PRIOR_MPS**2, pxx * pyy - pxy * pxy
+    scale = prior / ((pxx + prior) * (pyy + prior) - pxy * pxy)
+    pxx, pyy, pxy = (pxx * prior + determinant) * scale, (pyy * prior + determinant) * scale, pxy * prior * scale
+    # L with L Lᵀ = P, times √2
+    a = math.sqrt(2 * max(pxx, 1e-12))
+    b = 2 * pxy / a
+    c = math.sqrt(max(2 * pyy - b * b, 0.0))
+    points = np.array([(x, y), (x + a, y + b), (x - a, y - b), (x, y + c), (x, y - c)])
+    lengths = np.hypot(points[:, 0], points[:, 1])
+    limited: FloatArray = points * np.minimum(1.0, MAX_WIND * airspeed_mps / np.maximum(lengths, 1e-9))[:, None]
+    return limited
 
 
 def _ends(known: Known, route: Route, left: float) -> UncertainEnds:

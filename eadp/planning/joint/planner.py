@@ -134,7 +134,7 @@ class JointPlanner(TrackingPlanner):
         places.enter(known)
         best = places.shares
         if places.open:
-            search = Search(lambda wanted: places.evaluate(evaluator, known, wanted))
+            search = Search(lambda wanted: places.evaluate(evaluator, known, wanted), evaluator.path_weight)
             found = search.best(places.shares, len(places.open))
             best = places.shares if found is None else found.shares
         _, evaluation = places.evaluate(evaluator, known, [best])
@@ -159,10 +159,13 @@ class JointPlanner(TrackingPlanner):
         state = o.state
         if self._decision.returns_home or state is None:
             return self._decision
-        started, self._started = o.stages_started != self._started, o.stages_started
+        entered, self._started = o.stages_started != self._started, o.stages_started
         starts_s = WARM_UP_S + self._own.start_after_s
-        jumped = state.losses > self._losses
         due = o.time_s >= self._next_s - 1e-9
+        started = entered and bool(self._places.open) and o.cursor.accepts_changes()
+        if entered and not (due or started):
+            return self._decision
+        jumped = state.losses > self._losses
         if o.time_s >= (WARM_UP_S if jumped else starts_s) - 1e-9 and (jumped or started or due):
             self._losses = state.losses
             self._look(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if started else TIME)
@@ -232,14 +235,13 @@ class JointPlanner(TrackingPlanner):
         def evaluate(wanted: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
             return places.evaluate(self._evaluator, known, wanted)
 
-        search = Search(evaluate, 0.0 if flown is not None or self._expected is None else MARGIN)
-        best = search.best(places.shares, len(places.open))
-        if best is not None and not best.feasible and search.margin:
-            search = Search(evaluate)
-            best = search.best(places.shares, len(places.open))
+        threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
+        slope, margin = self._evaluator.path_weight, 0.0 if flown is not None or self._expected is None else MARGIN
+        best = Search(evaluate, slope, threshold, margin).best(places.shares, len(places.open))
+        if best is not None and not best.feasible and margin:
+            best = Search(evaluate, slope).best(places.shares, len(places.open))
         if best is None:
             return kept, True
-        threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
         found: Plan | None
         if flown is not None and (not best.feasible or best.value <= threshold):
             found = flown
@@ -264,7 +266,7 @@ class JointPlanner(TrackingPlanner):
         if not o.cursor.accepts_changes():
             return False
         (value, over), was = (kept.solution.value, kept.over), self._searched
-        return abs(value - was[0]) > SAME_VALUE or abs(over - was[1]) > SAME_SOC
+        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain / 2
 
     # --- decisions
 

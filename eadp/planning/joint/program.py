@@ -32,6 +32,9 @@ OUTDONE = 1e-6
 TIE = 1e-3
 """Relative difference of gain per charge to the multiplier within which a QP's shares are kept."""
 
+SIZES = 16
+"""Problems have a multiple of so many variables, so that OSQP is set up seldom; those too many are 0."""
+
 RECENTRED = 2
 """Most QPs with a proximal term around the last one's solution, where the gap is larger."""
 
@@ -123,20 +126,24 @@ class ComputationProgram:
 
         So scaled, the row has entries of 1, whatever the leg.
         """
-        count, mean_use = len(gain), float(use.mean())
-        column = np.maximum(use / mean_use, 1e-6)
-        largest = float((gain / column).max())
+        real, mean_use = len(gain), float(use.mean())
+        count = real + -real % SIZES
+        column, slope, start = np.ones(count), np.zeros(count), np.zeros(count)
+        column[:real] = np.maximum(use / mean_use, 1e-6)
+        slope[:real], start[:real] = gain / column[:real], centre * column[:real]
+        largest = float(slope.max())
         if self._qp is None or count != self._size:
             filled = np.vstack([np.ones((1, count)), np.eye(count)]) > 0
             self._qp, self._size = QuadraticProgram(filled, PROXIMAL, self._report, TOLERANCE), count
-        matrix = np.vstack([use / (mean_use * column), np.eye(count)])
+        matrix = np.vstack([np.zeros((1, count)), np.eye(count)])
+        matrix[0, :real] = use / (mean_use * column[:real])
         # a row that cannot bind would only slow OSQP down
         room = UNBOUNDED if spare >= float(use.sum()) else spare / mean_use
-        lower = np.concatenate(([-UNBOUNDED], np.zeros(count)))
-        upper = np.concatenate(([room], column))
-        solution = self._qp.solve(-gain / (column * largest), matrix, lower, upper, centre * column)
+        lower, upper = np.zeros(count + 1), np.zeros(count + 1)
+        lower[0], upper[0], upper[1 : real + 1] = -UNBOUNDED, room, column[:real]
+        solution = self._qp.solve(-slope / largest, matrix, lower, upper, start)
         multiplier = max(float(solution.multipliers[0]), 0.0) * largest / mean_use
-        return solution.x / column, multiplier, solution.iterations
+        return (solution.x / column)[:real], multiplier, solution.iterations
 
 
 def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multiplier: float) -> FloatArray:

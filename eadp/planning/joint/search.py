@@ -27,7 +27,7 @@ POINTS = {1: 13, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
 HALVED, ROUNDS, MIN_STEP = 4, 7, 1e-3
-"""Cells that are halved in a round, most rounds, and the smallest step."""
+"""Cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
 
 SEARCHED = 3
 """Best points of a grid from which pattern searches start."""
@@ -65,6 +65,10 @@ class Search:
     Parameters
     ----------
     evaluate : function
+    slope : float
+        Greatest change of the objective for a share more: the weight of the path parameters.
+    threshold : float
+        Value that a place has to exceed to be of use.
     margin : float
         Standard deviations of the final charge to keep beyond what the reserve requires.
 
@@ -75,6 +79,8 @@ class Search:
     """
 
     evaluate: Evaluate
+    slope: float = 1.0
+    threshold: float = -math.inf
     margin: float = 0.0
     known: dict[Shares, Place | None] = field(default_factory=dict)
 
@@ -144,7 +150,8 @@ class Search:
                 ((self._bound(at(low), at(high)), low, high) for low, high in cells if high - low > MIN_STEP),
                 reverse=True,
             )
-            chosen = [(low, high) for bound, low, high in bounds if bound > best.rank[1] + MIN_STEP / 2][:HALVED]
+            limit = max(best.value + MIN_STEP, self.threshold)
+            chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
             if not best.feasible:
                 chosen = [(low, high) for _, low, high in bounds][:HALVED]
             if not chosen:
@@ -165,8 +172,7 @@ class Search:
         values = [place.value for place in (a, b) if place is not None and place.feasible]
         if not values or (a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible):
             return -math.inf
-        # a share more is at most so much more of U
-        return max(values) + max(abs(y - x) for x, y in zip(low, high, strict=True))
+        return max(values) + self.slope * max(abs(y - x) for x, y in zip(low, high, strict=True))
 
     def _pattern(self, start: Place, dimensions: int, step: float) -> Place:
         """Pattern search from a place."""

@@ -95,16 +95,20 @@ class FlightState:
         self._times.expect(gust_std_mps, self._mission.cruise_mps, self._mission.gust_time_s)
 
     def _process(self) -> None:
-        """Process what waits, in its order."""
+        """Process what waits, in its order; an observation's reading goes with those before it."""
         waiting, self._waiting = self._waiting, []
+        readings: Readings | None = None
         for each in waiting:
             if isinstance(each, Observation):
+                self._read(_with_reading(readings, each))
                 self._locate(each)
-                each = _reading_of(each)
-            first_s = float(each.times_s[0])
-            step_s = 0.0 if self._last_s is None else first_s - self._last_s
-            if self._last_s is None or step_s > 0:
-                self._read(each, step_s)
+                readings = None
+            else:
+                if readings is not None:
+                    self._read(readings)
+                readings = each
+        if readings is not None:
+            self._read(readings)
 
     def _locate(self, o: Observation) -> None:
         """Update place, parameters in force, ground seen, and what the legs flown show."""
@@ -143,10 +147,13 @@ class FlightState:
             place.slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
-    def _read(self, readings: Readings, step_s: float) -> None:
-        """Update the filters with readings, the first of them `step_s` after the last one [s]."""
+    def _read(self, readings: Readings) -> None:
+        """Update the filters with readings."""
         times_s = np.asarray(readings.times_s, dtype=float)
-        steps_s = np.diff(times_s, prepend=times_s[0] - step_s)
+        before_s = float(times_s[0]) if self._last_s is None else self._last_s
+        steps_s = np.diff(times_s, prepend=before_s)
+        if self._last_s is not None and not steps_s.any():
+            return
         self._last_s = float(times_s[-1])
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._computing_w))
         beside_w = self._computing_w + self._followed_w(steps_s)
@@ -299,11 +306,14 @@ class _Place:
             self.reach_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
 
 
-def _reading_of(o: Observation) -> Readings:
-    """An observation as a batch of one reading."""
+def _with_reading(before: Readings | None, o: Observation) -> Readings:
+    """Readings, and an observation as one more."""
     vx, vy = (math.nan, math.nan) if o.velocity_mps is None or o.wind_mps is not None else o.velocity_mps
     rest = ([math.nan if value is None else value] for value in (o.soc, vx, vy, o.heading_rad, o.airspeed_mps))
-    return Readings([o.time_s], [o.x_m], [o.y_m], [o.power_w], *rest)
+    own = Readings([o.time_s], [o.x_m], [o.y_m], [o.power_w], *rest)
+    if before is None or before.times_s[-1] >= o.time_s:
+        return own if before is None else before
+    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before[:8], own[:8], strict=True)))
 
 
 def _numbers(column: object) -> FloatArray:

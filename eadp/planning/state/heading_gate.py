@@ -21,6 +21,9 @@ HEADING_DISBELIEVED = "heading-disbelieved"
 WINDOW_S, MIN_WINDOW_S, RESTORE_S = 60.0, 15.0, 180.0
 """Averaging time of the moments; least time before a judgement; time that a disbelieved heading has to fit [s]."""
 
+JUDGE_EVERY_S = 10.0
+"""Time between judgements [s]."""
+
 MAX_SCATTER, MAX_GUSTS, MAX_WIND = 0.6, 6.0, 1.5
 """A heading is disbelieved if the variance of the implied wind exceeds this share of s², and so many times that of a
 wind without headings; or if its mean exceeds so many airspeeds. An offset of 15° and gusts of 3 m/s give a share of 0.3
@@ -65,7 +68,7 @@ class HeadingGate:
     def __init__(self) -> None:
         self.disbelieved = False
         self._sums = np.zeros((4, 4)), np.zeros(4)
-        self._fits_s = 0.0
+        self._fits_s = self._unjudged_s = 0.0
 
     def ingest(
         self,
@@ -101,8 +104,10 @@ class HeadingGate:
         used = ~np.isnan(v.real + v.imag + theta)
         if used.any():
             total_s = self._add(v, theta, steps, used, airspeed_mps)
-            if total_s >= MIN_WINDOW_S:
-                self._judge(_fit(self._sums), float(steps[used].sum()), airspeed_mps, wind)
+            self._unjudged_s += float(steps[used].sum())
+            if total_s >= MIN_WINDOW_S and self._unjudged_s >= JUDGE_EVERY_S:
+                self._judge(_fit(self._sums), self._unjudged_s, airspeed_mps, wind)
+                self._unjudged_s = 0.0
         return np.full(len(theta), math.nan) if self.disbelieved else headings_rad
 
     def _add(self, v: np.ndarray, theta: FloatArray, steps: FloatArray, used: np.ndarray, airspeed_mps: float) -> float:
