@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import enabled
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
@@ -30,22 +29,8 @@ from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import HOME_RADII, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.estimation.power_gate import MAX_OF_MOTOR, PowerGate
-from eadp.planning.estimation.regressions import Charge, ChargeFilter, MotionPower, ParameterAverages, TimeRatio
-from eadp.planning.joint import kernels
+from eadp.planning.estimation.regressions import ChargeFilter, MotionPower, ParameterAverages, TimeRatio
 from eadp.planning.joint.climb import ClimbForecast
-from eadp.planning.joint.kernels import EXPECTED, MOTION, PEAK, TIMES
-from eadp.planning.joint.place_kernel import (
-    FEASIBLE,
-    MIN_STD,
-    NO_ENDS,
-    ROUNDING,
-    SAME_SOC,
-    UNFLYABLE,
-    UNKNOWN,
-    Found,
-    Now,
-    find_place,
-)
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
@@ -83,6 +68,10 @@ MEASURED_WIND_S = 60.0
 
 GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
 """Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
+
+MIN_STD, SAME_SOC, ROUNDING = 1e-6, 1e-5, 1e-9
+"""Least standard deviation of a final charge, accuracy of a quantile where there are several ends, and a charge that
+counts as rounding."""
 
 BOUND_SLACK = 0.9
 """Times at values between the ends of a parameter's set lie between those at the ends, up to this factor."""
@@ -282,9 +271,6 @@ class Forecaster:
         self._left: dict[int, float] = {}
         self._evaluated: dict[Shares, tuple[KnapsackTerms, RouteLoad] | None] = {}
         self._ahead: tuple[float, float, list[tuple[int, _Times]]] | None = None
-        self._now: tuple[Now, Charge, tuple[FloatArray, FloatArray]] | None = None
-        self._found: dict[Shares, Found | None] = {}
-        self._in_steps = False
         self._expected: _Expected | None = None
         self._time_s = self._stage_since_s = self._charge_s = self._located_s = 0.0
         self._last_s: float | None = None
@@ -397,8 +383,6 @@ class Forecaster:
         self._charge_s = last_s
         columns: list[Any] = [readings.vx_mps, readings.vy_mps, readings.headings_rad, durations]
         columns += [readings.powers_w, beside_w, readings.charges, steps_s]
-        if enabled():  # each is converted once
-            columns = [np.asarray(column) for column in columns]
         *of_wind, powers_w, beside_w, charges, steps_s = columns
         self._wind.observe_batch(*[column[first:] for column in of_wind])
         self._motion.observe_batch(powers_w, beside_w, of_wind[-1], self._slope)
@@ -522,11 +506,9 @@ class Forecaster:
 
     def _clear_routes(self) -> None:
         """The remaining plan has changed for all parameters."""
-        self._now, self._in_steps = None, False
         self._routes.clear()
         self._left.clear()
         self._evaluated.clear()
-        self._found.clear()
         self._expected = None
 
     def decide(self, parameters: Vector, shares: Shares) -> None:
@@ -593,9 +575,8 @@ class Forecaster:
         self._time_s, self._position = time_s, position
         self._ask_ripple_w, self._ripple_w = ripple_w, 0.0 if ripple_w is None else math.inf
         self._evaluated.clear()
-        self._found.clear()
         self._left.clear()
-        self._ahead, self._now, self._in_steps = None, None, False
+        self._ahead = None
 
     def terms(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad]:
         """Knapsack terms and load of the route at shares that `candidate` has evaluated."""
@@ -606,14 +587,11 @@ class Forecaster:
     def _evaluate(self, shares: Shares) -> tuple[KnapsackTerms, RouteLoad] | None:
         if shares not in self._evaluated:
             route, self._evaluated[shares] = self._route(shares), None
-            found = self._find(shares)
-            if found is not None and route is not None:
-                self._evaluated[shares] = self._evaluation(found, route)
-            elif route is not None and len(route.order):
+            if route is not None and len(route.order):
                 evaluated = self._on_route(route)
                 if self._ripple_w == math.inf and evaluated is not None and self._is_limited(evaluated[0]):
                     assert self._ask_ripple_w is not None
-                    self._ripple_w, self._now, self._in_steps = self._ask_ripple_w(), None, False
+                    self._ripple_w = self._ask_ripple_w()
                     evaluated = self._on_route(route)
                 self._evaluated[shares] = evaluated
         return self._evaluated[shares]
@@ -640,10 +618,6 @@ class Forecaster:
         if evaluated is None:
             return None
         terms, load = evaluated
-        found = self._find(shares)
-        if found is not None:
-            n, shape = found.numbers, self.route(shares).shape
-            return Candidate(shares, shape, terms.increments, n.available, ALIKE_STDS * n.std, not n.ends)
         if load.ends and self._own.objective == TOTAL and shares != self.shares:
             return None
         # the computations' power matters where an end is uncertain
@@ -659,70 +633,8 @@ class Forecaster:
 
     def place(self, shares: Shares) -> Place | None:
         """The candidate at shares in short."""
-        found = self._find(shares)
-        if found is None:
-            candidate = self.candidate(shares)
-            return None if candidate is None else place_of(candidate)
-        n = found.numbers
-        if n.kind == UNFLYABLE:
-            return None
-        shape, tolerance, feasible = self.route(shares).shape, ALIKE_STDS * n.std, n.kind == FEASIBLE
-        return Place(shares, shape, not n.ends, tolerance, feasible, n.value, n.use, n.available)
-
-    def _find(self, shares: Shares) -> Found | None:
-        """What compiled code finds at shares; None where steps have to be taken."""
-        if self._climb is not None or not enabled() or not self.term_builder.is_quality:
-            return None
-        if shares not in self._found:
-            route, self._found[shares] = self._route(shares), None
-            if route is not None and len(route.order) and not self._in_steps:
-                found = self._found_on(route)
-                # what cannot be found here mostly cannot be at other shares
-                self._in_steps = found.numbers.kind == UNKNOWN
-                self._found[shares] = None if self._in_steps else found
-        return self._found[shares]
-
-    def _found_on(self, route: Route) -> Found:
-        """What compiled code finds on a route."""
-        builder = self.term_builder
-        if self._now is None:
-            flown_s, areas_s = self._flown.until(self._time_s)
-            self._now = self._common(), self._charge.ahead, (np.array(flown_s), np.array(areas_s))
-        now, charge, past = self._now
-        return find_place(
-            *(route.table.rows, route.order, *builder.envelopes(route), past, builder.weights, self._plan.path_count),
-            np.array(route.ends, dtype=float) if route.ends else NO_ENDS,
-            now,
-            builder.cell,
-            charge,
-            self._left_of_first(route, self.wind_mps),
-            self._wind_share(route),
-        )
-
-    def _evaluation(self, found: Found, route: Route) -> tuple[KnapsackTerms, RouteLoad] | None:
-        """Terms and load of a route that compiled code has found; None where it cannot be flown in this wind."""
-        n, legs = found.numbers, found.legs
-        if n.kind == UNFLYABLE:
-            return None
-        ends = self._ends(route, self._left_of_first(route, self.wind_mps))
-        stds = math.sqrt(n.time_variance), math.sqrt(n.energy_variance)
-        load = RouteLoad(legs[TIMES], legs[MOTION], legs[PEAK], *stds, n.use_ratio, math.sqrt(n.charge_variance), ends)
-        return self.term_builder.terms_of(found), load
-
-    def _common(self) -> Now:
-        """What all places of this forecast have in common."""
-        ratio, motion, own, battery = self._ratio, self._motion, self._own, self._mission.battery
-        empty_v, rise_v, *_ = self._cell
-        return Now(
-            *(self._speed, *self.wind_mps, ratio.ratio, ratio.variance, ratio.noise_s),
-            *(motion.level_w, motion.slope_w, *motion.variances),
-            *(self._ripple_w, min(self.gate.max_motion_w, self._mission.max_motion_w), self._computing_w),
-            *(self._navigation_std_m, PASSED_S * self._speed),
-            *(self.soc, self._settings.reserve_soc, empty_v + rise_v * min(max(self.soc, 0.0), 1.0)),
-            *(battery.drain_per_as, *self._charge.gauge_gain),
-            *(own.loss_rate_per_h / 3600, LOSS, LOSS_SQUARE),
-            *(own.reserve_probability, NormalDist().inv_cdf(own.reserve_probability)),
-        )
+        candidate = self.candidate(shares)
+        return None if candidate is None else place_of(candidate)
 
     def bound(self, shares: Shares) -> float:
         """The greatest value of the objective at shares, if the computations were the highest on the whole route.
@@ -770,9 +682,6 @@ class Forecaster:
 
     def _expected_times_s(self, shares: Shares) -> FloatArray | None:
         """Expected time on each leg at shares [s]; None where the plan cannot be flown at them."""
-        found = self._find(shares)
-        if found is not None:
-            return None if found.numbers.kind == UNFLYABLE else found.legs[EXPECTED]
         evaluated = self._evaluate(shares)
         return None if evaluated is None else evaluated[1].expected_s
 
@@ -883,7 +792,7 @@ class Forecaster:
         wind, motion = self.wind_mps, self._motion
         left = self._left_of_first(route, wind)
         max_w = min(self.gate.max_motion_w, self._mission.max_motion_w)
-        times, motion_w, peak_w, total_s, bank_s, motion_j = (kernels.remaining_load if enabled() else _remaining_load)(
+        times, motion_w, peak_w, total_s, bank_s, motion_j = _remaining_load(
             *(*route.table.rows[:3], route.order, self._speed, wind, left, self._ratio.ratio),
             *(motion.level_w, motion.slope_w, self._ripple_w, max_w),
         )

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.compiled import enabled
 from eadp.core.flight.battery import drains_per_s, max_power_w, min_voltage_v
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
@@ -20,26 +19,21 @@ from eadp.models.plan.leg_table import LegTable, grown
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.planning.base import Mission, PlannerSettings, allowed_levels, thinned
-from eadp.planning.joint import kernels
-from eadp.planning.joint.kernels import (
-    BY_LETTER,
-    DELIVERABLE,
-    GAIN,
-    LEVEL,
-    SEGMENT,
-    TRUNCATED,
-    USE,
-    VOLTS,
-    AllIncrements,
-    Cell,
-    Limits,
-)
 from eadp.planning.joint.knapsack import ConcaveEnvelope, Increments, concave_envelope
-from eadp.planning.joint.place_kernel import EnvelopeArrays, Envelopes, Found
 from eadp.planning.joint.settings import JointSettings
 
 QUALITY, TOTAL = "quality", "total"
 MAX_CONFIGURATIONS = 50_000
+
+DELIVERABLE = 0.98
+"""Maximum planned power as a share of the battery's maximum power."""
+
+Cell = tuple[float, float, float, float, float, float, float]
+"""Voltage when empty and its rise to full [V], resistance [Ω], k_b/Q_c [1/(A s)], Q_c V crate [W], largest current [A],
+cut-off voltage [V]."""
+
+AllIncrements = tuple[IntArray, IntArray, FloatArray, FloatArray, float, float]
+Limits = tuple[FloatArray, FloatArray, BoolArray, BoolArray, float, float, float]
 
 
 class RouteLoad(NamedTuple):
@@ -83,6 +77,20 @@ class FlownShares(NamedTuple):
 
     times_s: Sequence[float]
     areas_s: Sequence[float]
+
+
+class Envelopes(NamedTuple):
+    """Envelopes of groups of configurations.
+
+    The envelopes; least and greatest power of each group [W], shape (groups, 2); where the envelope of each ends; and
+    powers [W] and relative values of all one after the other.
+    """
+
+    kinds: tuple[ConcaveEnvelope, ...]
+    extremes_w: FloatArray
+    ends: IntArray
+    powers_w: FloatArray
+    values: FloatArray
 
 
 @dataclass(frozen=True)
@@ -189,7 +197,6 @@ class TermBuilder:
         self._all_of: dict[object, Envelopes] = {}
         self._scale_s = 0.0
         self._table: LegTable | None = None
-        self._relative(self.weights)
         b = mission.battery
         empty_v = b.voltage_at(0.0)
         limits = b.power_per_soc_w, b.max_current_a, b.cutoff_voltage_v or 0.0
@@ -209,13 +216,11 @@ class TermBuilder:
         rates, base_value = self._value_rates(route, load.expected_s, past)
         group_of, groups = self._groups(route)
         relative, scale = self._relative(rates)
-        kinds, (extremes_w, ends, powers_w, values, _), _ = self._all(groups, relative)
+        kinds, extremes_w, ends, powers_w, values = self._all(groups, relative)
         per_as = self._battery.drain_per_as * load.use_ratio
         cell = (*self.cell[:3], per_as, *self.cell[4:])
         # the reserve bounds the state of charge from below on the whole route
-        limits, found, truncates, mean_w, mean_v = (
-            kernels.limits_and_increments if enabled() else _limits_and_increments
-        )(
+        limits, found, truncates, mean_w, mean_v = _limits_and_increments(
             *(load.times_s, load.expected_s, load.motion_w, load.peak_w, extremes_w, group_of),
             soc,
             min(reserve_soc, soc),
@@ -229,7 +234,7 @@ class TermBuilder:
         volts, room, truncated, by_letter, beyond, letter_soc, delivered_soc = limits
         if truncates:
             kinds, kind_of = self._truncated(groups, group_of, room, relative)
-            found, mean_w = (kernels.all_increments if enabled() else _all_increments)(
+            found, mean_w = _all_increments(
                 *(kind_of, *_one_after_another(kinds), load.times_s, load.expected_s, load.motion_w, volts, cell, scale)
             )
         segment, level, use, gain, base_use, own_value = found
@@ -241,33 +246,6 @@ class TermBuilder:
         )
 
     # --- kinds of segments
-
-    @property
-    def is_quality(self) -> bool:
-        """Whether the objective is U, without trade-offs."""
-        return self._objective == QUALITY and not self._trade_offs
-
-    def envelopes(self, route: Route) -> tuple[IntArray, Envelopes]:
-        """The envelope of each leg, and the envelopes, for the proportions of values seen last."""
-        group_of, groups = self._groups(route)
-        return group_of, self._all(groups, self._proportions)
-
-    def terms_of(self, found: Found) -> KnapsackTerms:
-        """The terms of a route that compiled code has found."""
-        n, written = found.numbers, slice(found.numbers.increments)
-        places, amounts = found.places, found.amounts
-        increments = Increments(
-            *(places[SEGMENT, written], places[LEVEL, written], amounts[USE, written], amounts[GAIN, written]),
-            n.use,
-            n.base_value,
-        )
-        return KnapsackTerms(
-            *(increments, found.kinds, n.scale, found.kind_of, n.soc_per_j, n.mean_w),
-            *(0.0, n.letter_soc, n.delivered_soc),
-            found.legs[VOLTS],
-            found.flags[TRUNCATED],
-            found.flags[BY_LETTER],
-        )
 
     def _groups(self, route: Route) -> tuple[IntArray, list[_Group]]:
         """Which group of configurations each leg of a route has, and the groups."""
@@ -307,8 +285,7 @@ class TermBuilder:
         scale = max(own, default=0.0)
         relative = tuple([rate / scale for rate in own] if scale > 0 else own)
         # rates that differ by less share their envelopes
-        self._proportions = self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative)
-        return self._proportions, max(scale, 0.0)
+        return self._rates.setdefault(tuple([round(rate, 4) for rate in relative]), relative), max(scale, 0.0)
 
     def _all(self, groups: Sequence[_Group], relative: tuple[float, ...]) -> Envelopes:
         """Envelopes of all configurations of groups."""
@@ -319,9 +296,7 @@ class TermBuilder:
         if key not in self._all_of:
             kinds = tuple([self._envelope(*group, len(group.powers_w), relative) for group in groups])
             extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in groups])
-            proportions = np.array([round(value, 4) for value in relative])
-            arrays = EnvelopeArrays(extremes_w, *_one_after_another(kinds), proportions)
-            self._all_of[key] = Envelopes(kinds, arrays, max(len(kind.powers_w) for kind in kinds) - 1)
+            self._all_of[key] = Envelopes(kinds, extremes_w, *_one_after_another(kinds))
         return self._all_of[key]
 
     def _truncated(
@@ -353,9 +328,7 @@ class TermBuilder:
             rates /= max(float((rates * maxima).sum()), 1e-12) * max(self._scale_s, 1e-9)
             return rates, 0.0
         rows = route.table.rows
-        return (kernels.quality if enabled() else _quality)(
-            rows.free, rows.shares, route.order, times, times_s, areas_s, self.weights, rho
-        )
+        return _quality(rows.free, rows.shares, route.order, times, times_s, areas_s, self.weights, rho)
 
     # --- envelopes
 
@@ -436,9 +409,6 @@ def _one_after_another(kinds: Sequence[ConcaveEnvelope]) -> tuple[IntArray, Floa
 
 
 _EnvelopeIncrements = tuple[float, float, float, IntArray, IntArray, FloatArray, FloatArray]
-
-
-# The functions below are those of `kernels` in plain Python.
 
 
 def _quality(
