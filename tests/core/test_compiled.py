@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -30,18 +31,22 @@ def outermost(x):
     return helper(x) + 1
 
 
+def further(x):
+    return sum([outermost(each) for each in (x, math.sqrt(x))])
+
+
 def test_off_a_function_is_itself():
     assert not compiled.enabled()
-    assert compiled.jitted(outermost, helper) is outermost
+    assert compiled.jitted(outermost) is outermost
 
 
 @fast
 def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not compiled.kept()
-    jitted = compiled.jitted(outermost, helper)
+    jitted = compiled.jitted(outermost)
     assert jitted is not outermost
-    assert jitted is compiled.jitted(outermost, helper)
+    assert jitted is compiled.jitted(outermost)
     assert jitted(3.0) == outermost(3.0) == 7.0
     assert compiled.kept()
 
@@ -70,10 +75,39 @@ def test_without_a_home_it_is_compiled_all_the_same(switched_on, monkeypatch):
     assert compiled.jitted(lambda x: x + 1.0)(2.0) == 3.0
 
 
+@pytest.fixture
+def asked_again():
+    """The answer whether numba can be used is kept: not beyond one test."""
+    compiled.why_off.cache_clear()
+    yield
+    compiled.why_off.cache_clear()
+
+
 @fast
-def test_nothing_is_compiled_where_memory_is_limited(monkeypatch):
+def test_nothing_is_compiled_where_memory_is_limited(monkeypatch, asked_again):
     resource = pytest.importorskip("resource")
     monkeypatch.setattr(resource, "getrlimit", lambda _: (512 << 20, 1 << 40))
-    assert not compiled.available.__wrapped__()
+    assert compiled.why_off() == "this process may use 512 MB of memory, and numba needs 1024"
+    assert not compiled.available()
+    compiled.why_off.cache_clear()
     monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    assert compiled.available.__wrapped__()
+    assert compiled.available()
+
+
+@fast
+def test_why_numba_cannot_be_imported_is_known(monkeypatch, asked_again):
+    def fails(_):
+        raise ImportError("no llvm")
+
+    monkeypatch.setattr(compiled.importlib, "import_module", fails)
+    assert compiled.why_off() == "numba cannot be imported: ImportError: no llvm"
+    assert not compiled.enable()
+
+
+def test_without_numba_that_is_why(monkeypatch, asked_again):
+    monkeypatch.setattr(compiled.importlib.util, "find_spec", lambda _: None)
+    assert compiled.why_off() == compiled.NOT_INSTALLED
+
+
+def test_helpers_are_found_through_others():
+    assert compiled.helpers_of(further) == {outermost, helper}
