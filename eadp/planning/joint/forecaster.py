@@ -785,7 +785,7 @@ class Forecaster:
         """Predicted rate of discharge at the voltage of now [1/s]."""
         empty_v, rise_v, resistance_ohm, _ = self._cell
         volts = empty_v + rise_v * min(max(self.soc, 0.0), 1.0)
-        return drain_per_s(power_w, volts, resistance_ohm, self._mission.battery.drain_per_as)
+        return float(drain_per_s(power_w, volts, resistance_ohm, self._mission.battery.drain_per_as))
 
     def _load(self, route: Route) -> RouteLoad | None:
         """Time and motion power of the remaining route; None where it cannot be flown in this wind."""

@@ -32,7 +32,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.harmonics import rotated
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
@@ -337,7 +337,7 @@ class Horizon:
         """Value, use of charge and limit of every choice at every step."""
         b, p, values = self._battery, self.powers_w, self._values(forecast)
         power = forecast.mean_motion_w[:, None] + p
-        drop = drains_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
+        drop = drain_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
         deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
         if not deliverable:
             drop[power > self._delivered_w] = UNDELIVERABLE

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
@@ -511,7 +511,7 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
     """
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
-    currents_a = drains_per_s(power_w, battery.voltage_v, battery.resistance_ohm, 1.0)
+    currents_a = drain_per_s(power_w, battery.voltage_v, battery.resistance_ohm, 1.0)
     drops = (currents_a * (battery.k_b_per_s * step_s / battery.capacity_ah)).cumsum()
     if drops[-1] >= spare:
         return _crossing_s(drops, spare, step_s)
