@@ -16,7 +16,6 @@ import argparse
 import math
 import resource
 import statistics
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -152,8 +151,6 @@ def transcribed(count: int) -> tuple[float, list[tuple[float, float]]]:
 
 def main() -> None:
     """Print the figures of median runs."""
-    # a benchmark beside this one has the name of a library that numba looks for
-    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--peer-steps", type=int, default=5000)

@@ -30,8 +30,6 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # processes ar
 os.environ.update(NUMBA_DISABLE_JIT="1")  # machine code of a mutant would be kept as the package's own
 os.environ.update(CI="1")  # the same examples each time
 
-sys.path.pop(0)  # benchmarks/coverage.py hides the library
-
 import coverage
 import hypothesis
 import libcst as cst

@@ -29,7 +29,6 @@ import json
 import math
 import multiprocessing
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -39,17 +38,14 @@ from typing import Any
 
 import numpy as np
 
-# numba looks for a module coverage, and this folder has one
-sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(__file__).resolve().parent]
-
-from eadp.core.compiled import enable  # noqa: E402
-from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.models.plan.route import MARGIN_M, RoutePredictor  # noqa: E402
-from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, SolverReport, TrackingPlanner  # noqa: E402
-from eadp.planning.joint.forecaster import Forecaster  # noqa: E402
-from eadp.planning.joint.planner import JointPlanner  # noqa: E402
-from eadp.planning.joint.program import MissionProgram, best_at  # noqa: E402
-from eadp.simulation.loop import Outcome, fly  # noqa: E402
+from eadp.core.compiled import enable
+from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.models.plan.route import MARGIN_M, RoutePredictor
+from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, SolverReport, TrackingPlanner
+from eadp.planning.joint.forecaster import Forecaster
+from eadp.planning.joint.planner import JointPlanner
+from eadp.planning.joint.program import MissionProgram, best_at
+from eadp.simulation.loop import Outcome, fly
 
 enable()
 ROOT = Path(__file__).resolve().parents[1]

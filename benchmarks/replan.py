@@ -358,8 +358,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the instances (default 0)")
     parser.add_argument("--plain", action="store_true", help="without compiled code")
     options = parser.parse_args()
-    # a benchmark beside this one has the name of a library that numba looks for
-    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     print("compiled" if compiled.enable(not options.plain) else "plain")
     print(f"{'horizon':>8} {'':>10} {'ours, all [ms]':>15} {'peer, reals [ms]':>17}", end="")
     print(f" {'ratio':>7} {'active':>7} {'peer failed':>12}")

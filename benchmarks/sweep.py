@@ -563,8 +563,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # a benchmark beside this one has the name of a library that numba looks for
-    sys.path[:] = [folder for folder in sys.path if Path(folder).resolve() != Path(__file__).resolve().parent]
     with tempfile.TemporaryDirectory() as name:
         folder, true = Path(name), True
         for planner in asked.planner:

@@ -47,8 +47,6 @@ import numpy as np
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-# other benchmarks have names of libraries
-sys.path = [place for place in sys.path if Path(place or ".").resolve() != ROOT / "benchmarks"]
 sys.path.append(str(ROOT / "benchmarks"))
 
 from plant import (  # noqa: E402

@@ -186,8 +186,14 @@ def _make(
     from eadp.io.sweep.run import missing_runs
 
     with missing_runs(sweep, indices, results, jobs, scheduler, keep) as (missing, workers, made):
-        if missing and scheduler is None and not compiled.kept() and compiled.available():
-            sys.stderr.write("sweep: compiling for this machine first, for some seconds; later sweeps start at once\n")
+        if missing and scheduler is None:
+            why = compiled.why_off()
+            if why is None and not compiled.kept():
+                sys.stderr.write(
+                    "sweep: compiling for this machine first, for some seconds; later sweeps start at once\n"
+                )
+            elif why not in (None, compiled.NOT_INSTALLED):
+                sys.stderr.write(f"sweep: flights are not compiled, and take longer: {why}\n")
             sys.stderr.flush()
         progress = _SweepProgress(missing, workers)
         try:

@@ -14,7 +14,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from eadp.core.bounds import Efficiency, Seconds, Share
 from eadp.core.flight.battery import (
     current_a,
-    drains_per_s,
+    drain_per_s,
     max_power_w,
     replayed_soc,
     soc_rate_per_s,
@@ -142,7 +142,7 @@ class Battery:
 
         Source: letter, Eq. 22 and Lem. III.3.
         """
-        return drains_per_s(power_w, voltage_v, self.resistance_ohm, self.drain_per_as)
+        return drain_per_s(power_w, voltage_v, self.resistance_ohm, self.drain_per_as)
 
     @property
     def drain_per_as(self) -> float:

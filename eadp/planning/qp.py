@@ -19,13 +19,11 @@ used.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.errors import SolverFailed
 from eadp.planning.base import SolverReport
@@ -129,6 +127,16 @@ class OsqpSolver:
         return OsqpRun(solution.x, solution.y, info.status_val, info.status, info.iter)
 
 
+class QpData(NamedTuple):
+    """Data of one problem, see `QuadraticProgram.solve`."""
+
+    gradient: FloatArray
+    matrix: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    centre: FloatArray
+
+
 class QuadraticProgram:
     """A quadratic program whose A has a fixed sparsity pattern; see the module.
 
@@ -156,11 +164,6 @@ class QuadraticProgram:
         self._report, self._tolerance = report, tolerance
         self._solver: OsqpSolver | None = None
         self._entries = b""
-        self._fault: Callable[..., int] = _fault
-        self._optimal: Callable[..., bool] = _is_optimal
-        if compiled.enabled():
-            self._fault = compiled.jitted(fault_of, makes_arrays=False)
-            self._optimal = compiled.jitted(is_optimal, makes_arrays=False)
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -184,8 +187,8 @@ class QuadraticProgram:
             On data that are not finite or do not fit, and if both runs end with any status but "solved", or with a
             solution that does not satisfy the optimality conditions.
         """
-        data = gradient, matrix, lower, upper, centre
-        self._check(*data)
+        data = QpData(gradient, matrix, lower, upper, centre)
+        self._check(data)
         try:
             return self._run(data, self._proximal, SETTINGS)
         except SolverFailed:
@@ -196,17 +199,17 @@ class QuadraticProgram:
         finally:
             self._solver = None  # the next problem starts with the settings of a first run
 
-    def _check(self, *data: FloatArray) -> None:
+    def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
         rows, columns = (self._rows,), (self._columns,)
         shapes = tuple(array.shape for array in data)
         if shapes != (columns, rows + columns, rows, rows, columns):
             raise SolverFailed(f"data of shapes {shapes} do not fit {self._rows} × {self._columns}")
-        fault = self._fault(*data)
+        fault = _fault(data)
         if fault:
             raise SolverFailed(FAULTS[fault])
 
-    def _run(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> QpSolution:
+    def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
         import osqp
 
@@ -220,7 +223,7 @@ class QuadraticProgram:
             if run.status != osqp.SolverStatus.OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
                 status = run.name
-            elif not self._optimal(*data, proximal, run.x, run.y):
+            elif not _is_optimal(data, proximal, run.x, run.y):
                 status = UNVERIFIED
         except Exception as error:  # whatever the extension raises is a failed run
             status = type(error).__name__
@@ -231,7 +234,7 @@ class QuadraticProgram:
         report.solved += 1
         return solution
 
-    def _result(self, data: tuple[FloatArray, ...], proximal: float, settings: dict[str, float]) -> OsqpRun:
+    def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> OsqpRun:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
@@ -247,40 +250,16 @@ class QuadraticProgram:
         return self._solver.run(centre)
 
 
-def _fault(gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray) -> int:
+def _fault(data: QpData) -> int:
     """What is wrong with data, in `FAULTS`; 0 for nothing."""
-    if not all(math.isfinite(np.vdot(array, array)) for array in (gradient, matrix, lower, upper, centre)):
+    if not all(math.isfinite(np.vdot(array, array)) for array in data):
         return NOT_FINITE
-    return CROSSED if (lower > upper).any() else 0
+    return CROSSED if (data.lower > data.upper).any() else 0
 
 
-def fault_of(gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray) -> int:
-    """`_fault` in loops, for compiled code."""
-    total = 0.0
-    for k in range(len(gradient)):
-        total += gradient[k] * gradient[k] + centre[k] * centre[k]
-        for i in range(len(lower)):
-            total += matrix[i, k] * matrix[i, k]
-    crossed = False
-    for i in range(len(lower)):
-        total += lower[i] * lower[i] + upper[i] * upper[i]
-        crossed = crossed or lower[i] > upper[i]
-    if not math.isfinite(total):
-        return NOT_FINITE
-    return CROSSED if crossed else 0
-
-
-def _is_optimal(
-    gradient: FloatArray,
-    matrix: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    centre: FloatArray,
-    proximal: float,
-    x: FloatArray,
-    y: FloatArray,
-) -> bool:
+def _is_optimal(data: QpData, proximal: float, x: FloatArray, y: FloatArray) -> bool:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
+    gradient, matrix, lower, upper, centre = data
     values = matrix @ x
     below, above = upper - values, values - lower
     forces = gradient + proximal * (x - centre) + y @ matrix
@@ -293,33 +272,3 @@ def _is_optimal(
         and largest(np.abs(forces)) <= bound
         and pushed @ room <= bound
     )
-
-
-def is_optimal(
-    gradient: FloatArray,
-    matrix: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    centre: FloatArray,
-    proximal: float,
-    x: FloatArray,
-    y: FloatArray,
-) -> bool:
-    """`_is_optimal` in loops, for compiled code."""
-    largest, complementary = 1.0, 0.0
-    for i in range(len(lower)):
-        value = 0.0
-        for k in range(len(x)):
-            value += matrix[i, k] * x[k]
-        below, above = upper[i] - value, value - lower[i]
-        if not (below >= -VERIFIED and above >= -VERIFIED):
-            return False
-        largest = max(largest, abs(y[i]))
-        complementary += abs(y[i]) * min(below if y[i] > 0 else above, ROOM)
-    for k in range(len(x)):
-        force = gradient[k] + proximal * (x[k] - centre[k])
-        for i in range(len(lower)):
-            force += y[i] * matrix[i, k]
-        if not abs(force) <= VERIFIED * largest:
-            return False
-    return complementary <= VERIFIED * largest

@@ -288,19 +288,3 @@ def next_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
     s[GUST_X] = c[GUST_KEPT] * s[GUST_X] + c[GUST_NEW] * noise[left - 1]
     s[GUST_Y] = c[GUST_KEPT] * s[GUST_Y] + c[GUST_NEW] * noise[left - 2]
     s[NOISE_LEFT] -= 2
-
-
-FLYING = (
-    fly_step,
-    _paper_step,
-    _fixed_wing_step,
-    _curve_drag_n,
-    _guided_radps,
-    _within,
-    _wrapped,
-    next_gust,
-    heading_rate_radps,
-    normalised_jet,
-    wind_factor,
-)
-"""The functions here and what they call, to be compiled together."""

@@ -19,7 +19,7 @@ from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight.battery import replayed_soc
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.triggers import WATCHING, CurveProgress, watched
+from eadp.models.plan.triggers import CurveProgress, watched
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AIRCRAFT_CONSTANTS,
@@ -27,7 +27,6 @@ from eadp.simulation.aircraft import (
     ALTITUDE,
     CRUISE_M,
     FIXED_WING_MODEL,
-    FLYING,
     GUST_X,
     GUST_Y,
     GUSTS,
@@ -227,9 +226,7 @@ class InnerLoop:
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
-        self._fly = compiled.jitted(
-            run_steps, drain, replayed_soc, _note, _measure, *FLYING, *WATCHING, makes_arrays=False
-        )
+        self._fly = compiled.jitted(run_steps, makes_arrays=False)
         self._replay = self._numbers(battery.replay)
         self._rng = rng
         first = rng.standard_normal(2)

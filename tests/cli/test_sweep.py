@@ -139,11 +139,19 @@ def test_every_run_made_is_exit_0_whether_it_completes_or_not(eadp, folder):
 
 @pytest.mark.parametrize("kept", [True, False])
 def test_it_says_that_it_compiles_where_no_machine_code_is_kept(eadp, folder, monkeypatch, kept):
-    monkeypatch.setattr(compiled, "available", lambda: True)
+    monkeypatch.setattr(compiled, "why_off", lambda: None)
     monkeypatch.setattr(compiled, "kept", lambda: kept)
     monkeypatch.setattr("eadp.io.sweep.run.enable", lambda _on: False)
     answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
     assert answer.err.count("compiling") == (not kept)
+
+
+@pytest.mark.parametrize(("why", "notes"), [("numba cannot be imported: no llvm", 1), (compiled.NOT_INSTALLED, 0)])
+def test_it_says_why_numba_is_not_used_where_it_is_installed(eadp, folder, monkeypatch, why, notes):
+    monkeypatch.setattr(compiled, "why_off", lambda: why)
+    answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
+    assert answer.err.count(f"sweep: flights are not compiled, and take longer: {why}\n") == notes
+    assert answer.err.count("compiled") == notes
 
 
 def test_the_whole_summary(eadp, folder):

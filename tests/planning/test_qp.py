@@ -30,14 +30,6 @@ def quiet(capfd):
     assert captured.err == ""
 
 
-@pytest.fixture(autouse=True, params=["arrays", "loops"])
-def form(request, monkeypatch):
-    """Both forms of the checks; the loops as plain Python."""
-    if request.param == "loops":
-        monkeypatch.setattr(qp, "_fault", qp.fault_of)
-        monkeypatch.setattr(qp, "_is_optimal", qp.is_optimal)
-
-
 def box(columns=2, proximal=PROXIMAL, report=None):
     """A program whose rows are the variables and their sum."""
     return QuadraticProgram(

@@ -5,7 +5,6 @@ Source: letter, Sec. III-C, Eq. 22 and App. C.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,21 +35,15 @@ def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
 
     Source: letter, Eq. 22.
     """
-    # I = (V − √(V² − 4 R y)) / 2R, multiplied out so that R → 0 gives y/V
-    discriminant = voltage_v * voltage_v - 4 * resistance_ohm * power_w
-    if discriminant < 0:
+    if voltage_v * voltage_v - 4 * resistance_ohm * power_w < 0:
         raise Infeasible(undeliverable(power_w, voltage_v, resistance_ohm))
-    return 2 * power_w / (voltage_v + math.sqrt(discriminant))
+    return float(drain_per_s(power_w, voltage_v, resistance_ohm, 1.0))
 
 
-def drain_per_s(power_w: float, voltage_v: float, resistance_ohm: float, per_as: float) -> float:
-    """`drains_per_s` of one power [W] at one voltage [V], without arrays; may be compiled."""
-    root = math.sqrt(max(voltage_v * voltage_v - 4 * resistance_ohm * power_w, 0.0))
-    return per_as * 2 * power_w / (voltage_v + root)
-
-
-def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
+def drain_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
     """Rate of discharge under powers, without an error beyond the deliverable power: for forecasts.
+
+    It may be compiled for numbers. On numbers in plain Python numpy's functions take 0.9 µs, those of `math` 0.2.
 
     Parameters
     ----------
@@ -59,7 +52,7 @@ def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: fl
     resistance_ohm : float
         Inner resistance [Ω].
     per_as : float
-        State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)].
+        State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]; 1 for the current [A].
 
     Returns
     -------
@@ -68,25 +61,27 @@ def drains_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: fl
 
     Source: letter, Eq. 22 and Lem. III.3.
     """
-    # I = 2y/(V + √(V² − 4 R y)),  −ḃ = k_b I / Q_c
-    root = np.sqrt(np.maximum(voltage_v**2 - 4 * resistance_ohm * power_w, 0.0))
-    return per_as * 2 * power_w / (voltage_v + root)
+    # I = (V − √(V² − 4 R y)) / 2R, multiplied out so that R → 0 gives y/V;  −ḃ = k_b I / Q_c
+    return per_as * 2 * power_w / (voltage_v + _root_v(power_w, voltage_v, resistance_ohm))
 
 
-def current_slope_a_per_w(power_w: Any, voltage_v: float, resistance_ohm: float) -> Any:
-    """dI/dy of `current_a` [A/W] at a power or an array of powers [W]: 1/√(V² − 4 R y).
+drain_per_s = drain_per_s
+"""The same, under the name that it had for arrays."""
 
-    Raises
-    ------
-    Infeasible
-        At the largest power that can be delivered, where the slope is infinite, and beyond it.
+
+def current_slope_a_per_w(power_w: Any, voltage_v: Any, resistance_ohm: float) -> Any:
+    """dI/dy of the current [A/W] at a power [W] and an open-circuit voltage [V], numbers or arrays: 1/√(V² − 4 R y).
+
+    At most 10/V, for forecasts: it is infinite at the largest power that can be delivered.
 
     Source: derivative of letter, Eq. 22.
     """
-    discriminant = voltage_v**2 - 4 * resistance_ohm * power_w
-    if np.any(discriminant <= 0):
-        raise Infeasible(undeliverable(float(np.max(power_w)), voltage_v, resistance_ohm))
-    return 1.0 / np.sqrt(discriminant)
+    return 1.0 / np.maximum(_root_v(power_w, voltage_v, resistance_ohm), 0.1 * voltage_v)
+
+
+def _root_v(power_w: Any, voltage_v: Any, resistance_ohm: float) -> Any:
+    """√(V² − 4 R y) [V]; 0 beyond what can be delivered."""
+    return np.sqrt(np.maximum(voltage_v * voltage_v - 4 * resistance_ohm * power_w, 0.0))
 
 
 def max_power_w(voltage_v: Any, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> Any:
@@ -121,21 +116,6 @@ def min_voltage_v(power_w: Any, resistance_ohm: float, max_current_a: float, cut
     # V = U + R I at I = y/U, where U is at least V_cut, y/I_max and V/2, which is √(R y)
     terminal_v = np.maximum(np.maximum(power_w / max_current_a, cutoff_v), np.sqrt(resistance_ohm * power_w))
     return terminal_v + resistance_ohm * power_w / np.maximum(terminal_v, 1e-12)
-
-
-def power_at(voltage_v: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
-    """`max_power_w` of one voltage [V], without arrays; may be compiled."""
-    drop_v = max(min(voltage_v / 2, voltage_v - cutoff_v), 0.0)
-    if resistance_ohm == 0.0:
-        return voltage_v * max_current_a if drop_v > 0.0 else 0.0
-    current = min(drop_v / resistance_ohm, max_current_a)
-    return current * (voltage_v - resistance_ohm * current)
-
-
-def voltage_for(power_w: float, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> float:
-    """`min_voltage_v` of one power [W], without arrays; may be compiled."""
-    terminal_v = max(power_w / max_current_a, cutoff_v, math.sqrt(resistance_ohm * power_w))
-    return terminal_v + resistance_ohm * power_w / max(terminal_v, 1e-12)
 
 
 def soc_rate_per_s(

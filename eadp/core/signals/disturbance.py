@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import enabled, jitted
 
 MAX_SAMPLES = 1024
 """Most samples that `fit_disturbance` uses by default."""
@@ -209,9 +208,6 @@ def _likelihoods(
     steps_s: FloatArray, series: FloatArray, time_s: FloatArray, share: FloatArray, least: float
 ) -> tuple[FloatArray, FloatArray]:
     """Log-likelihood and best variance of each candidate (time_s, share): shapes (k,)."""
-    if enabled():
-        gram, log_spread = jitted(_grams)(*_turns(steps_s, time_s), series, share)
-        return _restricted(np.ascontiguousarray(gram.transpose(2, 0, 1)), log_spread, len(series), least)
     innovations, spread = _innovations(steps_s, series, time_s, share)
     root = (innovations / np.sqrt(spread)[..., np.newaxis]).transpose(1, 0, 2)
     gram = root.transpose(0, 2, 1) @ root
@@ -269,60 +265,6 @@ def _innovations(
         gain = row[:, size:] / (row[:, size] + noise)[:, np.newaxis]
         carried += gain[:, :, np.newaxis] * row[:, np.newaxis, :]
     return left[:, :, :size], left[:, :, size] + noise
-
-
-def _grams(turns: FloatArray, fade: FloatArray, series: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Σ e eᵀ/S of every candidate, shape (p + 1, p + 1, k), and Σ ln S: `_innovations` and its sums in one pass.
-
-    `turns` λΔt and `fade` e^{−λΔt} have the shape (steps, k). Fast when compiled, as the innermost loops are over the
-    candidates; `_innovations` is fast without numba.
-    """
-    count, size = series.shape
-    candidates = len(share)
-    gram, log_spread = np.zeros((size, size, candidates)), np.zeros(candidates)
-    x, row, volume = np.zeros((2, size + 2, candidates)), np.zeros((size + 2, candidates)), np.ones(candidates)
-    moves, gain, scaled = np.zeros((4, candidates)), np.zeros((3, candidates)), np.zeros(candidates)
-    for n in range(count):
-        if n:
-            for j in range(candidates):
-                t, f = turns[n - 1, j], fade[n - 1, j]
-                moves[0, j], moves[1, j], moves[2, j], moves[3, j] = (1 + t) * f, t * f, -t * f, (1 - t) * f
-            for i in range(size + 2):
-                for j in range(candidates):
-                    u, v = x[0, i, j], x[1, i, j]
-                    x[0, i, j], x[1, i, j] = moves[0, j] * u + moves[1, j] * v, moves[2, j] * u + moves[3, j] * v
-            for i in range(2):
-                for j in range(candidates):
-                    u, v = x[i, size, j], x[i, size + 1, j]
-                    x[i, size, j] = u * moves[0, j] + v * moves[1, j]
-                    x[i, size + 1, j] = u * moves[2, j] + v * moves[3, j]
-        for i in range(size):
-            for j in range(candidates):
-                row[i, j] = series[n, i] - x[0, i, j]
-        for j in range(candidates):
-            row[size, j], row[size + 1, j] = share[j] - x[0, size, j], -x[0, size + 1, j]
-            spread = row[size, j] + (1 - share[j] + _MIN_NOISE)
-            volume[j] *= spread
-            gain[0, j], gain[1, j], gain[2, j] = row[size, j] / spread, row[size + 1, j] / spread, 1 / spread
-        if n % 16 == 15 or n == count - 1:  # a logarithm takes as long as a row
-            for j in range(candidates):
-                log_spread[j] += math.log(volume[j])
-                volume[j] = 1.0
-        for i in range(size + 2):
-            for j in range(candidates):
-                x[0, i, j] += gain[0, j] * row[i, j]
-                x[1, i, j] += gain[1, j] * row[i, j]
-        for i in range(size):
-            for j in range(candidates):
-                scaled[j] = row[i, j] * gain[2, j]
-            for m in range(i + 1):
-                for j in range(candidates):
-                    gram[i, m, j] += scaled[j] * row[m, j]
-    for i in range(size):
-        for m in range(i):
-            for j in range(candidates):
-                gram[m, i, j] = gram[i, m, j]
-    return gram, log_spread
 
 
 def _scaled_transitions(turns: FloatArray, fade: FloatArray) -> FloatArray:

@@ -57,7 +57,7 @@ def end_on(
     clearance_m : float
         Infinite for an end that is certain; else within ±`margin_m` [m], from below; −inf without an end.
     """
-    compiled = jitted(_end_on, beyond_m, _on_line, _on_circle, _past_m, _on_curve, is_beyond, makes_arrays=False)
+    compiled = jitted(_end_on, makes_arrays=False)
     return compiled(*leg_numbers(leg), final, shift, radius_m, margin_m, reach_m)
 
 

@@ -8,8 +8,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.compiled import enabled, jitted
-from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes
@@ -144,43 +142,6 @@ def grown(array: A, used: int, needed: int) -> A:
     return grown
 
 
-def write_leg_times(
-    nodes: Nodes,
-    first: IntArray,
-    airspeeds_mps: FloatArray,
-    order: IntArray,
-    airspeed_mps: float,
-    wind_mps: Point,
-    known: IntArray,
-    times_s: FloatArray,
-    turning_s: FloatArray,
-) -> None:
-    """`leg_times_s` for compiled code; `known`, of shape (rows,), is where it keeps the leg that each row was first."""
-    weights_m, cosine, sine, curvature_per_m = nodes
-    wx, wy = wind_mps
-    for row in order:
-        known[row] = -1
-    for leg in range(len(order)):
-        row = order[leg]
-        if known[row] >= 0:
-            times_s[leg], turning_s[leg] = times_s[known[row]], turning_s[known[row]]
-            continue
-        known[row] = leg
-        times_s[leg] = turning_s[leg] = 0.0
-        s = airspeed_mps if math.isnan(airspeeds_mps[row]) else airspeeds_mps[row]
-        for i in range(first[row], first[row + 1]):
-            cross = wx * sine[i] - wy * cosine[i]
-            along = math.sqrt(max(s * s - cross * cross, 0.0))
-            speed = wx * cosine[i] + wy * sine[i] + along if abs(cross) < s else 0.0
-            if speed > 0.0:
-                seconds = weights_m[i] / speed
-                turn = curvature_per_m[i] * speed * speed / max(along, 1e-3 * s)
-                times_s[leg] += seconds
-                turning_s[leg] += seconds * (s * turn / GRAVITY_MPS2) ** 2
-            else:
-                times_s[leg] = math.inf
-
-
 def leg_times_s(
     nodes: Nodes, first: IntArray, airspeeds_mps: FloatArray, order: IntArray, airspeed_mps: float, wind_mps: Point
 ) -> tuple[FloatArray, FloatArray]:
@@ -197,11 +158,6 @@ def leg_times_s(
     wind_mps : (float, float)
         Wind [m/s].
     """
-    if enabled():
-        known, found = np.empty(len(airspeeds_mps), np.intp), np.empty((2, len(order)))
-        compiled = jitted(write_leg_times, makes_arrays=False)
-        compiled(nodes, first, airspeeds_mps, order, airspeed_mps, wind_mps, known, found[0], found[1])
-        return found[0], found[1]
     rows, of_leg = np.unique(order, return_inverse=True)
     counts = first[rows + 1] - first[rows]
     of_node = np.repeat(np.arange(len(rows)), counts)

@@ -98,10 +98,6 @@ def is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool
     return in_x and in_y
 
 
-WATCHING = (watched, _turned, is_beyond)
-"""`watched` and what it calls, to be compiled together."""
-
-
 def _signs(shift: Point) -> Point:
     dx, dy = shift
     return 0.0 if abs(dx) < 1e-9 else math.copysign(1, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1, dy)

@@ -18,7 +18,6 @@ from annotated_types import Ge, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
-from eadp.core.compiled import enabled, jitted
 from eadp.core.signals import forecasting
 from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
@@ -500,16 +499,6 @@ class PublishedEstimator:
     ) -> float:
         """One step each; see `ExactEstimator.observe_batch`."""
         power_w = np.array(motion_w, dtype=float)
-        if enabled() and not np.isnan(power_w).any():
-            states, clock = np.zeros((len(power_w), len(self._state) + 2)), (self._lap_started_s, self._lap_s)
-            periods_s, forecasts_w = jitted(_published)(
-                np.array(self._state), *clock, self._time_s, np.array(times_s), power_w, states
-            )
-            self._lap_s = self.period_s = float(periods_s[-1])
-            self._state, self._time_s = states[-1, :-2].tolist(), times_s[-1]
-            if record is not None:
-                record.append(Estimates(times_s, periods_s.tolist(), 1.0, forecasts_w, states))
-            return float(forecasts_w[-1])
         periods, forecasts, known = array("d"), array("d"), array("d")
         for time_s, value in zip(times_s, power_w.tolist(), strict=True):
             forecasts.append(self.observe(time_s, None if math.isnan(value) else value))
@@ -553,43 +542,6 @@ class PublishedEstimator:
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
         return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
-
-
-def _published(
-    state: FloatArray,
-    started_s: float,
-    lap_s: float,
-    time_s: float,
-    times_s: FloatArray,
-    motion_w: FloatArray,
-    states: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """`PublishedEstimator.observe` for compiled code: fill in the states; return periods and forecasts."""
-    periods_s, forecasts_w = np.empty(len(times_s)), np.empty(len(times_s))
-    for n in range(len(times_s)):
-        lap_s, step_s, time_s = max(lap_s, times_s[n] - started_s), times_s[n] - time_s, times_s[n]
-        step_s = math.floor(step_s * 1e9 + 0.5) / 1e9
-        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
-        turn = 2 * math.pi / lap_s * (step_s / steps)
-        expected = state[0]
-        total, count = 1.0, 1.0
-        for i in range(1, len(state), 2):
-            j = (i + 1) // 2
-            for _ in range(steps):
-                state[i], state[i + 1] = state[i] + turn * j * state[i + 1], state[i + 1] - turn * j * state[i]
-            expected += state[i]
-            total, count = total + 1 + turn * j, count + 1
-        # see `_published_gain`: the row C has a 1 for the level and for each harmonic's first part
-        scale, error = total * total + count * count + 1.0, motion_w[n] - expected
-        state[0] += (total + count) / scale * error
-        for i in range(1, len(state), 2):
-            j = (i + 1) // 2
-            state[i] += ((1 + turn * j) * total + count) / scale * error
-            state[i + 1] += ((1 - turn * j) * total + count) / scale * error
-        periods_s[n], forecasts_w[n] = lap_s, expected
-        for i in range(len(state)):
-            states[n, i] = state[i]
-    return periods_s, forecasts_w
 
 
 Estimator = ExactEstimator | PublishedEstimator

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.compiled import in_loops, jitted
 from eadp.core.signals import forecasting
-from eadp.core.signals.kalman import predict, product, update
-from eadp.core.signals.riccati import MAPPING, applied, composed, step_map
+from eadp.core.signals.kalman import predict, update
+from eadp.core.signals.riccati import applied, composed, step_map
 
 BLOCK_DOUBLINGS = 4
 BLOCK = 2**BLOCK_DOUBLINGS
@@ -68,7 +67,6 @@ class EnergyFilter:
         self._gain = np.zeros(len(state))
         self._maps: tuple[FloatArray, ...] = ()
         self._held = STEPPING
-        self._blocks = jitted(_in_blocks, _held, _gain, applied, *MAPPING)
 
     @property
     def covariance(self) -> FloatArray:
@@ -112,7 +110,7 @@ class EnergyFilter:
         """Update with a reading."""
         self._step_by_step()
         variance = self._dynamics.noise_w**2
-        self.state, self._covariance = jitted(update)(self.state, self._covariance, self._output, measured_w, variance)
+        self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
 
     def follow(self, step_s: float, measured_w: float) -> float:
         """Predict over a step, update with a reading, and return its forecast [W]."""
@@ -154,19 +152,25 @@ class EnergyFilter:
             before, self._gain = self._gain, self._gain_now()
             if (settling or n > 1) and self._change(before) < SETTLED:
                 self._hold()
-        if n < len(measured_w):
-            moving = self.state, self._covariance, self._gain, self._held
-            model = self._transition, self._output, self._dynamics.noise_w**2, self._maps[-1]
-            self._covariance, self._gain, self._held = self._blocks(
-                *moving, *model, measured_w[n:], forecasts_w[n:], states[n:]
-            )
-            self.state = states[-1].copy()
+        while n < len(measured_w):
+            end = min(len(measured_w), n + BLOCK - self._held)
+            self._follow_held(measured_w[n:end], forecasts_w[n:end], states[n:end])
+            n = end
+
+    def _follow_held(self, measured_w: FloatArray, forecasts_w: FloatArray, states: FloatArray) -> None:
+        """Take readings with the gain held, up to the end of its block."""
+        for n, value in enumerate(measured_w):
+            state = self._transition @ self.state
+            forecasts_w[n] = expected = np.dot(self._output, state)
+            states[n] = self.state = state + self._gain * (value - expected)
+        self._held += len(measured_w)
+        if self._held == BLOCK:
+            self._covariance, self._held = applied(self._maps[-1], self._covariance), 0
+            self._gain = self._gain_now()
 
     def _take(self, measured_w: float) -> float:
         """Predict and correct with a reading; return its forecast [W]."""
-        self.state, self._covariance = jitted(predict, product)(
-            self.state, self._covariance, self._transition, self._noise
-        )
+        self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
         expected = self.expected_w()
         self.correct(measured_w)
         return expected
@@ -177,7 +181,8 @@ class EnergyFilter:
             self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
 
     def _gain_now(self) -> FloatArray:
-        return _gain(self._covariance, self._output, self._dynamics.noise_w**2)
+        # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
+        return self._covariance @ self._output / self._dynamics.noise_w**2
 
     def _change(self, before: FloatArray) -> float:
         """Largest change of the correlation of a state with a reading."""
@@ -188,110 +193,16 @@ class EnergyFilter:
         """Hold the gain, and compose the maps of 1, 2, 4, … steps."""
         maps = [step_map(self._transition, self._noise, self._output, self._dynamics.noise_w**2)]
         for _ in range(BLOCK_DOUBLINGS):
-            maps.append(jitted(composed, *MAPPING)(maps[-1], maps[-1]))
+            maps.append(composed(maps[-1], maps[-1]))
         self._maps, self._held = tuple(maps), 0
 
     def _catch_up(self) -> None:
         """Update the covariance for the readings that the state has already taken."""
         for k, powers in enumerate(self._maps):
             if self._held > 0 and self._held >> k & 1:
-                self._covariance = jitted(applied, *MAPPING)(powers, self._covariance)
+                self._covariance = applied(powers, self._covariance)
         self._held = min(self._held, 0)
 
     def _step_by_step(self) -> None:
         self._catch_up()
         self._held = STEPPING
-
-
-def _in_blocks(
-    state: FloatArray,
-    covariance: FloatArray,
-    gain: FloatArray,
-    held: int,
-    transition: FloatArray,
-    output: FloatArray,
-    variance: float,
-    block: FloatArray,
-    measured_w: FloatArray,
-    forecasts_w: FloatArray,
-    states: FloatArray,
-) -> tuple[FloatArray, FloatArray, int]:
-    """Take evenly spaced readings with the gain held, `block` the map of one, and fill in forecasts and states.
-
-    `held` is how many readings of its block the covariance has still to pass; returns what else changes.
-    """
-    n, count = 0, len(measured_w)
-    while n < count:
-        end = min(count, n + BLOCK - held)
-        _held(
-            transition,
-            output,
-            gain,
-            state if n == 0 else states[n - 1],
-            measured_w[n:end],
-            forecasts_w[n:end],
-            states[n:end],
-        )
-        held, n = held + end - n, end
-        if held == BLOCK:
-            covariance, held = applied(block, covariance), 0
-            gain = _gain(covariance, output, variance)
-    return covariance, gain, held
-
-
-def _gain_in_loops(covariance: FloatArray, output: FloatArray, variance: float) -> FloatArray:
-    gain = np.zeros(len(output))
-    for i in range(len(output)):
-        for k in range(len(output)):
-            gain[i] += covariance[i, k] * output[k]
-        gain[i] /= variance
-    return gain
-
-
-@in_loops(_gain_in_loops)
-def _gain(covariance: FloatArray, output: FloatArray, variance: float) -> FloatArray:
-    # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
-    return covariance @ output / variance
-
-
-def _held_in_loops(
-    transition: FloatArray,
-    output: FloatArray,
-    gain: FloatArray,
-    state: FloatArray,
-    measured_w: FloatArray,
-    forecasts_w: FloatArray,
-    states: FloatArray,
-) -> None:
-    """`_held` for a transition of one number and blocks of two, which is what `EnergyDynamics` has."""
-    before = state
-    for n in range(len(measured_w)):
-        now = states[n]
-        now[0] = transition[0, 0] * before[0]
-        expected = output[0] * now[0]
-        for i in range(1, len(now), 2):
-            a, b = before[i], before[i + 1]
-            now[i] = transition[i, i] * a + transition[i, i + 1] * b
-            now[i + 1] = transition[i + 1, i] * a + transition[i + 1, i + 1] * b
-            expected += output[i] * now[i] + output[i + 1] * now[i + 1]
-        error = measured_w[n] - expected
-        for i in range(len(now)):
-            now[i] += gain[i] * error
-        forecasts_w[n], before = expected, now
-
-
-@in_loops(_held_in_loops)
-def _held(
-    transition: FloatArray,
-    output: FloatArray,
-    gain: FloatArray,
-    state: FloatArray,
-    measured_w: FloatArray,
-    forecasts_w: FloatArray,
-    states: FloatArray,
-) -> None:
-    """Fill in the forecasts of readings with the gain held [W], and the states after them."""
-    for n, value in enumerate(measured_w):
-        state = transition @ state
-        forecasts_w[n] = expected = np.dot(output, state)
-        states[n] = state = state + gain * (value - expected)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.core.flight.battery import drains_per_s, max_power_w, min_voltage_v
+from eadp.core.flight.battery import drain_per_s, max_power_w, min_voltage_v
 from eadp.models.battery import Battery
 from eadp.models.plan.route_arrays import RouteArrays
 
@@ -102,7 +102,7 @@ def power_limits(
     volts = empty_v + rise_v * np.maximum(floor, 0.0)[legs.place]
     charge_end = volts
     for _ in range(3 if rise_v != 0.0 else 1):
-        taken = times_s * drains_per_s(highest_w, volts, b.resistance_ohm, 1.0) * per_as
+        taken = times_s * drain_per_s(highest_w, volts, b.resistance_ohm, 1.0) * per_as
         scale = np.minimum(1.0, (soc - floor) / np.maximum(legs.sums(taken), 1e-12))
         taken = taken * scale[legs.place]
         charge_end = soc - legs.running(taken)
@@ -113,7 +113,7 @@ def power_limits(
         allowed = np.minimum(deliverable, np.maximum(charge_end, 0.0) * b.power_per_soc_w)
     beyond = base_w - float(max_power_w(empty_v + rise_v * soc, *limits))
     # at the end of each leg at minimum power, as states of charge at the end of the route
-    base_use = times_s * drains_per_s(load.motion_w + load.min_w, volts, b.resistance_ohm, 1.0) * per_as
+    base_use = times_s * drain_per_s(load.motion_w + load.min_w, volts, b.resistance_ohm, 1.0) * per_as
     later_use = legs.sums(base_use)[legs.place] - legs.running(base_use)
     room_w = allowed - load.peak_w
     greatest = np.maximum.reduceat

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
@@ -384,7 +384,7 @@ class Evaluator:
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
         battery = self.mission.battery
         volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-        drain = drains_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
+        drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
         then = after_drain(known.charge.filtered, drain)
         use_ratio = (known.soc - then[0]) / np.maximum(drain, 1e-12)
         return Totals(seconds, time_var, energy_var, use_ratio, then[3] + 0 * drain, mean_w, seconds)
@@ -403,7 +403,7 @@ class Evaluator:
         battery, table = self.mission.battery, self.envelopes.table
         powers_w, values = table.powers_w[kinds], table.values[kinds]
         per_as = (battery.drain_per_as * totals.use_ratio)[legs.place]
-        drains = drains_per_s(load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0)
+        drains = drain_per_s(load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0)
         use = drains * (load.times_s * per_as)[:, None]
         base_value = base + legs.sums(weight * values[:, 0])
         gain = np.diff(values, axis=1) * weight[:, None]

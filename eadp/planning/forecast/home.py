@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.planning.base import HOME_RADII
 from eadp.planning.forecast.evaluate import Evaluation
@@ -43,7 +43,7 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
-    drain = float(drains_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
+    drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
     motion, losses = known.motion, objective.losses_per_s * seconds
     energy_var = seconds**2 * motion.var_level + motion.noise * seconds

@@ -26,37 +26,18 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
-from eadp.core.flight.battery import drains_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.harmonics import rotated
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
-from eadp.planning.paper.kernels import (
-    BATTERYS,
-    BOUND,
-    DROP,
-    FEASIBLE_W,
-    FLOOR_SLACK,
-    GRADIENT,
-    LETTERS,
-    LIMIT,
-    MADE,
-    MIN_REACH,
-    MIXTURE_W,
-    NO_LIMIT,
-    SCALE,
-    SPARE,
-    UNDELIVERABLE,
-    VALUE,
-    kernels,
-)
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 CONTROL, POWER, QUADRATIC, OUTPUT = "control", "power", "quadratic", "output"
@@ -69,6 +50,18 @@ OPTIMAL = 1e-6
 
 LAST_MULTIPLIER = np.zeros(1)
 """Multiplier of the step that a horizon gains at its end."""
+
+FEASIBLE_W = 1e-6
+"""Excess of power that counts as rounding [W]."""
+
+FLOOR_SLACK = 1e-4
+"""Tolerance, as a share of the span of power, within which a relaxed power counts as its next level above."""
+
+MIN_REACH = 1e-5
+"""Smallest scaling of a variable."""
+
+UNDELIVERABLE = 1e6
+"""Charge that a power takes which the battery cannot deliver: more than there is."""
 
 CHOICES = 4096
 """Maximum number of combinations of levels; above it, every second level of the longest list is dropped."""
@@ -233,20 +226,18 @@ class _Mixture:
     def __init__(self, vertices: Sequence[Sequence[int]], powers_w: FloatArray, report: SolverReport) -> None:
         steps = len(vertices)
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
-        self.variables: IntArray = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
-        self.step, self.low, self.high = self.variables
+        variables: IntArray = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
+        self.step, low, high = variables
         self.size, each = len(pairs), np.arange(len(pairs))
         # entries of the table and of the rows, by their places
-        self.below, self.above = (self.step * len(powers_w) + end for end in (self.low, self.high))
+        self.below, self.above = (self.step * len(powers_w) + end for end in (low, high))
         self.own = self.step * len(pairs) + each
-        self.rises_w = powers_w[self.high] - powers_w[self.low]
+        self.rises_w = powers_w[high] - powers_w[low]
         self.until = (self.step <= np.arange(steps)[:, None]).astype(float)
         filled = np.vstack([np.eye(self.size), self.until]) > 0
         self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
         self.matrix = np.vstack([np.eye(self.size), np.zeros((steps, self.size))])
         self.lower = np.concatenate([np.zeros(self.size), np.full(steps, -UNBOUNDED)])
-        # what the loops fill
-        self.vectors, self.z, self.multipliers = np.zeros((3, self.size + steps)), np.zeros(self.size), np.zeros(steps)
         # the same variables a step later
         self.shifts = all(list(own) == list(vertices[0]) for own in vertices)
         per_step = self.size // steps
@@ -296,9 +287,7 @@ class Horizon:
         self._delivered_w = float(battery.max_power_w(battery.voltage_v))
         self._cost = cost or HorizonCost()
         self._report = report or SolverReport()
-        self._rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, len(computations.low))
-        self._min_rows = np.array([r for _, r in trade_offs], dtype=float)
-        self.choices, self.powers_w = self._listed()
+        self.choices, self.powers_w = self._listed(trade_offs)
         self._span_w = float(self.powers_w[-1] - self.powers_w[0]) if len(self.powers_w) > 1 else 0.0
         u = self._controls()
         r = _square(self._cost.control_weights, u.shape[1])
@@ -315,20 +304,13 @@ class Horizon:
         self._constant_shape = self._shape_of(self._constant) if len(self.choices) else _Shape(True, True)
         self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
         self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
-        self._kernels = kernels()
-        self._nothing = _Mixture([[0]] * steps, self.powers_w, self._report)
-        # what the loops take and fill
-        b = battery
-        self._constants = b.voltage_v, b.resistance_ohm, b.drain_per_as, self._delivered_w, b.power_per_soc_w
-        self._limited = b.letter_crate_per_h is not None
-        self._table = np.zeros((3, steps, len(self.choices)))
-        self._table[VALUE] = self._constant
-        self._numbers, self._places = np.zeros((4, steps)), np.zeros((3, steps), dtype=np.intp)
 
-    def _listed(self) -> tuple[FloatArray, FloatArray]:
+    def _listed(self, trade_offs: Sequence[tuple[Sequence[float], float]]) -> tuple[FloatArray, FloatArray]:
         """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
         choices = np.array(list(itertools.product(*thinned(self._c.levels, CHOICES))), dtype=float)
-        choices = choices[(choices @ self._rows.T >= self._min_rows - 1e-9 * (1 + np.abs(self._min_rows))).all(axis=1)]
+        rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, len(self._c.low))
+        least = np.array([r for _, r in trade_offs], dtype=float)
+        choices = choices[(choices @ rows.T >= least - 1e-9 * (1 + np.abs(least))).all(axis=1)]
         powers = np.array([self._c.power(choice.tolist()) for choice in choices], dtype=float)
         order = np.argsort(powers, kind="stable")
         return choices[order], powers[order]
@@ -355,7 +337,7 @@ class Horizon:
         """Value, use of charge and limit of every choice at every step."""
         b, p, values = self._battery, self.powers_w, self._values(forecast)
         power = forecast.mean_motion_w[:, None] + p
-        drop = drains_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
+        drop = drain_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
         deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
         if not deliverable:
             drop[power > self._delivered_w] = UNDELIVERABLE
@@ -417,8 +399,6 @@ class Horizon:
         """
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
-        if self._kernels:
-            return self._solved_in_loops(forecast)
         table = self.table(forecast)
         _require(table.least)
         shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
@@ -437,67 +417,6 @@ class Horizon:
         chosen, chosen_w = self.choices[made], self.powers_w[made]
         return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept is not None, limit)
 
-    def _solved_in_loops(self, forecast: HorizonForecast) -> HorizonSolution:
-        """`solve` in compiled code: in one call where the last solution is kept, and its mixture needs no table."""
-        values, shape = self._values(forecast), self._constant_shape
-        if values is not self._constant:
-            self._table[VALUE], shape = values, self._shape_of(values)
-        mixture = self._mixtures.get(None) if shape.straight else None
-        early = mixture is not None and self._follows(mixture)
-        first = mixture if mixture is not None and early else self._nothing
-        kept, deliverable, least, *found = self._planned(forecast, first, shape, tabling=True, proving=early)
-        _require(least)
-        iterations = 0
-        if not kept or not early:
-            drop, limit = self._table[DROP], self._table[LIMIT]
-            table = _Table(values, drop, limit, deliverable, self._numbers[SPARE], least)
-            mixture = self._mixture(table, shape.straight)
-            kept = mixture is not first and self._follows(mixture)
-            if kept:
-                kept, _, _, *found = self._planned(forecast, mixture, shape, proving=True)
-            if not kept:
-                iterations = self._optimised(mixture)
-                _, _, _, *found = self._planned(forecast, mixture, shape)
-            self._last = mixture, mixture.z, mixture.multipliers
-        objective, bound, above = found
-        made, power_w = self._places[MADE], self._numbers[MIXTURE_W].copy()
-        chosen, chosen_w = self.choices.take(made, axis=0), self.powers_w.take(made)
-        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept, self._named(above))
-
-    def _planned(
-        self,
-        forecast: HorizonForecast,
-        mixture: _Mixture,
-        shape: _Shape,
-        *,
-        tabling: bool = False,
-        proving: bool = False,
-    ) -> tuple[Any, ...]:
-        """`kernels.planned`."""
-        assert self._kernels is not None
-        motion = forecast.limit_motion_w, forecast.mean_motion_w, forecast.soc, forecast.step_s
-        steps = self.powers_w, self._table, self._numbers, self._places
-        last = mixture.variables, mixture.z, mixture.multipliers
-        rest = self._limited, shape.rising, OPTIMAL
-        result: tuple[Any, ...] = self._kernels.planned(
-            tabling, proving, *motion, *steps, *last, *self._constants, *rest
-        )
-        return result
-
-    def _optimised(self, mixture: _Mixture) -> int:
-        """`_solved` in compiled code: the solution becomes the mixture's last; returns the iterations."""
-        if mixture.program is None or self._kernels is None:
-            mixture.multipliers[:] = 0.0
-            return 0
-        vectors, size = mixture.vectors, mixture.size
-        largest = self._kernels.scaled(mixture.variables, self._table, self._numbers, mixture.matrix, vectors)
-        last = self._shifted(mixture)
-        centre = np.zeros(size) if last is None else last / vectors[SCALE, :size]
-        gradient, upper = vectors[GRADIENT, :size], vectors[BOUND]
-        x, y, iterations = mixture.program.solve(gradient, mixture.matrix, mixture.lower, upper, centre)
-        self._kernels.unscaled(x, y, vectors, largest, mixture.z, mixture.multipliers)
-        return iterations
-
     def _follows(self, mixture: _Mixture) -> bool:
         """Whether the last solution mixed the same levels, and may be shifted by a step."""
         return self._last is not None and self._last[0] is mixture and mixture.shifts
@@ -512,17 +431,12 @@ class Horizon:
         at = self._at + above
         drop = table.drop.take(at)
         if not table.deliverable and (drop >= UNDELIVERABLE).any():
-            return self._named(BATTERYS)
+            return self._battery.limit_at(self._battery.voltage_v)
         if self._battery.letter_crate_per_h is None:
             return None
         taken = table.drop.take(self._at + made)
         short = table.limit.take(at) > soc - (taken.cumsum() - taken + drop)
-        return self._named(LETTERS if short.any() else NO_LIMIT)
-
-    def _named(self, limit: int) -> str | None:
-        if limit == BATTERYS:
-            return self._battery.limit_at(self._battery.voltage_v)
-        return LETTER if limit == LETTERS else None
+        return LETTER if short.any() else None
 
     def _shape_of(self, value: FloatArray) -> _Shape:
         p = self.powers_w

@@ -11,11 +11,12 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
+from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
+from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
@@ -42,7 +43,6 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
-from eadp.planning.paper.kernels import kernels
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
@@ -156,17 +156,12 @@ class PaperPlanner(TrackingPlanner):
         self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
         self._flown_path = mission.parameters[: self._rho]
         self._computing_plan_w: FloatArray = np.zeros(0)
-        self._instants_s: FloatArray = np.zeros(0)
-        self._ahead_s: FloatArray = np.zeros(0)
-        self._rows: dict[str, tuple[tuple[float | None, ...], FloatArray]] = {}
         stages = mission.plan.stages
         # a number for the computations' sets of each stage: equal sets have one horizon
         numbers: dict[tuple[Box, ...], int] = {}
         self._computation_sets = [numbers.setdefault(x.sets[self._rho :], len(numbers)) for x in stages]
         self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
-        self._delivered_w: dict[float, float] = {}
         self._lasting_s: dict[float, float] = {}
-        self._kernels, self._lasting = kernels(), compiled.jitted(_lasting, _crossing_s)
 
     @classmethod
     def faults(
@@ -363,25 +358,12 @@ class PaperPlanner(TrackingPlanner):
 
     def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
         every_s = self._settings.every_s
-        if len(self._instants_s) != steps * SAMPLES_PER_STEP:
-            self._instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
+        instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
-        if self._kernels:
-            limit, mean = motion = np.empty((2, steps))
-            self._kernels.stepped(*self._read_off("horizon", self._instants_s), worst, motion)
-        else:
-            motion = self._estimator.forecast(self._instants_s).reshape(steps, SAMPLES_PER_STEP)
-            limit = motion.max(axis=1) if worst else motion[:, -1]
-            mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
+        motion = self._estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
+        limit = motion.max(axis=1) if worst else motion[:, -1]
+        mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
         return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
-
-    def _read_off(self, what: str, ahead_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What reads the motion's power at instants off the state, kept for as many, and the state."""
-        known = self._estimator.estimate(0.0, 0.0)
-        key = known.period_s, known.disturbance_s, len(known.state), len(ahead_s)
-        if what not in self._rows or self._rows[what][0] != key:
-            self._rows[what] = key, known.power_rows(ahead_s)
-        return self._rows[what][1], known.state
 
     # --- path
 
@@ -494,32 +476,16 @@ class PaperPlanner(TrackingPlanner):
         spare = o.soc - self._settings.reserve_soc
         if spare <= 0:
             return 0.0
-        b = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
-        if b.voltage_v not in self._delivered_w:
-            self._delivered_w[b.voltage_v] = float(b.max_power_w(b.voltage_v))
-        every_s, step_s = self._settings.every_s, LOOK_AHEAD_STEP_S
-        head = max(1, round(len(self._computing_plan_w) * every_s / step_s))
+        every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
+        head = max(1, round(len(computing_w) * every_s / step_s))
         count = head + max(1, round((self.period_s or step_s) / step_s))
-        if len(self._ahead_s) != count:
-            self._ahead_s = np.arange(0.5, count) * step_s
-        motion_w: FloatArray | list[float]
-        if self._kernels:
-            motion_w = np.dot(*self._read_off("ahead", self._ahead_s))
-        else:
-            motion_w = self._estimator.forecast(self._ahead_s).tolist()
-        return self._lasting(
-            motion_w,
-            self._computing_plan_w if self._kernels else self._computing_plan_w.tolist(),
-            self._gained_w(parameters[: self._rho], self._flown_path),
-            head,
-            max(1, round(every_s / step_s)),
-            step_s,
-            spare,
-            b.voltage_v,
-            b.resistance_ohm,
-            self._delivered_w[b.voltage_v],
-            b.k_b_per_s * step_s / b.capacity_ah,
-        )
+        of_step = np.arange(count) // max(1, round(every_s / step_s))
+        of_step[head:] = len(computing_w) - 1
+        motion_w = self._estimator.forecast(np.arange(0.5, count) * step_s)
+        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
+        power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[np.minimum(of_step, len(computing_w) - 1)]
+        battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
+        return _lasting_s(power_w, head, step_s, spare, battery)
 
 
 def _matrix_fault(rows: Matrix, size: int) -> str:
@@ -536,54 +502,36 @@ def _matrix_fault(rows: Matrix, size: int) -> str:
     return f"has the eigenvalue {lowest:.4g}, below 0" if lowest < -ROUNDING * scale else ""
 
 
-def _lasting(
-    motion_w: Sequence[float] | FloatArray,
-    computing_w: Sequence[float] | FloatArray,
-    gained_w: float,
-    head: int,
-    repeat: int,
-    step_s: float,
-    spare: float,
-    voltage_v: float,
-    resistance_ohm: float,
-    delivered_w: float,
-    per_a: float,
-) -> float:
-    """Time that a charge lasts [s]: `head` steps, then the period after them again and again; 0 beyond `delivered_w`.
+def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, battery: Battery) -> float:
+    """Time that a charge lasts [s] under a power at each step [W]; 0 beyond the power that the battery delivers.
 
-    The motion's power is that of each step, the computations' of each `repeat` of the head's, the last held; `per_a` is
-    the charge that an ampere takes in a step. Source: letter, Eq. 22 and Lem. III.3.
+    The first `head` steps are flown once, and those after them, which are a period, again and again.
+
+    Source: letter, Eq. 22 and Lem. III.3.
     """
-    drops, total, steps = [0.0] * len(motion_w), 0.0, len(computing_w)
-    for k in range(len(motion_w)):
-        own = k // repeat if k < head and k // repeat < steps else steps - 1
-        power_w = max(motion_w[k] + gained_w, 0.0) + computing_w[own]
-        squared = voltage_v * voltage_v - 4 * resistance_ohm * power_w
-        if power_w > delivered_w or squared < 0:
-            return 0.0
-        total += 2 * power_w / (voltage_v + math.sqrt(squared)) * per_a
-        drops[k] = total
-    if total >= spare:
-        return _crossing_s(drops, 0, 0.0, spare, step_s)
-    first = drops[head - 1]
-    one_period = total - first
+    if (power_w > battery.max_power_w(battery.voltage_v)).any():
+        return 0.0
+    currents_a = drain_per_s(power_w, battery.voltage_v, battery.resistance_ohm, 1.0)
+    drops = (currents_a * (battery.k_b_per_s * step_s / battery.capacity_ah)).cumsum()
+    if drops[-1] >= spare:
+        return _crossing_s(drops, spare, step_s)
+    first = float(drops[head - 1])
+    one_period = float(drops[-1]) - first
     if one_period <= 0:
         return math.inf
     whole = float(np.floor((spare - first) / one_period))
     rest = spare - first - whole * one_period
-    periods_s = whole * (len(motion_w) - head) * step_s
-    return head * step_s + periods_s + _crossing_s(drops, head, first, rest, step_s)
+    periods_s = whole * (len(power_w) - head) * step_s
+    return head * step_s + periods_s + _crossing_s(drops[head:] - first, rest, step_s)
 
 
-def _crossing_s(drops: Sequence[float], head: int, first: float, spare: float, step_s: float) -> float:
-    """Time after `head` steps at which a growing sum, less `first`, reaches a value: linear within the step [s]."""
-    before = 0.0
-    for k in range(head, len(drops)):
-        after = drops[k] - first
-        if after >= spare:
-            return (k - head + (spare - before) / (after - before)) * step_s
-        before = after
-    return (len(drops) - head) * step_s
+def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
+    """Time at which a growing sum, that at the end of each step, reaches a value: linear within the step [s]."""
+    k = int(np.searchsorted(sums, value))
+    if k == len(sums):
+        return len(sums) * step_s
+    before = float(sums[k - 1]) if k else 0.0
+    return (k + (value - before) / (float(sums[k]) - before)) * step_s
 
 
 def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float, float] | None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.core import compiled
 from eadp.core.geometry.tracks import Nodes
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -40,10 +39,7 @@ def time_s(nodes, airspeed_mps):
     return total
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_rows_stay_as_they_are_while_the_table_grows(fast):
-    if fast and not compiled.available():
-        pytest.skip("eadp[fast] is not installed")
+def test_rows_stay_as_they_are_while_the_table_grows():
     rng, plan = np.random.default_rng(3), survey()
     table, expected = LegTable(plan), []
     slower = replace(plan.stages[1], airspeed_mps=12.0)
@@ -59,11 +55,7 @@ def test_rows_stay_as_they_are_while_the_table_grows(fast):
             assert table.rows.stages[: row + 1].tolist() == [stage for stage, *_ in expected]
     order = rng.integers(0, 60, 200)
     rows = table.rows
-    compiled.enable(fast)
-    try:
-        times, _ = leg_times_s(*rows[:3], order, AIRSPEED, WIND)
-    finally:
-        compiled.enable(False)
+    times, _ = leg_times_s(*rows[:3], order, AIRSPEED, WIND)
     stages, free, shares, seconds = (np.array(column)[order] for column in zip(*expected, strict=True))
     assert (rows.stages[order] == stages).all()
     assert (rows.free[order, 0] == free).all()

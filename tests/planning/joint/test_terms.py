@@ -11,7 +11,6 @@ import pytest
 from common.routes import Tracked
 from scipy.optimize import brentq, linprog
 
-from eadp.core import compiled
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
@@ -235,27 +234,6 @@ def test_the_base_is_every_leg_at_minimum_power(name):
     assert terms.increments.base_use == pytest.approx(least, rel=it.algebra)
     assert terms.beyond_w == 0
     assert len(terms.envelopes) == len(it.route.legs)
-
-
-@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
-@pytest.mark.parametrize("name", CASES)
-def test_compiled_terms_are_the_plain_ones(name):
-    it = CASES[name]()
-    plain, wind = it.terms(), (3.0, -4.0)
-    times = it.route.times_s(15.0, wind)
-    compiled.enable()
-    try:
-        fast, fast_times = it.terms(), it.route.times_s(15.0, wind)
-    finally:
-        compiled.enable(False)
-    assert np.array(fast_times) == pytest.approx(np.array(times), rel=ALGEBRA)
-    for name in ("use", "gain", "base_use", "base_value"):
-        assert getattr(fast.increments, name) == pytest.approx(getattr(plain.increments, name), rel=ALGEBRA, abs=1e-15)
-    for name in ("segment", "level"):
-        assert (getattr(fast.increments, name) == getattr(plain.increments, name)).all()
-    for name in ("soc_per_j", "mean_w", "beyond_w", "min_soc"):
-        assert getattr(fast, name) == pytest.approx(getattr(plain, name), rel=ALGEBRA)
-    assert (fast.kind_of == plain.kind_of).all()
 
 
 @pytest.mark.parametrize("name", CASES)

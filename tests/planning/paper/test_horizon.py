@@ -16,12 +16,9 @@ from branch_and_bound import best_levels
 from broken_osqp import BROKEN
 from scipy.optimize import linprog
 
-from eadp.core import compiled
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.base import SolverReport
-from eadp.planning.paper import horizon as horizon_module
-from eadp.planning.paper import kernels
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
 from eadp.planning.qp import OsqpSolver
 
@@ -38,14 +35,6 @@ def quiet(capfd):
     """Nothing is printed, by Python or by the solver's C code."""
     yield
     assert capfd.readouterr().out == ""
-
-
-@pytest.fixture(autouse=True, params=["arrays", "loops"])
-def form(request, monkeypatch):
-    """Both forms of what is done with arrays; the loops as plain Python."""
-    if request.param == "loops":
-        loops = kernels.Kernels(**{name: getattr(kernels, name) for name in kernels.Kernels._fields})
-        monkeypatch.setattr(horizon_module, "kernels", lambda: loops)
 
 
 # --- a model independent of the package
@@ -565,32 +554,6 @@ def test_nothing_to_gain_is_no_trouble(cost):
         found = easy(cost, soc=0.9)
         plan = Horizon(computations, found.battery, found.steps, HorizonCost(cost)).solve(found.forecast)
         assert plan.gap == pytest.approx(0.0, abs=EXACT)
-
-
-@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
-@pytest.mark.parametrize("cost", COSTS)
-def test_compiled_horizons_choose_as_plain_ones(cost):
-    rng, compared = np.random.default_rng([31, COSTS.index(cost)]), 0
-    for _ in range(20):
-        found = case(rng, two_computations(rng), 10, cost, tight=False)
-        compiled.enable()
-        try:
-            horizons = [found.horizon()]
-        finally:
-            compiled.enable(False)
-        horizons.append(found.horizon())
-        for _ in range(3):
-            try:
-                plan, same = (horizon.solve(found.forecast) for horizon in horizons)
-            except Infeasible:
-                break
-            assert np.array_equal(same.chosen, plan.chosen)
-            assert (same.kept, same.battery_limit) == (plan.kept, plan.battery_limit)
-            assert same.objective == pytest.approx(plan.objective, rel=EXACT)
-            assert same.bound == pytest.approx(plan.bound, rel=1e-6)  # OSQP's tolerance
-            compared += 1
-            found.with_charge(found.forecast.soc * rng.uniform(0.95, 1.0))
-    assert compared > 5
 
 
 # --- the fallback

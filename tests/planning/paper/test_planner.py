@@ -9,18 +9,14 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.core import compiled
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
-from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, Observation, PlannerSettings, TradeOff
+from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.paper import kernels
-from eadp.planning.paper import planner as planner_module
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting, _matrix_fault
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s, _matrix_fault
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
@@ -110,7 +106,24 @@ def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, s
 @pytest.mark.parametrize(("spare", "time_s"), [(0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 4.0), (5.5, 5.25), (9.0, 6.0)])
 def test_where_a_sum_crosses_a_value(spare, time_s):
     """After 2, 4 and 6 s the sum is 1, 3 and 7: linear between, and held after."""
-    assert _crossing_s([1.0, 3.0, 7.0], 0, 0.0, spare, 2.0) == pytest.approx(time_s)
+    assert _crossing_s(np.array([1.0, 3.0, 7.0]), spare, 2.0) == pytest.approx(time_s)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_how_long_a_charge_lasts(seed):
+    """Second by second: the head once, then its period again and again, each at the letter's current."""
+    rng = np.random.default_rng(seed)
+    battery = Battery(14.8, 0.05, 10 ** rng.uniform(-1, 0.5))
+    power_w, head, spare = rng.uniform(5.0, 60.0, 40), int(rng.integers(1, 30)), rng.uniform(0.01, 0.3)
+    drained, seconds = 0.0, 0
+    while drained < spare:
+        at = seconds if seconds < head else head + (seconds - head) % (len(power_w) - head)
+        step = -battery.rate_per_s(power_w[at])
+        drained, seconds = drained + step, seconds + 1
+    expected = seconds - (drained - spare) / step
+    assert _lasting_s(power_w, head, 1.0, spare, battery) == pytest.approx(expected, rel=1e-9)
+    power_w[int(rng.integers(len(power_w)))] = 1100.0
+    assert _lasting_s(power_w, head, 1.0, spare, battery) == 0.0, "V²/(4R) is 1095 W"
 
 
 def test_stages_with_other_fixed_computations_have_powers_of_their_own():
@@ -127,34 +140,3 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
         assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])
         assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
         assert (first is second) == (fixed == 5)
-
-
-@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
-@pytest.mark.parametrize("seed", range(20))
-def test_a_charge_lasts_as_long_compiled_as_plain(seed):
-    rng = np.random.default_rng(seed)
-    motion, plan = rng.normal(3.0, 4.0, 50), rng.uniform(0.0, 10.0, 6)
-    rest = (rng.normal(), 6, 1, 1.0, 10 ** rng.uniform(-4, 0), 14.8, 0.05, rng.choice([17.0, 1095.0]), 1e-4)
-    compiled.enable()
-    try:
-        lasting = compiled.jitted(_lasting, _crossing_s)(motion, plan, *rest)
-    finally:
-        compiled.enable(False)
-    assert lasting == _lasting(motion.tolist(), plan.tolist(), *rest)
-
-
-@pytest.mark.parametrize("kind", ["exact", "published"])
-@pytest.mark.parametrize("at", ["end", "worst"])
-def test_a_horizons_forecast_in_loops_is_that_of_arrays(at, kind, monkeypatch):
-    own, rng = PaperSettings(constraint_at=at), np.random.default_rng(5)
-    loops = kernels.Kernels(**{name: getattr(kernels, name) for name in kernels.Kernels._fields})
-    o = Observation(30.0, 0.0, 0.0, PlanCursor.start(PLAN, (0.0, 10.0)), (-100.0, 220.0), 1, None, 0.8)
-    found = []
-    powers = 30.0 + rng.normal(size=300)
-    for form in (None, loops):
-        monkeypatch.setattr(planner_module, "kernels", lambda form=form: form)
-        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(kind=kind), MISSION, own)
-        pilot._estimator.observe([0.1 * i for i in range(300)], powers.tolist(), 0.0)
-        found.append(pilot._horizon_forecast(o, 6))
-    assert found[1].limit_motion_w == pytest.approx(found[0].limit_motion_w, rel=1e-12)
-    assert found[1].mean_motion_w == pytest.approx(found[0].mean_motion_w, rel=1e-12)

@@ -1,6 +1,6 @@
 """Coverage: ground covered, length beside the best Dubins order of the same lines, time to plan.
 
-    python benchmarks/coverage.py [--outlines FILE.geojson] [--fly] [--seconds 10]
+    python benchmarks/fields.py [--outlines FILE.geojson] [--fly] [--seconds 10]
 
 Over generated fields (rectangles turned, trapezoids, L, U, T, star, comb, a hole) and, where given, the outlines of a
 file of polygons in metres. Every field is covered by both patterns and by `auto`, with several swaths and radii. The
