@@ -21,11 +21,11 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
-from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.state.flight_state import FlightState
+from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.locator import Locator, Sighting
+from eadp.planning.state.flight_state import FlightState
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
 """Window of positions for the ground velocity, its minimum span, and the maximum step in it [s]."""

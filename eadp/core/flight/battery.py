@@ -65,10 +65,6 @@ def drain_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: flo
     return per_as * 2 * power_w / (voltage_v + _root_v(power_w, voltage_v, resistance_ohm))
 
 
-drain_per_s = drain_per_s
-"""The same, under the name that it had for arrays."""
-
-
 def current_slope_a_per_w(power_w: Any, voltage_v: Any, resistance_ohm: float) -> Any:
     """dI/dy of the current [A/W] at a power [W] and an open-circuit voltage [V], numbers or arrays: 1/√(V² − 4 R y).
 

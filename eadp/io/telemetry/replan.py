@@ -10,8 +10,8 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
-from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.live import Advice, LiveFlight
 from eadp.planning.registry import make_planner
 

@@ -14,7 +14,7 @@ from itertools import chain
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
+from eadp.core.arrays import Column, FloatArray
 from eadp.planning.estimation.estimator import Estimates, Estimator, ExactEstimator, PowerEstimate
 
 MOST_WAITING = 100_000
@@ -66,7 +66,7 @@ class DeferredEstimator:
         """See `ExactEstimator.forecast`."""
         return self.now.forecast(ahead_s)
 
-    def observe(self, times_s: Sequence[float], powers_w: Sequence[float | None], beside_w: float) -> None:
+    def observe(self, times_s: Column, powers_w: Sequence[float | None] | FloatArray, beside_w: float) -> None:
         """Take readings [W] in order, None where there is none; `beside_w` of each is the computations' power."""
         if len(self._times_s) + len(times_s) > MOST_WAITING:
             self._process()  # before: the next instants that are asked for may lie among the new ones

@@ -1,7 +1,7 @@
 """Configurations of the computations on each stage, and the concave envelope of their value over their power.
 
-Each stage is a class of a multiple-choice knapsack: its configurations have a power and a value, and a mix of two of them
-lies between. The best mixes lie on the upper concave envelope, from the configuration of minimum power on.
+Each stage is a class of a multiple-choice knapsack: its configurations have a power and a value, and a mix of two of
+them lies between. The best mixes lie on the upper concave envelope, from the configuration of minimum power on.
 
 Source: Sinha and Zoltners 1979.
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
@@ -102,7 +102,8 @@ class Envelopes:
         self._kinds: dict[tuple[int, int], int] = {}
         self._envelopes: list[ConcaveEnvelope] = []
         self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
-        self._of_table: tuple[LegTable | None, list[int]] = (None, [])
+        self._of_rows: tuple[LegTable | None, IntArray] = (None, np.zeros(0, dtype=np.intp))
+        self._extremes_w = np.zeros((0, 2))
 
     def __getitem__(self, kind: int) -> ConcaveEnvelope:
         return self._envelopes[kind]
@@ -121,29 +122,32 @@ class Envelopes:
 
     def groups(self, table: LegTable, order: IntArray) -> IntArray:
         """Group of each leg, by its row in a table, shape (legs,)."""
-        known = self._of_table[1] if self._of_table[0] is table else []
+        of_table, known = self._of_rows
+        if of_table is not table:
+            known = known[:0]
         if len(known) < len(table.stages):
             rest = slice(len(known), None)
-            known = known + [
+            new = [
                 self._group(stage, own) for stage, own in zip(table.stages[rest], table.parameters[rest], strict=True)
             ]
-            self._of_table = table, known
-        return np.array(known, dtype=np.intp)[order]
+            known = np.concatenate((known, new))
+            self._of_rows = table, known
+        groups: IntArray = known[order]
+        return groups
 
     def extremes_w(self) -> FloatArray:
         """Least and greatest power of each group [W], shape (groups, 2)."""
-        return np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._groups])
+        if len(self._extremes_w) < len(self._groups):
+            self._extremes_w = np.array([(group.powers_w[0], group.powers_w[-1]) for group in self._groups])
+        return self._extremes_w
 
-    def kinds(self, groups: IntArray, room_w: FloatArray | None = None) -> IntArray:
-        """The envelope of each leg: of all configurations of its group, or of those within some power [W]."""
-        if room_w is None:
-            return np.array([self._kind(i, len(group.powers_w)) for i, group in enumerate(self._groups)])[groups]
-        kinds = np.zeros(len(groups), dtype=np.intp)
-        for number in np.unique(groups).tolist():
-            members = np.flatnonzero(groups == number)
-            powers_w = self._groups[number].powers_w
-            counts = np.maximum(powers_w.searchsorted(room_w[members], side="right"), 1)
-            kinds[members] = [self._kind(number, count) for count in counts.tolist()]
+    def kinds(self, groups: IntArray, room_w: FloatArray, truncated: BoolArray) -> IntArray:
+        """The envelope of each leg: of all configurations of its group, or where truncated of those within some room."""
+        whole = [self._kind(i, len(group.powers_w)) for i, group in enumerate(self._groups)]
+        kinds: IntArray = np.array(whole, dtype=np.intp)[groups]
+        for leg in np.flatnonzero(truncated).tolist():
+            count = int(self._groups[groups[leg]].powers_w.searchsorted(room_w[leg], side="right"))
+            kinds[leg] = self._kind(int(groups[leg]), max(count, 1))
         return kinds
 
     def _kind(self, group: int, count: int) -> int:

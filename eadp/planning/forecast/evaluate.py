@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
-from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.leg_table import LegRows
 from eadp.models.plan.legs import left_m
@@ -329,12 +328,10 @@ class Evaluator:
         totals = self._totals(known, legs, load, bank_s, wind_var)
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
         limits = power_limits(legs, load, battery, known.soc, reserve_soc, totals.use_ratio)
-        kinds = self.envelopes.kinds(groups, limits.room_w if limits.truncated.any() else None)
+        kinds = self.envelopes.kinds(groups, limits.room_w, limits.truncated)
         mean_v = legs.sums(limits.volts) / (legs.last - legs.first + 1)
-        # dI/dP at the mean power, bounded near the greatest power
-        discriminant = mean_v**2 - 4 * battery.resistance_ohm * totals.mean_w
-        root = np.sqrt(np.maximum(discriminant, (0.1 * mean_v) ** 2))
-        totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio / root)
+        slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
+        totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         ends = [_ends(known, route, left) for route in routes]
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         weight, base = self._weights(known, legs, load)

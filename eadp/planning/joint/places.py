@@ -20,8 +20,8 @@ SAME_SHARE = 1e-5
 class Places:
     """The places of one mission.
 
-    Where a plan has one free path parameter and several segments of laps are left, a place has two shares of it: for the
-    first segment and for those after it.
+    Where a plan has one free path parameter and several segments of laps are left, a place has two shares of it: for
+    the first segment and for those after it.
 
     Parameters
     ----------

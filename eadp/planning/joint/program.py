@@ -122,7 +122,7 @@ class ComputationProgram:
     def _solved(
         self, gain: FloatArray, use: FloatArray, spare: float, centre: FloatArray
     ) -> tuple[FloatArray, float, int]:
-        """max gain·x − ½ε|y − y_centre|² subject to use·x ≤ spare, where y is x scaled by use: x, multiplier, iterations.
+        """max gain·x − ½ε|y − y_centre|² subject to use·x ≤ spare, y being x scaled by use: x, multiplier, iterations.
 
         So scaled, the row has entries of 1, whatever the leg.
         """
@@ -149,7 +149,7 @@ class ComputationProgram:
 def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multiplier: float) -> FloatArray:
     """A QP's shares without its tolerance, within the charge.
 
-    What full and empty shares leave of the charge goes to those at the multiplier, or is taken from the least efficient.
+    What full and empty shares leave of the charge goes to those at the multiplier, or comes from the least efficient.
     """
     net = gain - multiplier * use
     ties = np.abs(net) <= TIE * multiplier * use

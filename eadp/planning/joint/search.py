@@ -23,7 +23,7 @@ from eadp.planning.forecast.evaluate import Evaluation
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets; with later segments of laps, those for these follow."""
 
-POINTS = {1: 13, 2: 11, 3: 5}
+POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
 HALVED, ROUNDS, MIN_STEP = 4, 7, 1e-3

@@ -1,8 +1,8 @@
 """The state of a flight, from its readings: wind, power of the motion, times, charge, navigation, climb, ground seen.
 
-It belongs to whoever flies, a simulation or a live flight, and observations carry it: planners and forecasts ask it what
-is known. Readings and observations wait until it is asked, and are processed in their order: a planner that never asks
-costs nothing. What it answers does not depend on when it is asked.
+It belongs to whoever flies, a simulation or a live flight, and observations carry it: planners and forecasts ask it
+what is known. Readings and observations wait until it is asked, and are processed in their order: a planner that never
+asks costs nothing. What it answers does not depend on when it is asked.
 """
 
 from __future__ import annotations

@@ -38,8 +38,10 @@ class MotionKnown(NamedTuple):
 
 
 class ChargeKnown(NamedTuple):
-    """State of charge with what it is used for a predicted drain; standard deviation of the gauge's gain, and the charge
-    from which on it counts; and whether the gauge is believed."""
+    """The filter's state.
+
+    And standard deviation of the gauge's gain, the charge from which on it counts, and whether the gauge is believed.
+    """
 
     filtered: Charge
     gain_std: float
