@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point, wrap_angle_rad
 from eadp.errors import Infeasible
 
@@ -315,7 +314,10 @@ class _Pace:
 
     def straight(self, course: FloatArray) -> FloatArray:
         """1/g of courses [s/m]."""
-        return 1 / ground_speeds_mps(np.cos(course), np.sin(course), self.airspeed_mps, self.wind_mps)[0]
+        cosine, sine = np.cos(course), np.sin(course)
+        along = self.wind_mps[0] * cosine + self.wind_mps[1] * sine
+        across = self.wind_mps[0] * sine - self.wind_mps[1] * cosine
+        return 1 / (along + np.sqrt(self.airspeed_mps**2 - across**2))
 
     def rest(self, course: FloatArray) -> FloatArray:
         """The periodic part of the integral of 1/g over the course, up to a constant [s/m]."""
