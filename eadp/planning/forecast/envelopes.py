@@ -142,7 +142,7 @@ class Envelopes:
         return self._extremes_w
 
     def kinds(self, groups: IntArray, room_w: FloatArray, truncated: BoolArray) -> IntArray:
-        """The envelope of each leg: of all configurations of its group, or where truncated of those within some room."""
+        """The envelope of each leg: of all configurations of its group, or where truncated of those that fit."""
         whole = [self._kind(i, len(group.powers_w)) for i, group in enumerate(self._groups)]
         kinds: IntArray = np.array(whole, dtype=np.intp)[groups]
         for leg in np.flatnonzero(truncated).tolist():

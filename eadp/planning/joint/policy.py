@@ -1,7 +1,7 @@
 """When to change what: the hysteresis between a plan that is optimal now and the parameters that are flown.
 
-A pilot changes little. Path parameters change for a least gain, which grows with each change. Computations fall when the
-plan needs it, with some charge to spare so that they need not fall again soon, and rise when they can stay up.
+A pilot changes little. Path parameters change for a least gain, which grows with each change. Computations fall when
+the plan needs it, with some charge to spare so that they need not fall again soon, and rise when they can stay up.
 """
 
 from __future__ import annotations
