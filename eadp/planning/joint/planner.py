@@ -193,16 +193,17 @@ class JointPlanner(TrackingPlanner):
         report, calls, started = self.report, self.report.calls, time.perf_counter()
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
-        if plan is not None and cause != JUMPED and self._goes_as_planned(o, plan):
+        search = bool(self._places.open) and self._must_search(o, plan, cause)
+        if plan is not None and not search and self._goes_as_planned(o, plan):
             return
-        found, searched = self._searched_plan(o, known, plan, cause)
+        found = self._searched_plan(known, plan) if search else plan
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
             self._decision, self._expected = self._decision._replace(reason=why), None
         else:
             solution = self._program.solve(found.evaluation.knapsack)
-            self._decide(o, known, cause, found._replace(solution=solution), calls, searched=searched)
+            self._decide(o, known, cause, found._replace(solution=solution), calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
 
@@ -225,11 +226,9 @@ class JointPlanner(TrackingPlanner):
             return False
         return abs(plan.solution.value - expected.value) < SAME_VALUE and abs(plan.over - expected.over) < SAME_SOC
 
-    def _searched_plan(self, o: Observation, known: Known, kept: Plan | None, cause: str) -> tuple[Plan | None, bool]:
-        """The plan with the best path, or the one in force unless the gain is worth it; and whether it was searched."""
+    def _searched_plan(self, known: Known, kept: Plan | None) -> Plan | None:
+        """The plan with the best path, or the one in force unless the gain is large enough."""
         places = self._places
-        if not places.open or not self._must_search(o, kept, cause):
-            return kept, False
         flown = kept if kept is not None and kept.solution.feasible else None
 
         def evaluate(wanted: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
@@ -241,7 +240,7 @@ class JointPlanner(TrackingPlanner):
         if best is not None and not best.feasible and margin:
             best = Search(evaluate, slope).best(places.shares, len(places.open))
         if best is None:
-            return kept, True
+            return kept
         found: Plan | None
         if flown is not None and (not best.feasible or best.value <= threshold):
             found = flown
@@ -251,7 +250,7 @@ class JointPlanner(TrackingPlanner):
             found = self._plan(known, best.shares) or kept
         if found is not None:
             self._searched = found.solution.value, found.over
-        return found, True
+        return found
 
     def _less_short(self, kept: Plan, shortfall: float) -> bool:
         std = float(kept.evaluation.std[0])

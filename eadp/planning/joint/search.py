@@ -129,7 +129,7 @@ class Search:
             found += self._along(start, range(twice), POINTS[1])
             for axis in range(twice) if twice > 1 else ():
                 base = max(found, key=_rank).shares if found else start
-                found += self._along(base, [axis], POINTS[1] // 2)
+                found += self._along(base, [axis], POINTS[1])
         return _best(found)
 
     def _along(self, base: Shares, axes: Iterable[int], count: int) -> list[Place]:
@@ -153,7 +153,9 @@ class Search:
             limit = max(best.value + MIN_STEP, self.threshold)
             chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
             if not best.feasible:
-                chosen = [(low, high) for _, low, high in bounds][:HALVED]
+                chosen = [
+                    (low, high) for low, high in cells if best.shares in (at(low), at(high)) and high - low > MIN_STEP
+                ]
             if not chosen:
                 break
             middles = [(low + high) / 2 for low, high in chosen]
