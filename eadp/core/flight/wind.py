@@ -105,6 +105,10 @@ class WindFilter:
         self.airspeed_mps, self._gust_time_s = airspeed_mps, gust_time_s
         self._state: _WindState = (0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
 
+    def restart(self, wind_mps: Point, std_mps: float) -> None:
+        """Start again from a wind [m/s] and the standard deviation of its components [m/s]."""
+        self._state = (*wind_mps, std_mps**2, std_mps**2, 0.0, INITIAL_GUST_MPS**2, 0.0)
+
     @property
     def wind_mps(self) -> Point:
         """Estimate [m/s]."""

@@ -49,6 +49,7 @@ from eadp.planning.joint.place_kernel import (
 from eadp.planning.joint.program import Candidate, Place, Shares, Solution, place_of
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.joint.terms import TOTAL, FlownShares, KnapsackTerms, RouteLoad, TermBuilder
+from eadp.planning.state.heading_gate import HEADING_DISBELIEVED, HeadingGate
 
 WIND_STEP_MPS = 0.02
 """A smaller change of the estimated wind is ignored."""
@@ -261,6 +262,7 @@ class Forecaster:
         self._joined = self._position
         self._margin_m = MARGIN_M
         self._wind = WindFilter(mission.cruise_mps, mission.gust_time_s)
+        self._headings = HeadingGate()
         self._wind_used: Point = (0.0, 0.0)
         self._measured_wind: Point | None = None
         self._measured_until_s = -math.inf
@@ -321,6 +323,7 @@ class Forecaster:
             GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
             GAUGE_RISES: not self._charge.believed and self._charge.rises,
             POWER_OUTLIER: self.gate.rejects,
+            HEADING_DISBELIEVED: self._headings.disbelieved,
         }
         return tuple([code for code, holds in known.items() if holds])
 
@@ -375,7 +378,8 @@ class Forecaster:
         elif o.time_s > self._measured_until_s:
             self._measured_wind = None
         if o.wind_mps is None and o.velocity_mps is not None and step_s > 0:
-            self._wind.observe(o.velocity_mps, o.heading_rad, step_s)
+            heading = math.nan if o.heading_rad is None else o.heading_rad
+            self._observe_wind([o.velocity_mps[0]], [o.velocity_mps[1]], [heading], [step_s])
         return self._observe_charge(o.time_s, o.power_w, o.soc)
 
     def observe_batch(self, readings: Readings, computing_w: float) -> bool:
@@ -400,7 +404,7 @@ class Forecaster:
         if enabled():  # each is converted once
             columns = [np.asarray(column) for column in columns]
         *of_wind, powers_w, beside_w, charges, steps_s = columns
-        self._wind.observe_batch(*[column[first:] for column in of_wind])
+        self._observe_wind(*[column[first:] for column in of_wind])
         self._motion.observe_batch(powers_w, beside_w, of_wind[-1], self._slope)
         if last_s > self._measured_until_s:
             self._measured_wind = None
@@ -408,6 +412,10 @@ class Forecaster:
             self._power_w, powers_w, charges, steps_s, MAX_STEP_S, self._cell
         )
         return jumped
+
+    def _observe_wind(self, vx: Any, vy: Any, headings: Any, steps_s: Any) -> None:
+        headings = self._headings.ingest(vx, vy, headings, steps_s, self._wind.airspeed_mps, self._wind)
+        self._wind.observe_batch(vx, vy, headings, steps_s)
 
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the charge, `soc` now, may have jumped: the next reading decides."""

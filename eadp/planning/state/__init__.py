@@ -1,0 +1,1 @@
+"""Estimates from what a flight has measured so far."""
