@@ -22,6 +22,7 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
+from eadp.planning.ending import Continuation, is_certain
 from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.joint.forecaster import Forecast
 from eadp.planning.joint.held import HeldForecast
@@ -47,6 +48,8 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 MAX_NOTICES = 100
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
+GOES_ON = "the flight goes on after the final point"
+UNCERTAIN_END = "final point passed by less than the error of a position"
 
 
 class Ending(NamedTuple):
@@ -157,6 +160,7 @@ class LiveFlight:
         self._decision = Decision(mission.parameters)
         self._next_s = -math.inf
         self._lost = self._empty = False
+        self._continuation: Continuation | None = None
         self._past_stage: int | None = None
         self._failure = ""
         self._reasons: list[str] = []
@@ -173,9 +177,9 @@ class LiveFlight:
                 return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
             self._start(sample)
         velocity = self._ground.update(sample)
-        if self.complete:
+        if self.complete and self._continuation is None:
             return None, ()
-        if sample.soc is not None and sample.soc <= 0:
+        if not self.complete and sample.soc is not None and sample.soc <= 0:
             return self._run_empty(sample), ()
         time_s = sample.time_s - self._origin_s
         soc = self._charge.update(time_s, sample.power_w, sample.soc)
@@ -183,9 +187,12 @@ class LiveFlight:
         before = self._decision
         position = self._track(sample, time_s, soc, velocity)
         self._put_in_force(sample, time_s, position)
-        self._last = (time_s, soc)
-        if self._executor.complete:
-            self.complete = self.forecast_completes = True
+        step_s, self._last = time_s - self._last[0], (time_s, soc)
+        was_complete = self.complete
+        self._update_end(_sighting(sample, time_s, velocity), position, step_s)
+        if self.complete:
+            if was_complete:
+                return None, ()
             return self._advice(sample, COMPLETED, sample.wind_mps, Ending(soc, 0.0, 1.0, remaining_s=0.0)), self._all()
         observation = self._observation(time_s, position, soc)._replace(
             power_w=sample.power_w,
@@ -201,7 +208,7 @@ class LiveFlight:
             return None, self._all()
         advice = self._advise(sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
-        self.forecast_completes = (advice.ending.soc_end or 0.0) > 0
+        self.forecast_completes = self._continuation is not None or (advice.ending.soc_end or 0.0) > 0
         return advice, self._all()
 
     # --- the plan
@@ -244,8 +251,7 @@ class LiveFlight:
             self._located, self._usual_s = (time_s, position), step_s
         if self._lost:
             return position or last
-        course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
-        sighting = Sighting(time_s, position, course, sample.stage, sample.stages_started)
+        sighting = _sighting(sample, time_s, velocity)
         try:
             if gap or self._locator.lost:
                 found = self._seek(sighting, soc)
@@ -258,6 +264,28 @@ class LiveFlight:
             self._lose(error)
         assert position is not None
         return position
+
+    def _update_end(self, to: Sighting, position: Point, step_s: float) -> None:
+        """Find out whether the plan is complete: an end may be uncertain, and the aircraft may fly on all the same."""
+        if self._continuation is not None:
+            goes_on = self._continuation.update(self._executor, to, step_s)
+            if goes_on is None:
+                return
+            self._continuation = None
+            if goes_on and self.complete:
+                self._locator.through_gap = True
+            if goes_on:
+                self._reasons.append(GOES_ON)
+                self._notices.append(Notice("x_m", GOES_ON))
+            self.complete = self.forecast_completes = not goes_on
+        elif self._executor.complete:
+            certain, goes_on = is_certain(self._executor, position, to.course_rad), self._locator.go_on()
+            self.complete = certain or not goes_on
+            self.forecast_completes = True
+            if goes_on:
+                self._continuation = Continuation(self._executor)
+            if not self.complete:
+                self._reasons.append(UNCERTAIN_END)
 
     def _follow(self, to: Sighting, soc: float) -> None:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
@@ -371,7 +399,9 @@ class LiveFlight:
         return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
 
     def _update_planner(self, observation: Observation) -> None:
-        """Update the planner with an observation, and the plan with its decision."""
+        """Update the planner with an observation, and the plan with its decision; not once the plan is complete."""
+        if self.complete:
+            return
         before = self._decision
         try:
             self._forecast.observe(observation)
@@ -438,13 +468,20 @@ class LiveFlight:
     def _warnings(self, sample: Sample) -> tuple[str, ...]:
         known = {
             STALE: sample.position_m is None or sample.soc is None,
-            STAGE_UNKNOWN: self._lost or self._locator.uncertain,
+            STAGE_UNKNOWN: self._lost
+            or self._locator.uncertain
+            or (not self.complete and self._continuation is not None),
             NOT_APPLIED: bool(self._applied.held),
         }
         return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._forecast.warnings)
 
     def _named(self, parameters: Vector) -> dict[str, float]:
         return dict(zip(self._names, parameters, strict=True))
+
+
+def _sighting(sample: Sample, time_s: float, velocity: Point | None) -> Sighting:
+    course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
+    return Sighting(time_s, sample.position_m, course, sample.stage, sample.stages_started)
 
 
 class AppliedParameters:

@@ -218,13 +218,20 @@ class Locator:
         except PathUndefined:
             return False
 
+    def go_on(self) -> bool:
+        """Go on with the plan after an end of it, of which the flight is uncertain; return whether it has more."""
+        following = self.executor.past_end()
+        if following is not None:
+            self.hypotheses[0].executor = following
+        return following is not None
+
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
         hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
     def _weigh(self, to: Sighting, step_s: float) -> None:
         """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
         for hypothesis in self.hypotheses:
-            mismatch = min(_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
+            mismatch = min(path_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
             hypothesis.log_likelihood -= mismatch / 2 * min(1.0, step_s / INDEPENDENT_S)
         reported = [one for one in self.hypotheses if to.allows(one.executor)]
         self._keep(reported or self.hypotheses)
@@ -377,7 +384,7 @@ class _Candidate(NamedTuple):
         return Hypothesis(placed, self.time_s - self.share * self.ahead.duration_s, self.log_likelihood)
 
 
-def _mismatch(executor: PlanExecutor, to: Sighting) -> float:
+def path_mismatch(executor: PlanExecutor, to: Sighting) -> float:
     """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations."""
     assert to.position_m is not None
     ox, oy = executor.cursor.offset_m

@@ -13,6 +13,9 @@ import pytest
 from common import ROOT
 
 from eadp.cli.main import main
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.plan.cursor import PlanCursor
 
 TROUBLE = ROOT.parent / "shared/reference/trouble"
 SURVEY, PROFILE = "plans/survey.plan", "profiles/pednet-jetson-nano.yaml"
@@ -82,3 +85,76 @@ def test_a_recorded_flight_with_mathematical_headings(replan):
     wind = implied_wind_mps(lines, 15.0, lambda line: math.radians(line["heading_deg"]))
     check_headings(decisions, wind, 60)
     assert not any("cannot be flown" in line["reason"] for line in decisions if line["time_s"] > 60)
+
+
+# --- the end of the plan
+
+REACHED, DOUBT = "final point reached", "final point passed by less"
+
+
+def survey_lines(laps, x_m=0.0):
+    """The survey at c1 = 0 along its nominal path at 15 m/s, once a second, moved by `x_m`."""
+    plan = survey(ROOT / SURVEY)
+    cursor, points = PlanCursor.start(plan, (0.0, 10.0)), []
+    joined = (-45.0, 216.0)
+    for _ in range(4 * laps + 1):
+        track = cursor.stage.track(cursor.path(), cursor.local_trigger_m())
+        ox, oy = cursor.offset_m
+        start = joined[0] - ox, joined[1] - oy
+        length_m = abs(track.ahead_m(start))
+        points += [(x + ox, y + oy) for (x, y), _ in track.points(start, length_m, 1.0, round(length_m / 1.5))]
+        joined, cursor = cursor.trigger_m(), cursor.next()
+    flown = [(x + x_m, y) for x, y in points[::10]]
+    return [
+        {"time_s": k + 1.0, "x_m": x, "y_m": y, "power_w": 35.0, "soc": 1 - 0.0005 * k, "parameters": {"c1": 0.0}}
+        for k, (x, y) in enumerate(flown)
+    ]
+
+
+def survey(path):
+    return read_plan(read_text(str(path)))[0]
+
+
+def test_an_end_that_is_passed_by_little_is_uncertain_and_the_flight_goes_on(replan):
+    # lap 14 ends at x = 175, where the plan does; 0.5 m to the east it passes the end, by less than the error
+    code, decisions, err = replan(survey_lines(16, x_m=0.5))
+    doubted = [line["time_s"] for line in decisions if "stage-unknown" in line["warnings"]]
+    reached = [line["time_s"] for line in decisions if REACHED in line["reason"]]
+    assert (code, len(reached)) == (0, 1)
+    assert any(DOUBT in line["reason"] for line in decisions)
+    assert max(doubted) - min(doubted) < 40
+    assert max(doubted) < reached[0] - 10
+    assert decisions[-1]["lap"] >= 15
+    assert "goes on" in err
+
+
+def test_an_uncertain_end_is_one_where_the_aircraft_flies_elsewhere(replan):
+    lines = survey_lines(16, x_m=0.5)
+    last = next(k for k, line in enumerate(lines) if line["x_m"] > 175 and line["y_m"] > 165)
+    away = [line | {"x_m": 175.5 + 15.0 * k, "y_m": 170.0} for k, line in enumerate(lines[last:])]
+    code, decisions, _ = replan(lines[:last] + away)
+    assert code == 0
+    assert REACHED in decisions[-1]["reason"]
+    assert decisions[-1]["time_s"] < lines[last]["time_s"] + 10
+
+
+def test_an_end_that_a_wrong_position_declares_is_taken_back(replan):
+    lines = survey_lines(16, x_m=-1.0)
+    wrong = next(k for k, line in enumerate(lines) if line["x_m"] > 165 and line["y_m"] > 165)
+    lines[wrong] |= {"x_m": 190.0, "y_m": 180.0}
+    code, decisions, err = replan(lines)
+    times = [line["time_s"] for line in decisions if REACHED in line["reason"]]
+    assert (code, len(times)) == (0, 2)
+    assert times[0] == lines[wrong]["time_s"]
+    assert "goes on" in err
+    assert decisions[-1]["lap"] >= 15
+
+
+def test_a_recorded_flight_that_goes_on_after_an_end_passed_by_little(replan):
+    scenario, lines = recorded("early_end")
+    code, decisions, _ = replan(lines, SURVEY, scenario)
+    assert code == 0
+    reached = [line["time_s"] for line in decisions if REACHED in line["reason"]]
+    assert reached == [lines[-1]["time_s"]]
+    stages = [(line["lap"], line["stage"]) for line in decisions if line["time_s"] > 890]
+    assert list(dict.fromkeys(stages)) == [(14, 4), (15, 1), (15, 2), (15, 3), (15, 4), (16, 1)]
