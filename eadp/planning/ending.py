@@ -47,7 +47,7 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
 class Continuation:
     """Whether a flight goes on along its plan after an end of it, by the positions that follow.
 
-    Two hypotheses compete: the aircraft follows the plan, or it flies anywhere. The first is taken on the next leg only,
+    Two hypotheses compete: the aircraft follows the plan, or flies anywhere. The first is taken on the next leg only,
     since a loiter at the end may lie on the leg that ends.
 
     Parameters

@@ -158,3 +158,58 @@ def test_a_recorded_flight_that_goes_on_after_an_end_passed_by_little(replan):
     assert reached == [lines[-1]["time_s"]]
     stages = [(line["lap"], line["stage"]) for line in decisions if line["time_s"] > 890]
     assert list(dict.fromkeys(stages)) == [(14, 4), (15, 1), (15, 2), (15, 3), (15, 4), (16, 1)]
+
+
+# --- telemetry that begins in the middle of the flight
+
+
+def places(decisions):
+    return {line["time_s"]: (line["lap"], line["stage"]) for line in decisions}
+
+
+def known(decisions):
+    """Times and places at which stage and lap are certain."""
+    return {
+        line["time_s"]: (line["lap"], line["stage"]) for line in decisions if "stage-unknown" not in line["warnings"]
+    }
+
+
+@pytest.mark.parametrize("begins_s", [60, 130, 200, 300])
+@pytest.mark.parametrize("reports", [("parameters",), ("parameters", "stage"), ("stage",), ()])
+def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, reports):
+    _, whole, _ = replan(EXAMPLE)
+    true = places(whole)
+    lines = [dict(line) for line in EXAMPLE if line["time_s"] >= begins_s]
+    for line in lines:
+        if "stage" in reports:
+            line["stage"] = true[line["time_s"]][1]
+        if "parameters" not in reports:
+            del line["parameters"]
+    code, decisions, _ = replan(lines)
+    assert code == 0
+    assert decisions[0]["warnings"] == ["stage-unknown"]
+    found = known(decisions)
+    # without parameters laps are told apart by their spacing, which takes the next ones
+    assert min(found) - begins_s < (25 if "parameters" in reports else 120)
+    assert len([time_s for time_s, place in found.items() if place != true[time_s]]) <= 2
+    assert decisions[-1]["reason"] == REACHED or "parameters" not in reports
+
+
+def test_a_recorded_flight_that_begins_in_the_middle(replan):
+    scenario, lines = recorded("late")
+    code, decisions, _ = replan(lines, SURVEY, scenario)
+    assert code == 0
+    assert decisions[0]["warnings"] == ["stage-unknown"]
+    at = places(decisions)
+    # the line to the north at 300 s and those that follow lie 12.8 m apart, from x = 35 m on: laps 5 to 11
+    assert [at[time_s] for time_s in (370.0, 400.0, 450.0, 500.0, 555.0, 605.0)] == [
+        (7, 2), (7, 4), (8, 4), (9, 4), (10, 4), (11, 4),
+    ]  # fmt: skip
+    found = known(decisions)
+    assert min(found) < 480
+    assert [*found] == [line["time_s"] for line in decisions if line["time_s"] >= min(found)]
+    stages = list(dict.fromkeys(found.values()))
+    assert stages == [
+        (lap, stage) for lap in range(9, 13) for stage in range(1, 5) if (9, 2) <= (lap, stage) <= (12, 1)
+    ]
+    assert abs(decisions[160]["in_force"]["c1"] + 200) < 30
