@@ -100,10 +100,11 @@ class Acquisition:
         usual_s, self._usual_s = self._usual_s, step_s
         if last is None or step_s > max(GAP_S, GAP_STEPS * usual_s):
             candidates = list(self._candidates(to, in_force))
-            self.hypotheses = [*candidates, self._anew(to)]
             if last is None and not candidates:
                 self.is_start = True
                 return
+            first = not candidates or (to.stage in (None, 1) and to.stages_started in (None, 1))
+            self.hypotheses = [*candidates, *([self._anew(to)] if first else [])]
             self._stage_s = self._lap_s = to.time_s
         else:
             for hypothesis in self.hypotheses:
