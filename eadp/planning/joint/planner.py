@@ -42,7 +42,7 @@ from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint.places import Places
-from eadp.planning.joint.policy import MARGIN, Policy
+from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
@@ -235,9 +235,9 @@ class JointPlanner(TrackingPlanner):
             return places.evaluate(self._evaluator, known, wanted)
 
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
-        slope, margin = self._evaluator.path_weight, 0.0 if flown is not None or self._expected is None else MARGIN
-        best = Search(evaluate, slope, threshold, margin).best(places.shares, len(places.open))
-        if best is not None and not best.feasible and margin:
+        slope = self._evaluator.path_weight
+        best = Search(evaluate, slope, threshold, self._policy.margin).best(places.shares, len(places.open))
+        if flown is None and best is not None and not best.feasible:
             best = Search(evaluate, slope).best(places.shares, len(places.open))
         if best is None:
             return kept
