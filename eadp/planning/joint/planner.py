@@ -48,7 +48,7 @@ from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.state.known import Known
 
-LOOK_EVERY_S = 15.0
+LOOK_EVERY_S = 20.0
 """Time between looks at the plan in force [s]."""
 
 WARM_UP_S = 5.0
@@ -237,12 +237,10 @@ class JointPlanner(TrackingPlanner):
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
         slope = self._evaluator.path_weight
         best = Search(evaluate, slope, threshold, self._policy.margin).best(places.shares, len(places.open))
-        if flown is None and best is not None and not best.feasible:
-            best = Search(evaluate, slope).best(places.shares, len(places.open))
         if best is None:
             return kept
         found: Plan | None
-        if flown is not None and (not best.feasible or best.value <= threshold):
+        if flown is not None and (not best.sure or best.value <= threshold):
             found = flown
         elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
             found = kept
@@ -265,7 +263,7 @@ class JointPlanner(TrackingPlanner):
         if not o.cursor.accepts_changes():
             return False
         (value, over), was = (kept.solution.value, kept.over), self._searched
-        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain / 2
+        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain
 
     # --- decisions
 

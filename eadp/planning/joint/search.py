@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.planning.forecast.evaluate import Evaluation
+from eadp.planning.forecast.knapsack import fill_greedy
 
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets; with later segments of laps, those for these follow."""
@@ -37,21 +38,32 @@ SAME = 1e-11
 
 
 class Place(NamedTuple):
-    """A place: whether the reserve is kept there with its probability, its value, and the charge it is short of.
+    """A place: what it keeps, its value, and the charge it is short of.
 
-    `steps` identifies the step that it lies on, by the number of legs.
+    Attributes
+    ----------
+    shares : tuple of float
+    sure, feasible : bool
+        Whether the reserve is kept with its probability, with the search's margin and without.
+    value : float
+        Of the best computations, within the margin where it is kept.
+    shortfall : float
+        State of charge missing without the margin; 0 where it suffices.
+    steps : int
+        Number of legs: it identifies the step.
     """
 
     shares: Shares
+    sure: bool
     feasible: bool
     value: float
     shortfall: float
     steps: int
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Greater for the better place: the feasible one, then the greater value, else the smaller shortfall."""
-        return self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
+    def rank(self) -> tuple[bool, bool, float]:
+        """Greater for the better place: a sure one, a feasible one, then the greater value or the smaller shortfall."""
+        return self.sure, self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
 
 
 Evaluate = Callable[[list[Shares]], tuple[list[Shares], Evaluation | None]]
@@ -92,16 +104,14 @@ class Search:
             self.known.update(dict.fromkeys(new))
             flyable, found = self.evaluate(new)
             if found is not None:
-                knapsack = found.knapsack
-                if self.margin:
-                    knapsack = knapsack._replace(available=knapsack.available - self.margin * found.std)
-                    found = found.with_knapsack(knapsack)
-                filling, counts = found.filled(), found.legs.last - found.legs.first + 1
-                spare = found.knapsack.spare
+                knapsack, filling = found.knapsack, found.filled()
+                sure = fill_greedy(knapsack._replace(available=knapsack.available - self.margin * found.std))
+                value = np.where(sure.feasible, sure.value, filling.value)
+                counts, spare = found.legs.last - found.legs.first + 1, knapsack.spare
                 for i, shares in enumerate(flyable):
-                    feasible = bool(filling.feasible[i])
-                    short = max(0.0, -float(spare[i]))
-                    self.known[shares] = Place(shares, feasible, float(filling.value[i]), short, int(counts[i]))
+                    kept, short = bool(filling.feasible[i]), max(0.0, -float(spare[i]))
+                    place = Place(shares, bool(sure.feasible[i]), kept, float(value[i]), short, int(counts[i]))
+                    self.known[shares] = place
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
     def best(self, start: Shares, dimensions: int) -> Place | None:
@@ -189,7 +199,7 @@ class Search:
         return own
 
 
-def _rank(place: Place) -> tuple[bool, float]:
+def _rank(place: Place) -> tuple[bool, bool, float]:
     return place.rank
 
 
