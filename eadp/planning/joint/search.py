@@ -110,8 +110,9 @@ class Search:
                 counts, spare = found.legs.last - found.legs.first + 1, knapsack.spare
                 for i, shares in enumerate(flyable):
                     kept, short = bool(filling.feasible[i]), max(0.0, -float(spare[i]))
-                    place = Place(shares, bool(sure.feasible[i]), kept, float(value[i]), short, int(counts[i]))
-                    self.known[shares] = place
+                    self.known[shares] = Place(
+                        shares, bool(sure.feasible[i]), kept, float(value[i]), short, int(counts[i])
+                    )
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
     def best(self, start: Shares, dimensions: int) -> Place | None:
