@@ -281,7 +281,10 @@ class JointPlanner(TrackingPlanner):
             computations = self._policy.computations(o.time_s, before[rho:], now_w, evaluation, 0, solution)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
-            self._policy.path_changed()
+            if self._expected is not None and self._policy.closes(cause, self._after_change_s(evaluation, chosen)):
+                settled, chosen = self._places.shares, (*before[:rho], *chosen[rho:])
+            else:
+                self._policy.path_changed()
         if not solution.feasible:
             self.report.infeasible += 1
         limit = self._battery_limit(known, plan)
@@ -296,6 +299,14 @@ class JointPlanner(TrackingPlanner):
         self._expected = _Expected(solution.value, plan.over, o.cursor.stage.sets, o.time_s)
         self._places.decide(settled, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
+
+    def _after_change_s(self, evaluation: Evaluation, parameters: Vector) -> float:
+        """Time that is left when path parameters take effect [s]; all of it where they never do."""
+        route, rho = evaluation.routes[0], self._mission.plan.path_count
+        start = route.parameters[0][:rho]
+        changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
+        first = changed[0] if changed and start != parameters[:rho] else 0
+        return float(evaluation.load.times_s[first:].sum())
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of parameters within the sets of the stage being flown [W]."""
