@@ -70,7 +70,7 @@ FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
 
 
-class Plan(NamedTuple):
+class Candidate(NamedTuple):
     """A plan: its place and evaluation, that place alone, and the computations as solved."""
 
     shares: Shares
@@ -207,7 +207,7 @@ class JointPlanner(TrackingPlanner):
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
 
-    def _plan(self, known: Known, shares: Shares, tolerated: float = TOLERATED) -> Plan | None:
+    def _plan(self, known: Known, shares: Shares, tolerated: float = TOLERATED) -> Candidate | None:
         """The plan at a place, computations in closed form; None where it cannot be flown."""
         _, evaluation = self._places.evaluate(self._evaluator, known, [shares])
         if evaluation is None:
@@ -215,9 +215,9 @@ class JointPlanner(TrackingPlanner):
         knapsack = evaluation.knapsack
         if 0 < -float(knapsack.spare[0]) < tolerated * float(evaluation.std[0]):
             evaluation = evaluation.with_knapsack(knapsack._replace(available=knapsack.base_use))
-        return Plan(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
+        return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
 
-    def _goes_as_planned(self, o: Observation, plan: Plan) -> bool:
+    def _goes_as_planned(self, o: Observation, plan: Candidate) -> bool:
         """Whether the plan in force is still what was expected: another would gain nothing to speak of."""
         expected = self._expected
         if expected is None or self._mission.live or not plan.solution.feasible or self._home[0] is not None:
@@ -226,7 +226,7 @@ class JointPlanner(TrackingPlanner):
             return False
         return abs(plan.solution.value - expected.value) < SAME_VALUE and abs(plan.over - expected.over) < SAME_SOC
 
-    def _searched_plan(self, known: Known, kept: Plan | None) -> Plan | None:
+    def _searched_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
         """The plan with the best path, or the one in force unless the gain is large enough."""
         places = self._places
         flown = kept if kept is not None and kept.solution.feasible else None
@@ -239,7 +239,7 @@ class JointPlanner(TrackingPlanner):
         best = Search(evaluate, slope, threshold, self._policy.margin).best(places.shares, len(places.open))
         if best is None:
             return kept
-        found: Plan | None
+        found: Candidate | None
         if flown is not None and (not best.sure or best.value <= threshold):
             found = flown
         elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
@@ -250,11 +250,11 @@ class JointPlanner(TrackingPlanner):
             self._searched = found.solution.value, found.over
         return found
 
-    def _less_short(self, kept: Plan, shortfall: float) -> bool:
+    def _less_short(self, kept: Candidate, shortfall: float) -> bool:
         std = float(kept.evaluation.std[0])
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
-    def _must_search(self, o: Observation, kept: Plan | None, cause: str) -> bool:
+    def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to."""
         if kept is None or self._searched is None or cause == JUMPED:
             return True
@@ -267,7 +267,7 @@ class JointPlanner(TrackingPlanner):
 
     # --- decisions
 
-    def _decide(self, o: Observation, known: Known, cause: str, plan: Plan, calls: int, *, searched: bool) -> None:
+    def _decide(self, o: Observation, known: Known, cause: str, plan: Candidate, calls: int, *, searched: bool) -> None:
         """Decide what of a plan to fly."""
         evaluation, solution = plan.evaluation, plan.solution
         rho, before = self._mission.plan.path_count, self._decision.parameters
@@ -316,7 +316,7 @@ class JointPlanner(TrackingPlanner):
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
         return self._mission.computing.power_w(clipped, boxes)
 
-    def _must_turn_back(self, time_s: float, plan: Plan) -> bool:
+    def _must_turn_back(self, time_s: float, plan: Candidate) -> bool:
         """Whether the plan is infeasible, and home is out of reach by the next re-planning, or short by less."""
         (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
@@ -327,7 +327,7 @@ class JointPlanner(TrackingPlanner):
 
     # --- records
 
-    def _reason(self, o: Observation, known: Known, plan: Plan, chosen: Vector, *, searched: bool) -> str:
+    def _reason(self, o: Observation, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
             if self._infeasible_since_s is None:
@@ -349,7 +349,7 @@ class JointPlanner(TrackingPlanner):
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
 
-    def _battery_limit(self, known: Known, plan: Plan) -> str | None:
+    def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The limit of the battery's power without which there would be more computations, or a feasible plan."""
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
         if limits.beyond_w[0] > 0:
@@ -367,7 +367,7 @@ class JointPlanner(TrackingPlanner):
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
 
     def _record(
-        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Plan, reason: str
+        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling)

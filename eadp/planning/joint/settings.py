@@ -22,7 +22,7 @@ class JointSettings:
     """Least gain of the quality U for which a path parameter is changed."""
 
     objective: Literal["quality", "total"] = "quality"
-    """What is maximised: the quality U, averaged over the flight, or the computations, summed over time."""
+    """What is maximised: the quality U, by the ground of the mission, or the computations, summed over time."""
 
     trade_offs: tuple[TradeOff, ...] = ()
     """Rows R c − r ≥ 0 that the computations keep to."""
