@@ -142,15 +142,12 @@ def grown(array: A, used: int, needed: int) -> A:
     return grown
 
 
-def leg_times_s(
-    nodes: Nodes, first: IntArray, airspeeds_mps: FloatArray, order: IntArray, airspeed_mps: float, wind_mps: Point
-) -> tuple[FloatArray, FloatArray]:
+def leg_times_s(rows: LegRows, order: IntArray, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
     """Time on each leg of a route [s], and the time integral of tan² of the bank, see `Route.times_s`.
 
     Parameters
     ----------
-    nodes, first, airspeeds_mps : arrays
-        As in `LegRows`.
+    rows : LegRows
     order : array of int, shape (legs,)
         Row of each leg.
     airspeed_mps : float
@@ -158,17 +155,41 @@ def leg_times_s(
     wind_mps : (float, float)
         Wind [m/s].
     """
-    rows, of_leg = np.unique(order, return_inverse=True)
-    counts = first[rows + 1] - first[rows]
-    of_node = np.repeat(np.arange(len(rows)), counts)
-    at = np.arange(len(of_node)) + (first[rows] - np.cumsum(counts) + counts)[of_node]
-    weights_m, cosine, sine, curvature_per_m = (array[at] for array in nodes)
-    own = airspeeds_mps[rows]
-    speed = np.where(np.isnan(own), airspeed_mps, own)[of_node]
-    speeds, along = ground_speeds_mps(cosine, sine, speed, wind_mps)
+    chosen, of_leg = np.unique(order, return_inverse=True)
+    times_s, turning_s = row_times_s(rows, chosen, airspeed_mps, np.array([wind_mps]))
+    return times_s[0, of_leg], turning_s[0, of_leg]
+
+
+def row_times_s(
+    rows: LegRows, chosen: IntArray, airspeed_mps: float, winds_mps: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
+
+    Parameters
+    ----------
+    rows : LegRows
+    chosen : array of int, shape (rows,)
+    airspeed_mps : float
+        Airspeed where a stage has none of its own [m/s].
+    winds_mps : array, shape (winds, 2)
+        [m/s].
+
+    Returns
+    -------
+    times_s, turning_s : array, shape (winds, rows)
+
+    Source: ∫ ds/v over each leg, v from the wind triangle.
+    """
+    first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
+    ends = np.cumsum(counts)
+    at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)
+    weights_m, cosine, sine, curvature_per_m = (array[at] for array in rows.nodes)
+    own = rows.airspeeds_mps[chosen]
+    airspeeds = np.repeat(np.where(np.isnan(own), airspeed_mps, own), counts)
+    speeds, along = ground_speeds_mps(cosine, sine, airspeeds, (winds_mps[:, :1], winds_mps[:, 1:]))
     forward = speeds > 0.0
-    seconds = weights_m / np.where(forward, speeds, 1.0)
-    slopes = squared_bank_slopes(curvature_per_m, speeds, along, speed)
-    turning = np.bincount(of_node, np.where(forward, seconds * slopes, 0.0))
-    times_s = np.bincount(of_node, np.where(forward, seconds, np.inf))
-    return times_s[of_leg].astype(np.float64), turning[of_leg].astype(np.float64)
+    seconds = np.where(forward, weights_m / np.where(forward, speeds, 1.0), np.inf)
+    slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeeds)
+    turning = np.where(forward, seconds, 0.0) * slopes
+    starts = ends - counts
+    return np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)

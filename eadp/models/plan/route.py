@@ -122,7 +122,7 @@ class Route:
 
         Source: ∫ ds/v over each leg, v from the wind triangle.
         """
-        return leg_times_s(*self.table.rows[:3], self.order, airspeed_mps, wind_mps)
+        return leg_times_s(self.table.rows, self.order, airspeed_mps, wind_mps)
 
     @property
     def free(self) -> FloatArray:

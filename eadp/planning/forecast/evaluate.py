@@ -16,9 +16,8 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s
-from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.errors import PathUndefined
-from eadp.models.plan.leg_table import LegRows
+from eadp.models.plan.leg_table import leg_times_s, row_times_s
 from eadp.models.plan.legs import left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
@@ -301,7 +300,7 @@ class Evaluator:
             If none of them can be flown in this wind.
         """
         legs = RouteArrays.of(routes)
-        whole_s, turning_s = _leg_times_s(known, legs)
+        whole_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, known.wind.mps)
         flyable = np.isfinite(legs.sums(whole_s))
         if not flyable.all():
             index = np.flatnonzero(flyable)
@@ -459,43 +458,6 @@ class Evaluator:
         return np.where(limits.beyond_w > 0, short, available)
 
 
-def _leg_times_s(known: Known, legs: RouteArrays) -> tuple[FloatArray, FloatArray]:
-    """Time on each whole leg of routes, and the time integral of tan² of its bank [s], shape (legs,)."""
-    rows, of_leg = np.unique(legs.order, return_inverse=True)
-    times_s, turning_s = _row_times_s(legs.rows, rows, known.airspeed_mps, np.array([known.wind.mps]))
-    return times_s[0, of_leg], turning_s[0, of_leg]
-
-
-def _row_times_s(
-    rows: LegRows, chosen: IntArray, airspeed_mps: float, winds_mps: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
-
-    Parameters
-    ----------
-    winds_mps : array, shape (winds, 2)
-
-    Returns
-    -------
-    times_s, turning_s : array, shape (winds, rows)
-
-    Source: ∫ ds/v over each leg, v from the wind triangle.
-    """
-    first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
-    ends = np.cumsum(counts)
-    at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)
-    weights_m, cosine, sine, curvature_per_m = (array[at] for array in rows.nodes)
-    own = rows.airspeeds_mps[chosen]
-    airspeeds = np.repeat(np.where(np.isnan(own), airspeed_mps, own), counts)
-    speeds, along = ground_speeds_mps(cosine, sine, airspeeds, (winds_mps[:, :1], winds_mps[:, 1:]))
-    forward = speeds > 0.0
-    seconds = np.where(forward, weights_m / np.where(forward, speeds, 1.0), np.inf)
-    slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeeds)
-    turning = np.where(forward, seconds, 0.0) * slopes
-    starts = ends - counts
-    return np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)
-
-
 def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
     """Factor of a route's mean time due to the variance of the wind, and the variance of the time's logarithm.
 
@@ -507,7 +469,7 @@ def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
     if winds_mps is None:
         return 1.0, 0.0
     rows, counts = np.unique(route.order, return_counts=True)
-    times_s = _row_times_s(route.table.rows, rows, known.airspeed_mps, winds_mps)[0] @ counts
+    times_s = row_times_s(route.table.rows, rows, known.airspeed_mps, winds_mps)[0] @ counts
     if not np.isfinite(times_s).all() or times_s.min() <= 0:
         return 1.0, 0.0
     # along each column of √2 L: the change to first order, and the change to second order

@@ -48,7 +48,7 @@ from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.state.known import Known
 
-LOOK_EVERY_S = 20.0
+LOOK_EVERY_S = 25.0
 """Time between looks at the plan in force [s]."""
 
 WARM_UP_S = 5.0

@@ -27,7 +27,7 @@ Shares = tuple[float, ...]
 POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
-HALVED, ROUNDS, MIN_STEP = 4, 7, 1e-3
+HALVED, ROUNDS, MIN_STEP = 4, 6, 1e-3
 """Cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
 
 SEARCHED = 3

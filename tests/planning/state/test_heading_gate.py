@@ -131,6 +131,6 @@ def test_the_wind_starts_again_without_headings():
     gate, wind = HeadingGate(), WindFilter(airspeed)
     for k in range(len(v)):
         one = [v.real[k]], [v.imag[k]], [math.pi / 2 - heading[k]], [1.0]
-        wind.observe_batch(*one[:2], gate.ingest(*one, airspeed, wind), [1.0])
+        wind.ingest(*one[:2], gate.ingest(*one, airspeed, wind), [1.0])
     true = np.mean(v - airspeed * np.exp(1j * heading))
     assert math.dist(wind.wind_mps, (true.real, true.imag)) < 1.0
