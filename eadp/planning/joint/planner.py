@@ -37,7 +37,7 @@ from eadp.planning.base import (
     with_limit,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Objective
+from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Forecast, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
 from eadp.planning.forecast.knapsack import fill_greedy
@@ -271,17 +271,19 @@ class JointPlanner(TrackingPlanner):
         """Decide what of a plan to fly."""
         evaluation, solution = plan.evaluation, plan.solution
         rho, before = self._mission.plan.path_count, self._decision.parameters
-        remaining_s = float(evaluation.totals.seconds[0])
+        forecast = evaluation.forecast(0, solution.filling)
         settled = self._places.settled(known, plan.shares)
         chosen = self._places.parameters(settled)
-        if self._expected is not None and self._policy.closes(cause, remaining_s):
+        if self._expected is not None and self._policy.closes(cause, forecast.remaining_s - forecast.remaining_std_s):
             settled, chosen = self._places.shares, before
         elif any(not box.fixed for box in o.cursor.stage.sets[rho:]):
             now_w = self._power_w(evaluation, before)
             computations = self._policy.computations(o.time_s, before[rho:], now_w, evaluation, 0, solution)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
-            if self._expected is not None and self._policy.closes(cause, self._after_change_s(evaluation, chosen)):
+            if self._expected is not None and self._policy.closes(
+                cause, self._after_change_s(evaluation, chosen) - forecast.remaining_std_s
+            ):
                 settled, chosen = self._places.shares, (*before[:rho], *chosen[rho:])
             else:
                 self._policy.path_changed()
@@ -294,7 +296,7 @@ class JointPlanner(TrackingPlanner):
         returns_home = self._must_turn_back(o.time_s, plan)
         if returns_home:
             reason = f"home: {reason}"
-        record = self._record(o, known, cause, chosen, plan, reason)
+        record = self._record(o, known, cause, chosen, plan, forecast, reason)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._expected = _Expected(solution.value, plan.over, o.cursor.stage.sets, o.time_s)
         self._places.decide(settled, chosen)
@@ -306,7 +308,7 @@ class JointPlanner(TrackingPlanner):
         start = route.parameters[0][:rho]
         changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
         first = changed[0] if changed and start != parameters[:rho] else 0
-        return float(evaluation.load.times_s[first:].sum())
+        return float(evaluation.expected_s(0)[first:].sum())
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of parameters within the sets of the stage being flown [W]."""
@@ -367,10 +369,9 @@ class JointPlanner(TrackingPlanner):
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
 
     def _record(
-        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
+        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, forecast: Forecast, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
-        forecast = plan.evaluation.forecast(0, solution.filling)
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         spare, reached_s = self._home
         return DecisionRecord(
