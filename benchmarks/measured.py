@@ -55,15 +55,13 @@ def page(name: str, text: str) -> str:
 
 def _body(text: str) -> Iterator[str]:
     """Printed lines as Markdown: tables as they are, other lines as items of a list."""
+    lines = [own for printed in text.splitlines() if (own := printed.strip())]
     before = ""
-    for printed in text.splitlines():
-        own = printed.strip()
-        if not own:
-            continue
+    for own, after in zip(lines, [*lines[1:], ""], strict=True):
         kind = own[0] if own[0] in "|#" else "-"
-        if before and (kind != before or kind == "#"):
+        if before and (kind != before or kind == "#" or after.startswith("|---")):
             yield ""
-        yield own if kind != "-" else f"- {own}"
+        yield own if kind != "-" else f"- {own.removeprefix('- ')}"
         before = kind
     yield ""
 

@@ -15,10 +15,13 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
     python benchmarks/quality.py --reserve 2000
     python benchmarks/quality.py --schedules 40
     python benchmarks/quality.py --batteries 20
+    python benchmarks/quality.py --ablate --missions 200 --jobs 2
+    python benchmarks/quality.py --losses --missions 200 --jobs 2
 
 `--schedules` compares `joint` with the best schedule of c1 by laps that a search finds, with wind and losses known
 beforehand, and with the best one that learns of a loss when it happens; `--batteries` flies missions without losses
-with batteries of 0.5 to 1.3 in steps of 0.05.
+with batteries of 0.5 to 1.3 in steps of 0.05. `--ablate` and `--losses` are those of `ablation.py`. `--write` writes
+what is printed to docs/measured.
 """
 
 from __future__ import annotations
@@ -37,7 +40,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import head, line
+from ablation import ablated, ablation_table, losses, losses_table, value
+from measured import head, line, recorded
 
 from eadp.core.compiled import enable
 from eadp.io.flight.inputs import FlightInputs, load_flight
@@ -590,11 +594,6 @@ def again(task: tuple[dict[str, str], dict[str, Any]]) -> dict[str, Any]:
 NAMES = ("highest", "lowest", "paper", "lap budget", "joint", "hindsight")
 
 
-def value(flight: dict[str, Any]) -> float:
-    """U of a flight, 0 where it does not complete."""
-    return float(flight["u"]) if flight["completed"] else 0.0
-
-
 def table(title: str, results: list[dict[str, Any]]) -> Iterator[str]:
     """What came of them: U of completed flights, and in the last column the others as 0."""
     yield head(title, "completed", "reserve kept", "U, mean", "U, worst", "changes", "CPU [s]", "U, all")
@@ -837,7 +836,22 @@ def main() -> None:
     options.add_argument("--schedules", type=int, default=0, help="missions to compare with the best schedules")
     options.add_argument("--batteries", type=int, default=0, help="missions to fly with ever larger batteries")
     options.add_argument("--probability", type=float, default=0.95)
+    options.add_argument("--ablate", action="store_true", help="fly variants of joint that leave a concept out")
+    options.add_argument("--losses", action="store_true", help="fly joint at several rates of expected losses")
+    options.add_argument("--write", action="store_true", help="write what is printed to docs/measured")
     given = options.parse_args()
+    with recorded(_page(given), write=given.write):
+        _print(given)
+
+
+def _page(given: argparse.Namespace) -> str:
+    """The page in docs/measured that the options fill."""
+    kinds = {"programs": "programs", "forecasts": "forecasts", "reserve": "reserve", "schedules": "schedules"}
+    kinds |= {"batteries": "batteries", "ablate": "ablation", "losses": "losses"}
+    return next((name for option, name in kinds.items() if getattr(given, option)), "quality")
+
+
+def _print(given: argparse.Namespace) -> None:
     if given.table:
         report(given.seed, [json.loads(line) for line in Path(given.table).read_text().splitlines()])
         return
@@ -852,6 +866,9 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
+        if given.ablate or given.losses:
+            variants(given, found)
+            return
         if given.schedules or given.batteries:
             missions = cases(given.schedules or given.batteries, given.seed, found)
             with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
@@ -875,6 +892,30 @@ def main() -> None:
                     with open(given.out, "a") as file:
                         file.write(json.dumps(result) + "\n")
     report(given.seed, results)
+
+
+def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
+    """Fly variants of `joint`, and print how they compare."""
+    missions = cases(given.missions, given.seed, found)
+    tasks = [(found, missions[i]) for i in (given.only or range(len(missions)))]
+    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+        results = list(pool.imap_unordered(_ablated if given.ablate else _losses, tasks))
+    print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
+    print("\n".join((ablation_table if given.ablate else losses_table)(results)))
+
+
+def _ablated(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
+    return ablated(lambda keys: _joint(task, keys))
+
+
+def _losses(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
+    return losses(lambda keys: _joint(task, keys), lossy=bool(task[1].keys["faults"]))
+
+
+def _joint(task: tuple[dict[str, str], Case], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """A mission by `joint`, with some more keys."""
+    found, case = task
+    return flown(load(found[case.place], {**case.keys, "planner.name": "joint", **keys}))
 
 
 def larger(missions: list[list[tuple[float, float, bool]]]) -> None:
