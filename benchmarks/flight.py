@@ -175,7 +175,7 @@ def _print(arguments: argparse.Namespace) -> None:
         gap = max(gap, max(math.dist(a, b) for a, b in zip(track, positions, strict=False)))
     per_step, per_peer_step = statistics.median(mine), statistics.median(peer)
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(head(f"flight I, {steps} steps with filter and log, median of {arguments.runs} runs", "", "aim"))
+    print(head(f"flight I, {steps} steps with filter and log, median of {arguments.runs} runs", "value", "aim"))
     print(line("eadp", f"{1 / per_step:,.0f} steps per CPU s", f"{TARGET_STEPS_PER_S:,}"))
     print(line("transcription", f"{1 / per_peer_step:,.0f} steps per CPU s", ""))
     print(line("ratio", f"{per_peer_step / per_step:.1f}", ""))
