@@ -25,13 +25,15 @@ from eadp.planning.base import SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint import places, planner, policy, search
+from eadp.planning.joint import places, policy, search
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search
+from eadp.planning.joint.settings import JointSettings
 
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
+OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
 AS_IT_IS = "as it is"
 charge_std = Evaluator.charge_std
 
@@ -72,7 +74,7 @@ VARIANTS: Mapping[str, Variant] = {
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no pattern search": Variant(((Search, "_pattern", lambda _, start, *__: start),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
-    "forced changes without a margin (`MARGIN` = 0)": Variant(((policy, "MARGIN", 0.0), (planner, "MARGIN", 0.0))),
+    "changes without a margin (`MARGIN` = 0)": Variant(((policy, "MARGIN", 0.0),)),
     "computations rounded down (no `RISE`, `FALL`)": Variant(
         ((policy, "RISE", ALL), (policy, "FALL", ALL), (policy, "MAX_RISE", ALL))
     ),
@@ -86,7 +88,11 @@ VARIANTS: Mapping[str, Variant] = {
     ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", lambda *_: (1.0, 0.0)),)),
     "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
-    **{f"{rate:g} expected losses an hour": _rated(rate) for rate in (1.0, 2.0, 4.0)},
+    **{
+        f"{rate:g} expected losses an hour": _rated(rate)
+        for rate in LOSS_RATES_PER_H
+        if rate != JointSettings.loss_rate_per_h
+    },
 }
 
 

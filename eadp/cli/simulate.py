@@ -106,9 +106,7 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
             f"{values['changes']} changes"
         )
     if summary["quality"] is not None:
-        lines.append(
-            f"quality    U = {summary['quality']:.3f} (weighted share of the parameters' sets, averaged over time)"
-        )
+        lines.append(f"quality    U = {summary['quality']:.3f} (share of full quality over the ground of the mission)")
     lines.append(
         f"planner    {summary['planner']}: {summary['replans']} re-plannings by OSQP ({solver['calls']} runs, "
         f"{solver['failed']} failed), {solver['skipped']} kept, {solver['fallbacks']} by the fallback, "

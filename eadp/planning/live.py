@@ -20,7 +20,9 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
+from eadp.planning.acquisition import Acquisition
 from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
+from eadp.planning.ending import Continuation, is_certain
 from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import GAP_S, GAP_STEPS, SLACK_M, SPEED_FACTOR, Notice, Sample
@@ -47,6 +49,9 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 MAX_NOTICES = 100
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
+SEARCHED, FOUND = "stage and lap are not known yet: parameters stay", "stage and lap are found"
+GOES_ON = "the flight goes on after the final point"
+UNCERTAIN_END = "final point passed by less than the error of a position"
 
 
 class Ending(NamedTuple):
@@ -143,7 +148,7 @@ class LiveFlight:
         self._names = mission.plan.names
         self._make, self._make_forecast = make, make_forecast
         self._every_s = every_s
-        self._started = False
+        self._started = self._planning = False
         self._planner: Planner
         self._locator: Locator
         self._forecast: HeldForecast
@@ -157,6 +162,8 @@ class LiveFlight:
         self._decision = Decision(mission.parameters)
         self._next_s = -math.inf
         self._lost = self._empty = self._measured = False
+        self._acquisition: Acquisition | None = None
+        self._continuation: Continuation | None = None
         self._past_stage: int | None = None
         self._failure = ""
         self._reasons: list[str] = []
@@ -173,19 +180,28 @@ class LiveFlight:
                 return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
             self._start(sample)
         velocity = self._ground.update(sample)
-        if self.complete:
+        if self.complete and self._continuation is None:
             return None, ()
-        if sample.soc is not None and sample.soc <= 0:
+        if not self.complete and sample.soc is not None and sample.soc <= 0:
             return self._run_empty(sample), ()
         time_s = sample.time_s - self._origin_s
-        soc = self._state.soc if sample.soc is None else sample.soc
+        known_soc = self._state.soc if self._planning else self._last[1]
+        soc = known_soc if sample.soc is None else sample.soc
         self._empty, self._measured = False, sample.soc is not None
         before = self._decision
-        position = self._track(sample, time_s, soc, velocity)
-        self._put_in_force(sample, time_s, position)
-        self._last = (time_s, soc)
-        if self._executor.complete:
-            self.complete = self.forecast_completes = True
+        was_found = self._acquisition is None or self._acquire(self._acquisition, sample, time_s, velocity)
+        if not self._planning:
+            return self._unknown(sample, time_s), self._all()
+        position = self._located[1]
+        if was_found:
+            position = self._track(sample, time_s, soc, velocity)
+            self._put_in_force(sample, time_s, position)
+        step_s, self._last = time_s - self._last[0], (time_s, soc)
+        was_complete = self.complete
+        self._update_end(_sighting(sample, time_s, velocity), position, step_s)
+        if self.complete:
+            if was_complete:
+                return None, ()
             return self._advice(sample, COMPLETED, sample.wind_mps, Ending(soc, 0.0, 1.0, remaining_s=0.0)), self._all()
         observation = self._observation(time_s, position, soc)._replace(
             power_w=sample.power_w,
@@ -201,7 +217,7 @@ class LiveFlight:
             return None, self._all()
         advice = self._advise(sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
-        self.forecast_completes = (advice.ending.soc_end or 0.0) > 0
+        self.forecast_completes = self._continuation is not None or (advice.ending.soc_end or 0.0) > 0
         return advice, self._all()
 
     # --- the plan
@@ -215,22 +231,63 @@ class LiveFlight:
         mission = self._mission
         self._origin_s = 0.0 if 0 <= sample.time_s <= CLOCK_START_S else sample.time_s
         position, start = sample.position_m, mission.start_m
+        mission_start = start
         elapsed_s = sample.time_s - self._origin_s
         if position is not None:
             reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
             start = start if start is not None and math.dist(position, start) <= reach_m else position
         assert start is not None
         mission = replace(mission, start_m=start, live=True)
-        self._planner = self._make(mission)
-        self._state = self._planner.flight_state()
-        self._forecast = self._make_forecast(mission)
         executor = PlanExecutor(mission.plan, mission.parameters, start, mission.rules)
         time_s = min(0.0, elapsed_s)
         self._locator = Locator(executor, mission.cruise_mps, time_s)
         self._located = (time_s, start)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
-        self._reasons.append(TAKE_OFF)
         self._started = True
+        away = position is not None and start is position and mission_start is not None
+        if away or sample.stage not in (None, 1) or (sample.stages_started or 1) > 1:
+            self._acquisition = Acquisition(executor, mission_start or start)
+        else:
+            self._plan_with(mission)
+            self._reasons.append(TAKE_OFF)
+
+    def _plan_with(self, mission: Mission) -> None:
+        self._planner, self._forecast = self._make(mission), self._make_forecast(mission)
+        self._state = self._planner.flight_state()
+        self._planning = True
+
+    def _acquire(self, acquisition: Acquisition, sample: Sample, time_s: float, velocity: Point | None) -> bool:
+        """Find stage and lap where telemetry begins in the middle of the flight; return whether it begins at the start.
+
+        Planning starts with the stage. Path parameters are held until the lap is found.
+        """
+        reported = {self._names.index(name): value for name, value in sample.parameters.items() if name in self._names}
+        acquisition.update(_sighting(sample, time_s, velocity), reported)
+        if acquisition.is_start:
+            self._acquisition = None
+            self._plan_with(replace(self._mission, start_m=self._executor.joined_m, live=True))
+            self._reasons.append(TAKE_OFF)
+            return True
+        best, rho = acquisition.hypotheses[0], self._mission.plan.path_count
+        path = best.executor.cursor.waiting[:rho]
+        if acquisition.stage_found and not self._planning:
+            parameters = (*path, *best.executor.parameters[rho:])
+            self._decision, self._last = Decision(parameters), (time_s, self._last[1])
+            self._plan_with(replace(self._mission, parameters=parameters, start_m=best.executor.joined_m, live=True))
+        elif self._planning and path != self._decision.parameters[:rho]:
+            self._decision = self._decision._replace(parameters=(*path, *self._decision.parameters[rho:]))
+        if self._planning:
+            self._planner.hold({} if acquisition.settled else dict(enumerate(path)))
+        self._applied = AppliedParameters((*path, *self._decision.parameters[rho:]), self._mission.plan)
+        self._locator = Locator(best.executor, self._mission.cruise_mps, time_s, sample.position_m)
+        self._locator.hypotheses, self._locator.through_gap = [best], True
+        if sample.position_m is not None:
+            self._usual_s, self._located = time_s - self._located[0], (time_s, sample.position_m)
+            self._locator.decide(self._applied.effective, sample.position_m)
+        if acquisition.settled:
+            self._acquisition = None
+            self._reasons.append(FOUND)
+        return False
 
     def _track(self, sample: Sample, time_s: float, soc: float, velocity: Point | None) -> Point:
         """Find the position in the plan; return that of the aircraft, or its forecast [m].
@@ -245,8 +302,7 @@ class LiveFlight:
             self._located, self._usual_s = (time_s, position), step_s
         if self._lost:
             return position or last
-        course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
-        sighting = Sighting(time_s, position, course, sample.stage, sample.stages_started)
+        sighting = _sighting(sample, time_s, velocity)
         try:
             if gap or self._locator.lost:
                 found = self._seek(sighting, soc)
@@ -259,6 +315,28 @@ class LiveFlight:
             self._lose(error)
         assert position is not None
         return position
+
+    def _update_end(self, to: Sighting, position: Point, step_s: float) -> None:
+        """Find out whether the plan is complete: an end may be uncertain, and the aircraft may fly on all the same."""
+        if self._continuation is not None:
+            goes_on = self._continuation.update(self._executor, to, step_s)
+            if goes_on is None:
+                return
+            self._continuation = None
+            if goes_on and self.complete:
+                self._locator.through_gap = True
+            if goes_on:
+                self._reasons.append(GOES_ON)
+                self._notices.append(Notice("x_m", GOES_ON))
+            self.complete = self.forecast_completes = not goes_on
+        elif self._executor.complete:
+            certain, goes_on = is_certain(self._executor, position, to.course_rad), self._locator.go_on()
+            self.complete = certain or not goes_on
+            self.forecast_completes = True
+            if goes_on:
+                self._continuation = Continuation(self._executor)
+            if not self.complete:
+                self._reasons.append(UNCERTAIN_END)
 
     def _follow(self, to: Sighting, soc: float) -> None:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
@@ -372,7 +450,9 @@ class LiveFlight:
         return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
 
     def _update_planner(self, observation: Observation) -> None:
-        """Update the planner with an observation, and the plan with its decision."""
+        """Update the planner with an observation, and the plan with its decision; not once the plan is complete."""
+        if self.complete:
+            return
         before = self._decision
         try:
             self._state.observe(observation if self._measured else observation._replace(soc=math.nan))
@@ -415,6 +495,13 @@ class LiveFlight:
         forecast = record or end
         return self._advice(sample, reason, wind_mps, Ending() if forecast is None else Ending.of(forecast))
 
+    def _unknown(self, sample: Sample, time_s: float) -> Advice | None:
+        """Stage and lap are not known yet: the parameters stay."""
+        if time_s < self._next_s - 1e-9:
+            return None
+        self._next_s = next_multiple(time_s, self._every_s)
+        return self._advice(sample, SEARCHED, sample.wind_mps, Ending())
+
     def _run_empty(self, sample: Sample) -> Advice | None:
         """The battery is measured to be empty: no decisions until it is not."""
         self.forecast_completes = False
@@ -440,13 +527,27 @@ class LiveFlight:
     def _warnings(self, sample: Sample) -> tuple[str, ...]:
         known = {
             STALE: sample.position_m is None or sample.soc is None,
-            STAGE_UNKNOWN: self._lost or self._locator.uncertain,
+            STAGE_UNKNOWN: self._lost or self._locator.uncertain or self._undecided,
             NOT_APPLIED: bool(self._applied.held),
         }
-        return (*sample.warnings, *(code for code, holds in known.items() if holds), *self._state.warnings)
+        return (
+            *sample.warnings,
+            *(code for code, holds in known.items() if holds),
+            *(self._state.warnings if self._planning else ()),
+        )
+
+    @property
+    def _undecided(self) -> bool:
+        """Whether stage and lap are being found, or an end is uncertain."""
+        return self._acquisition is not None or (self._continuation is not None and not self.complete)
 
     def _named(self, parameters: Vector) -> dict[str, float]:
         return dict(zip(self._names, parameters, strict=True))
+
+
+def _sighting(sample: Sample, time_s: float, velocity: Point | None) -> Sighting:
+    course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
+    return Sighting(time_s, sample.position_m, course, sample.stage, sample.stages_started)
 
 
 class AppliedParameters:

@@ -114,12 +114,15 @@ class Locator:
         Whether the start of the stage, or the end of the one before, may have been in a gap.
     """
 
-    def __init__(self, executor: PlanExecutor, cruise_mps: float, time_s: float) -> None:
+    def __init__(
+        self, executor: PlanExecutor, cruise_mps: float, time_s: float, position_m: Point | None = None
+    ) -> None:
+        """`position_m` is where the flight is; by default where its stage was joined."""
         self.hypotheses = [Hypothesis(executor, time_s)]
         self.through_gap = False
         self._speed = cruise_mps
         self._predictor = RoutePredictor()
-        self._time_s, self._position = time_s, executor.joined_m
+        self._time_s, self._position = time_s, position_m or executor.joined_m
         self._before: list[Hypothesis] = []
         """Hypotheses at the last position before a gap, until the flight is found again."""
 
@@ -178,9 +181,8 @@ class Locator:
         assert to.position_m is not None
         time_s, position = self._time_s, self._position
         self._time_s, self._position = to.time_s, to.position_m
-        (x0, y0), (x1, y1) = position, to.position_m
-        steps = min(max(1, math.ceil(math.dist(position, to.position_m) / STEP_M)), MAX_STEPS)
-        line = [(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0)) for k in range(1, steps + 1)]
+        line = line_between(position, to.position_m)
+        steps = len(line)
         for hypothesis in self.hypotheses[1:]:
             try:
                 for x, y in line:
@@ -218,13 +220,20 @@ class Locator:
         except PathUndefined:
             return False
 
+    def go_on(self) -> bool:
+        """Go on with the plan after an end of it, of which the flight is uncertain; return whether it has more."""
+        following = self.executor.past_end()
+        if following is not None:
+            self.hypotheses[0].executor = following
+        return following is not None
+
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
         hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
     def _weigh(self, to: Sighting, step_s: float) -> None:
         """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
         for hypothesis in self.hypotheses:
-            mismatch = min(_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
+            mismatch = min(path_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
             hypothesis.log_likelihood -= mismatch / 2 * min(1.0, step_s / INDEPENDENT_S)
         reported = [one for one in self.hypotheses if to.allows(one.executor)]
         self._keep(reported or self.hypotheses)
@@ -333,24 +342,9 @@ class _LegAhead(NamedTuple):
     def match(self, sighting: Sighting, elapsed_s: float, std_s: float) -> tuple[float, Point, float] | None:
         """Share of the leg, point and log likelihood of the best match; None where none fits."""
         leg = self.leg
-        max_stds = sighting.max_time_stds
-        if self.start_s + self.duration_s < elapsed_s - max_stds * std_s:
+        if self.start_s + self.duration_s < elapsed_s - sighting.max_time_stds * std_s:
             return None
-        points = list(leg_points(leg, max(POINT_M, leg.distance_m / MAX_POINTS)))
-        shares = np.linspace(0.0, 1.0, len(points))
-        late = ((self.start_s + shares * self.duration_s - elapsed_s) / std_s) ** 2
-        fit = np.zeros(len(points))
-        if sighting.position_m is not None:
-            offsets = np.array([(point.x_m, point.y_m) for point in points]) - sighting.position_m
-            fit += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
-            if sighting.course_rad is not None:
-                turned = np.array([point.heading_rad for point in points]) - sighting.course_rad
-                fit += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
-        total = np.where((late <= max_stds**2) & (fit <= MAX_STDS**2), late + fit, math.inf)
-        best = int(np.argmin(total))
-        if not math.isfinite(total[best]):
-            return None
-        return float(shares[best]), (points[best].x_m, points[best].y_m), -float(total[best]) / 2
+        return best_match(leg, sighting, (self.start_s, self.duration_s, elapsed_s, std_s))
 
 
 class _Candidate(NamedTuple):
@@ -377,8 +371,11 @@ class _Candidate(NamedTuple):
         return Hypothesis(placed, self.time_s - self.share * self.ahead.duration_s, self.log_likelihood)
 
 
-def _mismatch(executor: PlanExecutor, to: Sighting) -> float:
-    """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations."""
+def path_mismatch(executor: PlanExecutor, to: Sighting, distance_std_m: float = DISTANCE_STD_M) -> float:
+    """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations.
+
+    That of the distance is `distance_std_m` [m].
+    """
     assert to.position_m is not None
     ox, oy = executor.cursor.offset_m
     local = (to.position_m[0] - ox, to.position_m[1] - oy)
@@ -387,8 +384,42 @@ def _mismatch(executor: PlanExecutor, to: Sighting) -> float:
         dx, dy = tangent(executor.path, local, executor.stage.sense)
     except (EadpError, ArithmeticError, ValueError):
         return 0.0
-    mismatch = (phi / math.hypot(gx, gy) / DISTANCE_STD_M) ** 2
+    mismatch = (phi / math.hypot(gx, gy) / distance_std_m) ** 2
     if to.course_rad is not None:
         turned = math.remainder(math.atan2(dy, dx) - to.course_rad, 2 * math.pi)
         mismatch += (turned / COURSE_STD_RAD) ** 2
     return mismatch
+
+
+def best_match(
+    leg: Leg, sighting: Sighting, times_s: tuple[float, float, float, float] | None = None
+) -> tuple[float, Point, float] | None:
+    """Share of a leg, point and log likelihood of the best match; None where none fits.
+
+    `times_s` are the leg's start and duration, and the time and its standard deviation [s]; None where any will do.
+    """
+    points = list(leg_points(leg, max(POINT_M, leg.distance_m / MAX_POINTS)))
+    shares = np.linspace(0.0, 1.0, len(points))
+    late = np.zeros(len(points))
+    if times_s is not None:
+        start_s, duration_s, elapsed_s, std_s = times_s
+        late += ((start_s + shares * duration_s - elapsed_s) / std_s) ** 2
+    fit = np.zeros(len(points))
+    if sighting.position_m is not None:
+        offsets = np.array([(point.x_m, point.y_m) for point in points]) - sighting.position_m
+        fit += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
+        if sighting.course_rad is not None:
+            turned = np.array([point.heading_rad for point in points]) - sighting.course_rad
+            fit += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
+    total = np.where((late <= sighting.max_time_stds**2) & (fit <= MAX_STDS**2), late + fit, math.inf)
+    best = int(np.argmin(total))
+    if not math.isfinite(total[best]):
+        return None
+    return float(shares[best]), (points[best].x_m, points[best].y_m), -float(total[best]) / 2
+
+
+def line_between(start: Point, end: Point) -> list[Point]:
+    """The points after `start` of the straight line to `end`, at most `STEP_M` apart [m]."""
+    (x0, y0), (x1, y1) = start, end
+    steps = min(max(1, math.ceil(math.dist(start, end) / STEP_M)), MAX_STEPS)
+    return [(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0)) for k in range(1, steps + 1)]

@@ -15,7 +15,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
-from eadp.planning.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, _mismatch
+from eadp.planning.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, path_mismatch
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-100.0, 220.0), 15.0
@@ -145,7 +145,7 @@ def test_a_course_decides_between_two_lines():
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.4, -0.4, math.pi / 2, 3.0])
-def test_the_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
+def test_thepath_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
     """On the path and at 7 m from a line, courses a whole turn apart alike."""
     number = next(i for i, leg in enumerate(LEGS) if leg.stage.kind == "line")
     _, found = sighted((ENDS_S[number - 1] + ENDS_S[number]) / 2)
@@ -154,9 +154,9 @@ def test_the_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turned):
     beside = (x - 7 * math.sin(course), y + 7 * math.cos(course))
     angle = (turned / COURSE_STD_RAD) ** 2
     for whole in (0, 2 * math.pi, -2 * math.pi):
-        on_path = _mismatch(executor, Sighting(9.0, (x, y), course + turned + whole))
+        on_path = path_mismatch(executor, Sighting(9.0, (x, y), course + turned + whole))
         assert on_path == pytest.approx(angle, abs=1e-6)
-        off_path = _mismatch(executor, Sighting(9.0, beside, course + turned + whole))
+        off_path = path_mismatch(executor, Sighting(9.0, beside, course + turned + whole))
         assert off_path == pytest.approx(angle + (7 / DISTANCE_STD_M) ** 2, rel=1e-6)
 
 

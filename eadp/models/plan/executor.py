@@ -147,6 +147,20 @@ class PlanExecutor:
         events = self.watch.events(x, y)
         self.complete = bool(events & ENDED) or (bool(events & FIRED) and self.cursor.next() is None)
 
+    def past_end(self) -> PlanExecutor | None:
+        """The flight that goes on where this one is complete, without its end on this leg; None without a next stage.
+
+        Raises
+        ------
+        PathUndefined
+            If the next lap's loop variables have no value.
+        """
+        if self.cursor.next() is None:
+            return None
+        other = copy.copy(self)
+        other.complete, other.watch = False, self.watch.without_end()
+        return other
+
     def stages_to(self, index: int) -> int | None:
         """In how many stages from here the next one of an index (from 1) starts; None where none will.
 

@@ -26,15 +26,17 @@ from eadp.models.plan.stage import Box
 MIN_ADVANCE = 1e-9
 
 
-def lap_scale(cursor: PlanCursor) -> float:
+def lap_scale(cursor: PlanCursor, *, last: bool = False) -> float:
     """Ground per metre of a lap, relative to that at the highest parameters: its advance over theirs.
 
-    The last lap of a plan, or of a segment, advances only to its end. A stage outside laps has 1.
+    The last lap of a plan, or of a segment, advances to its end. A stage outside laps has 1.
 
     Parameters
     ----------
     cursor : PlanCursor
         A stage of the lap, whose parameters shift the next one: the last.
+    last : bool
+        Whether the plan ends in this lap.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def lap_scale(cursor: PlanCursor) -> float:
     left = max([1.0 + way / d for way, d in ways if abs(d) > MIN_ADVANCE], default=1.0)
     full = math.hypot(hx, hy)
     relative = math.hypot(dx, dy) / full if full > MIN_ADVANCE else 1.0
-    return min(max(left, 0.0), 1.0) * relative
+    return max(left if last else min(left, 1.0), 0.0) * relative
 
 
 def _gain(cursor: PlanCursor, parameters: Vector, state: tuple[float, ...]) -> float:

@@ -326,15 +326,15 @@ class _RouteMaker:
         self.rows.append(row)
         self._runs.append(len(self._scales))
 
-    def _finish(self) -> None:
+    def _finish(self, *, last: bool = False) -> None:
         """A lap is complete: what shifts the next one is known."""
         if self._cursor is not None:
-            self._scales.append(lap_scale(self._cursor))
+            self._scales.append(lap_scale(self._cursor, last=last))
         self._cursor = self._place = None
 
     def route(self, beyond_m: float = 0.0) -> Route:
         """The route; see its `beyond_m`."""
-        self._finish()
+        self._finish(last=True)
         order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
         return Route(self._table, order, tuple(self.ends), tuple(self._pieces), runs, np.array(self._scales), beyond_m)
 

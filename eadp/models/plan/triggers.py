@@ -6,6 +6,7 @@ inner loop of a simulated flight.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import MutableSequence
 
@@ -147,6 +148,13 @@ class TriggerWatch:
     def events(self, x: float, y: float) -> int:
         """`watched` at a position [m]."""
         return watched(self.numbers, x, y, self.curve)
+
+    def without_end(self) -> TriggerWatch:
+        """The same watch, but the plan does not end on this stage."""
+        other = copy.copy(self)
+        other.numbers, other.curve = self.numbers.copy(), copy.copy(self.curve)
+        other.numbers[ENDS] = 0.0
+        return other
 
     def resume(self, share: float) -> None:
         """Go on with the stage where a share of it has been flown."""

@@ -93,7 +93,7 @@ def power_limits(
     rise_v = b.voltage_at(1.0) - empty_v
     limits = b.resistance_ohm, b.max_current_a, b.cutoff_voltage_v or 0.0
     per_as = (b.drain_per_as * use_ratio)[legs.place]
-    base_w, highest_w = load.peak_w + load.min_w, load.motion_w + load.max_w
+    base_w, greatest_w = load.peak_w + load.min_w, load.motion_w + load.max_w
     floor: FloatArray = np.full(len(legs.first), min(reserve_soc, soc))
     required = np.zeros(len(times_s))
     if rise_v > 0.0:
@@ -102,7 +102,7 @@ def power_limits(
     volts = empty_v + rise_v * np.maximum(floor, 0.0)[legs.place]
     charge_end = volts
     for _ in range(3 if rise_v != 0.0 else 1):
-        taken = times_s * drain_per_s(highest_w, volts, b.resistance_ohm, 1.0) * per_as
+        taken = times_s * drain_per_s(greatest_w, volts, b.resistance_ohm, 1.0) * per_as
         scale = np.minimum(1.0, (soc - floor) / np.maximum(legs.sums(taken), 1e-12))
         taken = taken * scale[legs.place]
         charge_end = soc - legs.running(taken)

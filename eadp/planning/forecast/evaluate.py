@@ -510,8 +510,11 @@ def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
     times_s = _row_times_s(route.table.rows, rows, known.airspeed_mps, winds_mps)[0] @ counts
     if not np.isfinite(times_s).all() or times_s.min() <= 0:
         return 1.0, 0.0
-    logs = np.log(times_s[1:] / times_s[0])
-    return math.exp(float(logs.mean())), float(logs.var())
+    # along each column of √2 L: the change to first order, and the change to second order
+    above, below = np.log(times_s[1::2] / times_s[0]), np.log(times_s[2::2] / times_s[0])
+    first, second = (above - below) / 2, (above + below) / 2
+    # E = ½ tr H P, var = gᵀ P g + ½ tr (H P)²
+    return math.exp(float(second.sum()) / 2), float((first**2).sum() + (second**2).sum()) / 2
 
 
 def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray | None:

@@ -42,13 +42,13 @@ from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint.places import Places
-from eadp.planning.joint.policy import MARGIN, Policy
+from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.state.known import Known
 
-LOOK_EVERY_S = 15.0
+LOOK_EVERY_S = 20.0
 """Time between looks at the plan in force [s]."""
 
 WARM_UP_S = 5.0
@@ -70,7 +70,7 @@ FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
 
 
-class Plan(NamedTuple):
+class Candidate(NamedTuple):
     """A plan: its place and evaluation, that place alone, and the computations as solved."""
 
     shares: Shares
@@ -193,20 +193,21 @@ class JointPlanner(TrackingPlanner):
         report, calls, started = self.report, self.report.calls, time.perf_counter()
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
-        if plan is not None and cause != JUMPED and self._goes_as_planned(o, plan):
+        search = bool(self._places.open) and self._must_search(o, plan, cause)
+        if plan is not None and not search and self._goes_as_planned(o, plan):
             return
-        found, searched = self._searched_plan(o, known, plan, cause)
+        found = self._searched_plan(known, plan) if search else plan
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
             self._decision, self._expected = self._decision._replace(reason=why), None
         else:
             solution = self._program.solve(found.evaluation.knapsack)
-            self._decide(o, known, cause, found._replace(solution=solution), calls, searched=searched)
+            self._decide(o, known, cause, found._replace(solution=solution), calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
 
-    def _plan(self, known: Known, shares: Shares, tolerated: float = TOLERATED) -> Plan | None:
+    def _plan(self, known: Known, shares: Shares, tolerated: float = TOLERATED) -> Candidate | None:
         """The plan at a place, computations in closed form; None where it cannot be flown."""
         _, evaluation = self._places.evaluate(self._evaluator, known, [shares])
         if evaluation is None:
@@ -214,9 +215,9 @@ class JointPlanner(TrackingPlanner):
         knapsack = evaluation.knapsack
         if 0 < -float(knapsack.spare[0]) < tolerated * float(evaluation.std[0]):
             evaluation = evaluation.with_knapsack(knapsack._replace(available=knapsack.base_use))
-        return Plan(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
+        return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
 
-    def _goes_as_planned(self, o: Observation, plan: Plan) -> bool:
+    def _goes_as_planned(self, o: Observation, plan: Candidate) -> bool:
         """Whether the plan in force is still what was expected: another would gain nothing to speak of."""
         expected = self._expected
         if expected is None or self._mission.live or not plan.solution.feasible or self._home[0] is not None:
@@ -225,25 +226,21 @@ class JointPlanner(TrackingPlanner):
             return False
         return abs(plan.solution.value - expected.value) < SAME_VALUE and abs(plan.over - expected.over) < SAME_SOC
 
-    def _searched_plan(self, o: Observation, known: Known, kept: Plan | None, cause: str) -> tuple[Plan | None, bool]:
-        """The plan with the best path, or the one in force unless the gain is worth it; and whether it was searched."""
+    def _searched_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
+        """The plan with the best path, or the one in force unless the gain is large enough."""
         places = self._places
-        if not places.open or not self._must_search(o, kept, cause):
-            return kept, False
         flown = kept if kept is not None and kept.solution.feasible else None
 
         def evaluate(wanted: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
             return places.evaluate(self._evaluator, known, wanted)
 
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
-        slope, margin = self._evaluator.path_weight, 0.0 if flown is not None or self._expected is None else MARGIN
-        best = Search(evaluate, slope, threshold, margin).best(places.shares, len(places.open))
-        if best is not None and not best.feasible and margin:
-            best = Search(evaluate, slope).best(places.shares, len(places.open))
+        slope = self._evaluator.path_weight
+        best = Search(evaluate, slope, threshold, self._policy.margin).best(places.shares, len(places.open))
         if best is None:
-            return kept, True
-        found: Plan | None
-        if flown is not None and (not best.feasible or best.value <= threshold):
+            return kept
+        found: Candidate | None
+        if flown is not None and (not best.sure or best.value <= threshold):
             found = flown
         elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
             found = kept
@@ -251,13 +248,13 @@ class JointPlanner(TrackingPlanner):
             found = self._plan(known, best.shares) or kept
         if found is not None:
             self._searched = found.solution.value, found.over
-        return found, True
+        return found
 
-    def _less_short(self, kept: Plan, shortfall: float) -> bool:
+    def _less_short(self, kept: Candidate, shortfall: float) -> bool:
         std = float(kept.evaluation.std[0])
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
-    def _must_search(self, o: Observation, kept: Plan | None, cause: str) -> bool:
+    def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to."""
         if kept is None or self._searched is None or cause == JUMPED:
             return True
@@ -266,11 +263,11 @@ class JointPlanner(TrackingPlanner):
         if not o.cursor.accepts_changes():
             return False
         (value, over), was = (kept.solution.value, kept.over), self._searched
-        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain / 2
+        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain
 
     # --- decisions
 
-    def _decide(self, o: Observation, known: Known, cause: str, plan: Plan, calls: int, *, searched: bool) -> None:
+    def _decide(self, o: Observation, known: Known, cause: str, plan: Candidate, calls: int, *, searched: bool) -> None:
         """Decide what of a plan to fly."""
         evaluation, solution = plan.evaluation, plan.solution
         rho, before = self._mission.plan.path_count, self._decision.parameters
@@ -284,7 +281,10 @@ class JointPlanner(TrackingPlanner):
             computations = self._policy.computations(o.time_s, before[rho:], now_w, evaluation, 0, solution)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
-            self._policy.path_changed()
+            if self._expected is not None and self._policy.closes(cause, self._after_change_s(evaluation, chosen)):
+                settled, chosen = self._places.shares, (*before[:rho], *chosen[rho:])
+            else:
+                self._policy.path_changed()
         if not solution.feasible:
             self.report.infeasible += 1
         limit = self._battery_limit(known, plan)
@@ -300,6 +300,14 @@ class JointPlanner(TrackingPlanner):
         self._places.decide(settled, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
 
+    def _after_change_s(self, evaluation: Evaluation, parameters: Vector) -> float:
+        """Time that is left when path parameters take effect [s]; all of it where they never do."""
+        route, rho = evaluation.routes[0], self._mission.plan.path_count
+        start = route.parameters[0][:rho]
+        changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
+        first = changed[0] if changed and start != parameters[:rho] else 0
+        return float(evaluation.load.times_s[first:].sum())
+
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of parameters within the sets of the stage being flown [W]."""
         route = evaluation.routes[0]
@@ -308,7 +316,7 @@ class JointPlanner(TrackingPlanner):
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
         return self._mission.computing.power_w(clipped, boxes)
 
-    def _must_turn_back(self, time_s: float, plan: Plan) -> bool:
+    def _must_turn_back(self, time_s: float, plan: Candidate) -> bool:
         """Whether the plan is infeasible, and home is out of reach by the next re-planning, or short by less."""
         (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
@@ -319,7 +327,7 @@ class JointPlanner(TrackingPlanner):
 
     # --- records
 
-    def _reason(self, o: Observation, known: Known, plan: Plan, chosen: Vector, *, searched: bool) -> str:
+    def _reason(self, o: Observation, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
             if self._infeasible_since_s is None:
@@ -341,7 +349,7 @@ class JointPlanner(TrackingPlanner):
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
 
-    def _battery_limit(self, known: Known, plan: Plan) -> str | None:
+    def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The limit of the battery's power without which there would be more computations, or a feasible plan."""
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
         if limits.beyond_w[0] > 0:
@@ -359,7 +367,7 @@ class JointPlanner(TrackingPlanner):
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
 
     def _record(
-        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Plan, reason: str
+        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling)

@@ -6,8 +6,6 @@ the plan needs it, with some charge to spare so that they need not fall again so
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from eadp.models.plan.cursor import Vector
@@ -23,25 +21,13 @@ most. The variance of the forecast shrinks in flight, and its margin with it: ch
 RISE_GAIN = 0.002
 """Least gain of U over what is left for which computations rise, times one more for each change."""
 
-SETTLED_S, LAST_S = 60.0, 30.0
+SETTLED_S, LAST_S = 60.0, 40.0
 """Time after a fall in which computations do not rise again; and time before the end in which nothing changes, unless
 charge was lost [s]."""
 
-MARGIN = 0.3
-"""Standard deviations of the final charge that a forced change keeps to spare."""
-
-
-class Flown(NamedTuple):
-    """The configuration of computations flown, and its neighbours around the power that can be sustained.
-
-    Attributes
-    ----------
-    held, sustained : int
-        Vertices of the envelope: flown, and to be flown.
-    """
-
-    held: int
-    sustained: int
+MARGIN, MAX_MARGIN = 0.3, 1.5
+"""Standard deviations of the final charge that a change keeps to spare, half as much more for each change before it,
+and at most: a plan in force is left where it no longer keeps the reserve with its probability, and not before."""
 
 
 class Policy:
@@ -56,6 +42,11 @@ class Policy:
     def path_gain(self) -> float:
         """Gain of U for which a path parameter changes."""
         return self._min_gain * (1 + self._path_changes / 2)
+
+    @property
+    def margin(self) -> float:
+        """Standard deviations of the final charge that a change keeps to spare."""
+        return min(MARGIN * (1 + self._changes / 2), MAX_MARGIN)
 
     def closes(self, cause: str, remaining_s: float) -> bool:
         """Whether the flight is so near its end that nothing changes."""
@@ -90,20 +81,17 @@ class Policy:
         if not solution.feasible:
             return self._fly(time_s, held, 0, envelope.configurations)
         target_w = sustained_w(evaluation, place, kind, solution)
-        spare_w = (
-            MARGIN * float(evaluation.std[place]) / max(float(evaluation.totals.soc_per_j[place]) * remaining_s, 1e-12)
-        )
+        per_w = max(float(evaluation.totals.soc_per_j[place]) * remaining_s, 1e-12)
+        sure, sure_share = _vertex(powers_w, target_w - self.margin * float(evaluation.std[place]) / per_w)
         below, share = _vertex(powers_w, target_w)
-        rises = share > min(RISE * (1 + self._falls), MAX_RISE)
-        sustained = below + (share > FALL if held > below else rises)
-        if sustained < held:
-            sustained = min(sustained, _vertex(powers_w, target_w - spare_w)[0])
-        elif sustained > held:
-            gain = (values[sustained] - values[held]) * float(evaluation.ground_ahead(place))
+        rises = sure + (sure_share > min(RISE * (1 + self._falls), MAX_RISE))
+        if rises > held:
+            gain = (values[rises] - values[held]) * evaluation.ground_ahead(place)
             on_vertex = tuple(envelope.configurations[held].tolist()) == now
-            if time_s - self._fell_s < SETTLED_S or (gain < RISE_GAIN * (1 + self._changes) and on_vertex):
-                sustained = held
-        return self._fly(time_s, held, int(sustained), envelope.configurations)
+            waits = time_s - self._fell_s < SETTLED_S or (gain < RISE_GAIN * (1 + self._changes) and on_vertex)
+            return self._fly(time_s, held, held if waits else int(rises), envelope.configurations)
+        stays = held <= below + (share > FALL)
+        return self._fly(time_s, held, held if stays else min(sure, held), envelope.configurations)
 
     def _fly(self, time_s: float, held: int, chosen: int, configurations: np.ndarray) -> Vector:
         if chosen < held:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.planning.forecast.evaluate import Evaluation
+from eadp.planning.forecast.knapsack import fill_greedy
 
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets; with later segments of laps, those for these follow."""
@@ -37,21 +38,32 @@ SAME = 1e-11
 
 
 class Place(NamedTuple):
-    """A place: whether the reserve is kept there with its probability, its value, and the charge it is short of.
+    """A place: what it keeps, its value, and the charge it is short of.
 
-    `steps` identifies the step that it lies on, by the number of legs.
+    Attributes
+    ----------
+    shares : tuple of float
+    sure, feasible : bool
+        Whether the reserve is kept with its probability, with the search's margin and without.
+    value : float
+        Of the best computations, within the margin where it is kept.
+    shortfall : float
+        State of charge missing without the margin; 0 where it suffices.
+    steps : int
+        Number of legs: it identifies the step.
     """
 
     shares: Shares
+    sure: bool
     feasible: bool
     value: float
     shortfall: float
     steps: int
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Greater for the better place: the feasible one, then the greater value, else the smaller shortfall."""
-        return self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
+    def rank(self) -> tuple[bool, bool, float]:
+        """Greater for the better place: a sure one, a feasible one, then the greater value or the smaller shortfall."""
+        return self.sure, self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
 
 
 Evaluate = Callable[[list[Shares]], tuple[list[Shares], Evaluation | None]]
@@ -92,16 +104,15 @@ class Search:
             self.known.update(dict.fromkeys(new))
             flyable, found = self.evaluate(new)
             if found is not None:
-                knapsack = found.knapsack
-                if self.margin:
-                    knapsack = knapsack._replace(available=knapsack.available - self.margin * found.std)
-                    found = found.with_knapsack(knapsack)
-                filling, counts = found.filled(), found.legs.last - found.legs.first + 1
-                spare = found.knapsack.spare
+                knapsack, filling = found.knapsack, found.filled()
+                sure = fill_greedy(knapsack._replace(available=knapsack.available - self.margin * found.std))
+                value = np.where(sure.feasible, sure.value, filling.value)
+                counts, spare = found.legs.last - found.legs.first + 1, knapsack.spare
                 for i, shares in enumerate(flyable):
-                    feasible = bool(filling.feasible[i])
-                    short = max(0.0, -float(spare[i]))
-                    self.known[shares] = Place(shares, feasible, float(filling.value[i]), short, int(counts[i]))
+                    kept, short = bool(filling.feasible[i]), max(0.0, -float(spare[i]))
+                    self.known[shares] = Place(
+                        shares, bool(sure.feasible[i]), kept, float(value[i]), short, int(counts[i])
+                    )
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
     def best(self, start: Shares, dimensions: int) -> Place | None:
@@ -129,7 +140,7 @@ class Search:
             found += self._along(start, range(twice), POINTS[1])
             for axis in range(twice) if twice > 1 else ():
                 base = max(found, key=_rank).shares if found else start
-                found += self._along(base, [axis], POINTS[1] // 2)
+                found += self._along(base, [axis], POINTS[1])
         return _best(found)
 
     def _along(self, base: Shares, axes: Iterable[int], count: int) -> list[Place]:
@@ -153,7 +164,9 @@ class Search:
             limit = max(best.value + MIN_STEP, self.threshold)
             chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
             if not best.feasible:
-                chosen = [(low, high) for _, low, high in bounds][:HALVED]
+                chosen = [
+                    (low, high) for low, high in cells if best.shares in (at(low), at(high)) and high - low > MIN_STEP
+                ]
             if not chosen:
                 break
             middles = [(low + high) / 2 for low, high in chosen]
@@ -187,7 +200,7 @@ class Search:
         return own
 
 
-def _rank(place: Place) -> tuple[bool, float]:
+def _rank(place: Place) -> tuple[bool, bool, float]:
     return place.rank
 
 

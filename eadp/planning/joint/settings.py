@@ -22,12 +22,12 @@ class JointSettings:
     """Least gain of the quality U for which a path parameter is changed."""
 
     objective: Literal["quality", "total"] = "quality"
-    """What is maximised: the quality U, averaged over the flight, or the computations, summed over time."""
+    """What is maximised: the quality U, by the ground of the mission, or the computations, summed over time."""
 
     trade_offs: tuple[TradeOff, ...] = ()
     """Rows R c − r ≥ 0 that the computations keep to."""
 
-    loss_rate_per_h: NotNegative = 0.0
+    loss_rate_per_h: NotNegative = 1.0
     """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
 
     max_interval_s: NotNegative = 30.0

@@ -21,7 +21,7 @@ HEADING_DISBELIEVED = "heading-disbelieved"
 WINDOW_S, MIN_WINDOW_S, RESTORE_S = 60.0, 15.0, 180.0
 """Averaging time of the moments; least time before a judgement; time that a disbelieved heading has to fit [s]."""
 
-JUDGE_EVERY_S = 10.0
+JUDGE_EVERY_S = 5.0
 """Time between judgements [s]."""
 
 MAX_SCATTER, MAX_GUSTS, MAX_WIND = 0.6, 6.0, 1.5
@@ -35,6 +35,9 @@ share of s²."""
 
 WIND_STD_MPS = 3.0
 """Standard deviation of the wind that the estimate without headings starts from [m/s]."""
+
+RIDGE_M2PS2 = 0.1
+"""Added to the variances of the ground velocity [m²/s²]: without a turn the circle is not determined."""
 
 _Moments = tuple[FloatArray, FloatArray]
 """Weighted sums [s] of (1, vx, vy, |v|²/2) times one another, shape (4, 4), and of (1, ux, uy, |u|²), shape (4,)."""
@@ -150,7 +153,7 @@ def _fit(sums: _Moments) -> _Fit:
     spread = moments / total - np.outer(mean, mean)
     _, ux, uy, squared = of_wind / of_wind[0]
     # |v|²/2 = w·v + ½(s² − |w|²): a line in v, whose slope is w
-    w = np.linalg.lstsq(spread[1:3, 1:3], spread[1:3, 3], rcond=1e-3)[0]
+    w = np.linalg.solve(spread[1:3, 1:3] + RIDGE_M2PS2 * np.eye(2), spread[1:3, 3])
     radius_squared = max(spread[1, 1] + spread[2, 2] + float(np.sum((mean[1:3] - w) ** 2)), 1e-9)
     off = max(spread[3, 3] - float(w @ spread[1:3, 3]), 0.0)
     # ½(|v − w|² − s²) is s times the error of the airspeed; a component of the gusts, of two

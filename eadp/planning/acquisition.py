@@ -1,0 +1,246 @@
+"""The position in a plan of a flight whose telemetry begins in the middle of it.
+
+Every stage and lap of the nominal flight is a hypothesis, at several values of the path parameters, since those flown
+before are not known. The positions that follow decide between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import EadpError, PathUndefined
+from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.legs import Leg
+from eadp.models.plan.route import RoutePredictor
+from eadp.planning.gate import GAP_S, GAP_STEPS
+from eadp.planning.locator import (
+    ALIKE,
+    INDEPENDENT_S,
+    MAX_STDS,
+    Hypothesis,
+    Sighting,
+    best_match,
+    line_between,
+    path_mismatch,
+)
+
+VALUES = 49
+"""Number of values of the path parameters from the lower to the upper ends of their sets, all at the same share."""
+
+TRACK_STD_M = 2.0
+"""Standard deviation of the distance from the path along a stage [m]: laps lie near to one another."""
+
+OUTLIER = 9.0
+"""Maximum squared mismatch, in standard deviations: joins are flown as freely on every lap."""
+
+START_LOG_PRIOR = -ALIKE / 2
+"""Logarithm of the prior likelihood of a flight that has just started, away from the mission's start."""
+
+HISTORY_STD = 0.25
+"""Standard deviation of the values flown before from those now in force, as a share of their sets."""
+
+SETTLE_S, COURSE_S, SAME_M = 5.0, 5.0, 5.0
+"""Least time in which one stage or lap is left, and maximum time to wait for a course [s]; and distance of laps that
+count as one if parameters are the same [m]."""
+
+
+class Acquisition:
+    """Stage and lap by position, course and the stage or parameters reported, until one hypothesis is left.
+
+    Parameters
+    ----------
+    start : PlanExecutor
+        A flight at the start of the plan, which is a hypothesis, too.
+    start_m : (float, float)
+        Where flights start [m].
+
+    Attributes
+    ----------
+    hypotheses : list of Hypothesis
+        The likeliest one first.
+    is_start : bool
+        Whether no leg fits the first position: the flight starts there.
+    stage_found, settled : bool
+        Whether stages, and laps too, other than its own are as good as excluded.
+    """
+
+    def __init__(self, start: PlanExecutor, start_m: Point) -> None:
+        self._start, self._start_m = start, start_m
+        self.hypotheses = [Hypothesis(start)]
+        self.settled = self.stage_found = self.is_start = False
+        self._last: tuple[float, Point] | None = None
+        self._first_s: float | None = None
+        self._usual_s = 0.0
+        self._stage_s = self._lap_s = math.inf
+
+    @property
+    def executor(self) -> PlanExecutor:
+        """The flight of the likeliest hypothesis."""
+        return self.hypotheses[0].executor
+
+    def update(self, to: Sighting, in_force: dict[int, float]) -> None:
+        """Take a position, and the parameters reported to be in force, by index.
+
+        The first course is waited for; after a gap it starts again.
+        """
+        if to.position_m is None:
+            return
+        if self._first_s is None:
+            self._first_s = to.time_s
+        no_course = to.course_rad is None and to.stage is None and to.stages_started is None
+        if no_course and self._last is None and to.time_s - self._first_s < COURSE_S:
+            return
+        last, self._last = self._last, (to.time_s, to.position_m)
+        step_s = to.time_s - last[0] if last is not None else 0.0
+        usual_s, self._usual_s = self._usual_s, step_s
+        if last is None or step_s > max(GAP_S, GAP_STEPS * usual_s):
+            candidates = list(self._candidates(to, in_force))
+            if last is None and not candidates:
+                self.is_start = True
+                return
+            first = not candidates or (to.stage in (None, 1) and to.stages_started in (None, 1))
+            self.hypotheses = [*candidates, *([self._anew(to)] if first else [])]
+            self._stage_s = self._lap_s = to.time_s
+        else:
+            for hypothesis in self.hypotheses:
+                _follow(hypothesis, last, to, in_force)
+        weight = 1.0 if last is None else min(1.0, step_s / INDEPENDENT_S)
+        for one in self.hypotheses:
+            mismatch = path_mismatch(one.executor, to, TRACK_STD_M)
+            one.log_likelihood -= min(mismatch, OUTLIER) / 2 * weight
+        ranked = sorted(self.hypotheses, key=lambda one: -one.log_likelihood)
+        best = ranked[0]
+        self.hypotheses = [one for one in ranked if one.log_likelihood >= best.log_likelihood - ALIKE] or ranked[:1]
+        stages = {one.stage[::2] for one in self.hypotheses}
+        if len(stages) > 1:
+            self._stage_s = to.time_s
+        if not all(_alike(one, best) for one in self.hypotheses):
+            self._lap_s = to.time_s
+        self.stage_found = self.stage_found or to.time_s - self._stage_s >= SETTLE_S
+        self.settled = to.time_s - self._lap_s >= SETTLE_S
+
+    def _anew(self, to: Sighting) -> Hypothesis:
+        """A flight that has just started."""
+        cursor = self._start.cursor
+        assert to.position_m is not None
+        return Hypothesis(self._start.placed(cursor, to.position_m, 1, to.position_m, 0.0), to.time_s, START_LOG_PRIOR)
+
+    def _candidates(self, to: Sighting, in_force: dict[int, float]) -> Iterator[Hypothesis]:
+        """The best match on each leg of the nominal flights."""
+        plan, rules = self._start.cursor.table.plan, self._start.cursor.table.rules
+        for values in self._choices():
+            try:
+                executor = PlanExecutor(plan, values, self._start_m, rules)
+                legs = RoutePredictor().route(executor.cursor, self._start_m).legs
+            except PathUndefined:
+                continue
+            prior = _history_log_prior(executor.cursor, values, in_force)
+            for number, (leg, cursor) in enumerate(zip(legs, _cursors(executor.cursor), strict=False)):
+                if to.stage not in (None, leg.stage.index) or to.stages_started not in (None, number + 1):
+                    continue
+                hypothesis = _matched(executor, cursor, leg, number, to)
+                if hypothesis is not None:
+                    hypothesis.log_likelihood += prior
+                    _put_in_force(hypothesis, to, in_force)
+                    yield hypothesis
+
+    def _choices(self) -> list[Vector]:
+        """Parameters of take-off, and path parameters from the lower to the upper ends of their sets."""
+        cursor = self._start.cursor
+        plan, taken_off = cursor.table.plan, cursor.decided
+        choices = [taken_off]
+        if plan.has_sets and plan.path_count:
+            boxes = [plan.hull(i) for i in range(plan.path_count)]
+            for share in np.linspace(0.0, 1.0, VALUES).tolist():
+                path = [box.lo + share * (box.hi - box.lo) for box in boxes]
+                choices.append((*path, *taken_off[plan.path_count :]))
+        return list(dict.fromkeys(choices))
+
+
+def _cursors(cursor: PlanCursor) -> Iterator[PlanCursor]:
+    following: PlanCursor | None = cursor
+    for _ in range(LAP_LIMIT):
+        if following is None:
+            return
+        yield following
+        following = following.next()
+
+
+def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, number: int, to: Sighting) -> Hypothesis | None:
+    """A flight on a leg at a position; None where position or course do not fit."""
+    assert to.position_m is not None
+    x, y = to.position_m[0] - leg.offset_m[0], to.position_m[1] - leg.offset_m[1]
+    try:
+        phi, gx, gy, *_ = leg.path(x, y)
+    except (EadpError, ArithmeticError, ValueError):
+        return None
+    if phi * phi > (MAX_STDS * TRACK_STD_M) ** 2 * (gx * gx + gy * gy):  # before its points are laid out
+        return None
+    match = best_match(leg, to)
+    if match is None:
+        return None
+    joined = leg.start_m if number else executor.joined_m
+    try:
+        placed = executor.placed(cursor, joined, number + 1, to.position_m, match[0])
+    except PathUndefined:
+        return None
+    return Hypothesis(placed, to.time_s)
+
+
+def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sighting, in_force: dict[int, float]) -> None:
+    """Advance a hypothesis to a position: by the stage reported, else by its triggers."""
+    assert to.position_m is not None
+    executor = hypothesis.executor
+    try:
+        for x, y in line_between(last[1], to.position_m):
+            if to.stage is not None:
+                executor.stay(x, y)
+            elif executor.advance(x, y):
+                hypothesis.since_s = to.time_s
+        if to.stage not in (None, executor.stage.index):
+            executor.skip(to.position_m)
+            hypothesis.since_s = to.time_s
+        if to.stage not in (None, executor.stage.index) or executor.complete:
+            hypothesis.log_likelihood = -math.inf
+        _put_in_force(hypothesis, to, in_force)
+    except EadpError:
+        hypothesis.log_likelihood = -math.inf
+
+
+def _put_in_force(hypothesis: Hypothesis, to: Sighting, in_force: dict[int, float]) -> None:
+    executor = hypothesis.executor
+    assert to.position_m is not None
+    sets = executor.stage.sets
+    values = [in_force.get(i, value) for i, value in enumerate(executor.parameters)]
+    if in_force:
+        executor.take_in_force(
+            [box.clip(value) for box, value in zip(sets, values, strict=True)] if sets else values, to.position_m
+        )
+
+
+def _history_log_prior(cursor: PlanCursor, values: Sequence[float], in_force: dict[int, float]) -> float:
+    """Logarithm of the prior likelihood of path parameters flown before, by those now in force."""
+    plan, total = cursor.table.plan, 0.0
+    for i, value in in_force.items():
+        if i < plan.path_count and plan.has_sets and not plan.hull(i).fixed:
+            box = plan.hull(i)
+            total -= ((values[i] - box.clip(value)) / (box.hi - box.lo) / HISTORY_STD) ** 2 / 2
+    return total
+
+
+def _alike(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are the same stage and lap, or laps in the same place with the same parameters."""
+    if one.stage == other.stage:
+        return True
+    first, second = one.executor.cursor, other.executor.cursor
+    rho = first.table.plan.path_count
+    return (
+        (first.segment, first.stage.index) == (second.segment, second.stage.index)
+        and first.parameters[:rho] == second.parameters[:rho]
+        and math.dist(first.offset_m, second.offset_m) < SAME_M
+    )
