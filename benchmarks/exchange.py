@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 
 import shapely
+from measured import add_option, head, line, recorded
 from pyproj import Geod
 
 import eadp
@@ -83,21 +84,21 @@ def geodesic_m(text: str) -> float:
 
 
 def reference(folder: Path) -> None:
-    print(f"{'mission':<42} {'stages':>6} {'plan m':>9} {'geodesic m':>10} {'ratio':>6} {'flown m':>9} {'time s':>7}")
+    titles = "plan over geodesics", "plan [m]", "geodesics [m]", "flown [m]", "time [s]"
+    print(head("mission", "stages", *titles))
     for path in sorted(folder.iterdir()):
         text = read_text(str(path))
         try:
             plan, _ = PlanReader(laps=LAPS)(text)
         except InputError as error:
-            print(f"{path.name:<42} refused: {error.faults[0].message}")
+            print(line(path.name, f"refused: {error.faults[0].message}", *[""] * 5))
             continue
         length, straight = sum(leg.length_m for leg in nominal_legs(plan, ())), geodesic_m(text.body)
         calm = {"step_s": 0.05, "wind.speed_mps": 0.0}
         summary = eadp.simulate(path, overrides=calm, laps=LAPS, warn=lambda _: None).summary
-        print(
-            f"{path.name:<42} {len(plan.stages):>6} {length:>9.0f} {straight:>10.0f} {length / straight:>6.3f} "
-            f"{summary['distance_m']:>9.0f} {summary['duration_s']:>7.0f}"
-        )
+        figures = length, straight, summary["distance_m"], summary["duration_s"]
+        lengths = f"{length / straight:.3f}", *(f"{figure:.0f}" for figure in figures)
+        print(line(path.name, len(plan.stages), *lengths))
 
 
 def plant_flight(plan: Plan) -> tuple[bool, float, float]:
@@ -116,7 +117,7 @@ def plant_flight(plan: Plan) -> tuple[bool, float, float]:
 
 
 def plant(folder: Path) -> None:
-    print(f"\n{'mission':<42} {'plant s':>8} {'eadp':>7} {'plant Wh':>9} {'forecast':>9} {'flown':>7}")
+    print(head("mission", "time in the plant [s]", "simulated", "energy in the plant [Wh]", "forecast", "simulated"))
     owner = {"vehicle": str(HERE / "twin/owner.yaml"), "vehicle.airframe.max_climb_rate_mps": 2.5}
     keys = {**owner, "battery.capacity_ah": 20.0, "wind.speed_mps": 0.0, "planner.name": "static", "step_s": 0.02}
     for path in sorted(folder.iterdir()):
@@ -129,10 +130,9 @@ def plant(folder: Path) -> None:
             pass
         completed, time_s, energy_wh = plant_flight(inputs.world.plan)
         ratios = forecast.energy_wh / energy_wh, outcome.totals.energy_j / 3600 / energy_wh
-        print(
-            f"{path.name:<42} {time_s:>8.1f} {100 * (outcome.duration_s / time_s - 1):>+6.1f}% {energy_wh:>9.3f} "
-            f"{100 * (ratios[0] - 1):>+8.1f}% {100 * (ratios[1] - 1):>+6.1f}%{'' if completed else ' not completed'}"
-        )
+        name = path.name if completed else f"{path.name}, not completed"
+        off = [f"{100 * (ratio - 1):+.1f} %" for ratio in (outcome.duration_s / time_s, *ratios)]
+        print(line(name, f"{time_s:.1f}", off[0], f"{energy_wh:.3f}", *off[1:]))
 
 
 def random_mission(draw: random.Random) -> str:
@@ -204,7 +204,13 @@ def main() -> None:
     parser.add_argument("--plant", action="store_true", help="fly them in JSBSim, too")
     parser.add_argument("--random", type=int, default=200)
     parser.add_argument("--items", type=int, default=700)
+    add_option(parser, "exchange")
     options = parser.parse_args()
+    with recorded("exchange", write=options.write):
+        _print(options)
+
+
+def _print(options: argparse.Namespace) -> None:
     if options.missions:
         reference(options.missions)
         if options.plant:

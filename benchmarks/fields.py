@@ -28,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from measured import add_option, recorded
 
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover, line_costs
@@ -194,7 +195,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="OR-tools' time for an order")
     parser.add_argument("--sizes", default=None, help="swath,radius pairs, as in 30,30;20,75")
     parser.add_argument("--patterns", default=f"{ZAMBONI},{DUBINS},{AUTO}")
+    add_option(parser, "fields")
     arguments = parser.parse_args()
+    with recorded("fields", write=arguments.write):
+        _print(arguments)
+
+
+def _print(arguments: argparse.Namespace) -> None:
     sizes = SIZES
     if arguments.sizes:
         sizes = tuple(tuple(float(v) for v in pair.split(",")) for pair in arguments.sizes.split(";"))

@@ -26,6 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from measured import add_option, head, line, recorded
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
@@ -190,7 +191,13 @@ def known_s(log: Log, time_s: float, prior_s: float) -> float:
 
 
 def percent(flags: list[bool]) -> str:
-    return f"{100 * float(np.mean(flags)):6.1f}" if flags else " " * 6
+    return f"{100 * float(np.mean(flags)):.1f}" if flags else ""
+
+
+COLUMNS = (
+    *("claimed", "error, median", "90th", "within 5 %", "and claimed", "false", "T in interval", "mean", "amplitudes"),
+    *("FFT: median", "within 5 %", "known: median", "within 5 %", "CPU [s]"),
+)
 
 
 def within(value: float, true: float, std: float) -> bool:
@@ -223,18 +230,19 @@ def run(case: Case, runs: int, seed: int) -> list[float]:
                 inside["amplitude"] += [within(*one) for one in matched]
         if found.periodic == there:
             inside["mean"].append(within(found.mean_w, MEAN_W, found.mean_std_w))
-    line = f"{case.name:34s}{percent(claimed)}"
+    cells = [case.name, percent(claimed)]
     if errors:
         error = np.array(errors)
-        line += f" {100 * np.median(error):7.2f} {100 * np.quantile(error, 0.9):6.2f}{percent((error < 0.05).tolist())}"
-        line += percent([one < 0.05 and yes for one, yes in zip(errors, claimed, strict=True)])
-        line += percent([is_false(ratio) for ratio in ratios])
+        cells += [f"{100 * np.median(error):.2f}", f"{100 * np.quantile(error, 0.9):.2f}"]
+        cells.append(percent((error < 0.05).tolist()))
+        cells.append(percent([one < 0.05 and yes for one, yes in zip(errors, claimed, strict=True)]))
+        cells.append(percent([is_false(ratio) for ratio in ratios]))
     else:
-        line += " " * 33
-    line += f" {percent(inside['period'])}{percent(inside['mean'])}{percent(inside['amplitude'])}"
+        cells += [""] * 5
+    cells += [percent(own) for own in inside.values()]
     for others in (peaks, knowns):
-        line += f" {100 * np.median(others):7.2f}{percent([e < 0.05 for e in others])}" if others else " " * 14
-    print(f"{line} {np.median(times):6.2f}", flush=True)
+        cells += [f"{100 * np.median(others):.2f}", percent([e < 0.05 for e in others])] if others else ["", ""]
+    print(line(*cells, f"{np.median(times):.2f}"), flush=True)
     return ratios
 
 
@@ -280,10 +288,15 @@ def main() -> None:
     parser.add_argument("--opterra", default="", metavar="LOG", help="a survey's power, headerless")
     parser.add_argument("--px4", default="", metavar="LOG", help="a battery_status as CSV")
     parser.add_argument("--only", metavar="WORDS", help="the kinds with these words in their names")
+    add_option(parser, "fit")
     arguments = parser.parse_args()
+    with recorded("fit", write=arguments.write):
+        _print(arguments)
+
+
+def _print(arguments: argparse.Namespace) -> None:
     print(f"{arguments.runs} runs of each kind, seed {arguments.seed}")
-    print(f"{'all in %':34s}{'':35s}       95 % intervals         FFT          known     CPU")
-    print(f"{'':32s} claimed  median   90 %  < 5 % & cl. false       T  mean ampl.  median < 5 %  median < 5 %      s")
+    print(head("all in %", *COLUMNS))
     ratios: list[float] = []
     for case in CASES if arguments.only is None else [one for one in CASES if arguments.only in one.name]:
         ratios += run(case, arguments.runs, arguments.seed)

@@ -24,12 +24,13 @@ import eadp.cli  # noqa: F401 - first: its environment is one thread for linear 
 
 # isort: split
 import numpy as np
+from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
-from eadp.models.plan.cursor import Vector
-from eadp.planning.base import Decision, Observation, SolverReport
+from eadp.planning.base import Decision, Mission, Observation, SolverReport
 from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,11 +53,15 @@ def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
 class Nobody:
     """A planner that is never asked again and hears no sensor."""
 
-    def __init__(self, parameters: Vector) -> None:
+    def __init__(self, mission: Mission) -> None:
         self.report, self.takes_arrays = SolverReport(), False
         self.period_s = None
         self.reading_every_s = self.next_update_s = math.inf
-        self._decision = Decision(parameters)
+        self._decision, self._state = Decision(mission.parameters), FlightState(mission)
+
+    def flight_state(self) -> FlightState:
+        """Nobody asks for it."""
+        return self._state
 
     def update(self, _observation: Observation) -> Decision:
         """Keep the parameters."""
@@ -76,7 +81,7 @@ def alone(*, fast: bool) -> tuple[float, float]:
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
-    planner, outcome = Nobody(inputs.world.parameters), Outcome()
+    planner, outcome = Nobody(inputs.mission), Outcome()
     started = time.process_time()
     for _ in fly(inputs.world, planner, outcome):
         pass
@@ -154,7 +159,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--peer-steps", type=int, default=5000)
+    add_option(parser, "flight")
     arguments = parser.parse_args()
+    with recorded("flight", write=arguments.write):
+        _print(arguments)
+
+
+def _print(arguments: argparse.Namespace) -> None:
     mine, peer, gap, steps = [], [], 0.0, 0
     for _ in range(arguments.runs):  # in turn, so that a noisy machine is noisy for both
         spent, steps, track = ours()
@@ -164,27 +175,28 @@ def main() -> None:
         gap = max(gap, max(math.dist(a, b) for a, b in zip(track, positions, strict=False)))
     per_step, per_peer_step = statistics.median(mine), statistics.median(peer)
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"flight I, {steps} steps with filter and log, median of {arguments.runs} runs")
-    print(f"  eadp           {1 / per_step:>10,.0f} steps per CPU s (aim: {TARGET_STEPS_PER_S:,})")
-    print(f"  transcription  {1 / per_peer_step:>10,.0f} steps per CPU s")
-    print(f"  ratio          {per_peer_step / per_step:>10.1f}")
-    print(f"  apart          {gap:>10.2g} m at most over the first {arguments.peer_steps} steps")
-    print(f"  memory         {memory_mb:>10.0f} MB at most (aim: {TARGET_MB})")
+    print(head(f"flight I, {steps} steps with filter and log, median of {arguments.runs} runs", "value", "aim"))
+    print(line("eadp", f"{1 / per_step:,.0f} steps per CPU s", f"{TARGET_STEPS_PER_S:,}"))
+    print(line("transcription", f"{1 / per_peer_step:,.0f} steps per CPU s", ""))
+    print(line("ratio", f"{per_peer_step / per_step:.1f}", ""))
+    print(line(f"apart, over the first {arguments.peer_steps} steps", f"{gap:.2g} m at most", ""))
+    print(line("memory", f"{memory_mb:.0f} MB at most", f"{TARGET_MB} MB"))
     bare: dict[bool, float] = {}
-    print("the loop alone")
     for fast in (True, False) if compiled.available() else (False,):
         alone(fast=fast)  # compiled
         times, lasted = zip(*(alone(fast=fast) for _ in range(arguments.runs)), strict=True)
         spent = bare[fast] = statistics.median(times)
         name = "compiled" if fast else "plain"
         step_ns = 1e9 * spent / (lasted[0] / 0.01)
-        print(f"  {name:8}       {1e3 * spent:>10.1f} ms for {lasted[0]:.0f} s, {step_ns:.0f} ns a step")
+        print(
+            line(f"the loop alone, {name}", f"{1e3 * spent:.1f} ms for {lasted[0]:.0f} s, {step_ns:.0f} ns a step", "")
+        )
     if compiled.available():
         ours(fast=True)  # compiled
         spent = statistics.median(ours(fast=True)[0] for _ in range(arguments.runs))
-        print("flight I with filter and log, compiled")
-        print(f"  CPU time       {1e3 * spent:>10.1f} ms for {steps * 0.01:.0f} s, {1e9 * spent / steps:.0f} ns a step")
-        print(f"  by the loop's  {spent / bare[True]:>10.1f} (aim: 10)")
+        cpu = f"{1e3 * spent:.1f} ms for {steps * 0.01:.0f} s, {1e9 * spent / steps:.0f} ns a step"
+        print(line("flight I with filter and log, compiled", cpu, ""))
+        print(line("by the loop's", f"{spent / bare[True]:.1f}", "10"))
 
 
 if __name__ == "__main__":

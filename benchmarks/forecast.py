@@ -44,6 +44,7 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+from measured import head, line, recorded
 from quality import RESERVE, load, plans
 
 from eadp.core.signals import disturbance
@@ -54,8 +55,8 @@ from eadp.io.flight.inputs import load_flight
 from eadp.models.battery import Battery
 from eadp.planning.base import Decision, Observation, TrackingPlanner
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
-from eadp.planning.joint.held import HeldForecast
-from eadp.planning.joint.preflight import preflight
+from eadp.planning.forecast.held import HeldForecast, held_preflight
+from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "support"))
@@ -410,14 +411,14 @@ def report(name: str, logs: list[Log], ahead_aim: float | None, energy_aim: floa
     energy = [energy_to_the_end(log) for log in logs]
     found = {period for log in logs for _, period, _ in log.found}
     periods = "laps known" if logs[0].laps_s else "no period found" if found <= {None} else "period found"
-    print(f"\n{name} ({len(logs)} run{'s' * (len(logs) > 1)}, {periods})")
-    print(f"  {'':16}{'one period ahead':>18}{'energy to the end, % off: mean':>32}{'worst':>8}")
+    title = f"{name} ({len(logs)} run{'s' * (len(logs) > 1)}, {periods})"
+    print(head(title, "one period ahead", "energy to the end, % off: mean", "worst"))
     for method in ("mean", "seasonal naive", "Holt-Winters", "ARIMA", "ARIMA, Fourier", "papers' filter", "eadp"):
         ratio = statistics.fmean(run[method] / run["mean"] for run in ahead)
         off = [value for run, _ in energy for value in run[method]]
-        print(f"  {method:16}{ratio:>18.3f}{statistics.fmean(off):>32.2f}{max(off):>8.2f}")
+        print(line(method, f"{ratio:.3f}", f"{statistics.fmean(off):.2f}", f"{max(off):.2f}"))
     if "floor" in ahead[0]:
-        print(f"  {'floor':16}{statistics.fmean(run['floor'] / run['mean'] for run in ahead):>18.3f}")
+        print(line("floor", f"{statistics.fmean(run['floor'] / run['mean'] for run in ahead):.3f}", "", ""))
     standard = [value for _, values in energy for value in values]
     print(f"  eadp's energy errors: {math.sqrt(statistics.fmean(z * z for z in standard)):.2f} standard deviations")
     verdict("one period ahead", "eadp", {m: statistics.fmean(run[m] / run["mean"] for run in ahead) for m in ahead[0]})
@@ -468,17 +469,14 @@ def reliability(count: int, seed: int, jobs: int, out: str | None, picture: str 
         Path(out).write_text("".join(json.dumps(row) + "\n" for row in rows))
     print(f"seed {seed}, {count} flights")
     for truth in TRUTHS:
-        print(f"\nbattery {truth}")
-        print(f"{'':<10}{'Brier':>8}{'aim':>7}{'stated':>9}{'kept':>7}{'z mean':>9}{'z std':>7}{'|z| > 4':>9}")
+        print(head(f"battery {truth}", "Brier", "aim", "stated", "kept", "z mean", "z std", "z beyond ±4"))
         for moment in MOMENTS:
             some = [row for row in rows if row["truth"] == truth and row["moment"] == moment]
             stated, kept = np.array([row["stated"] for row in some]), np.array([row["kept"] for row in some])
             z = np.array([row["z"] for row in some])
             aim = f"{AIMS[moment]:.2f}" if moment in AIMS else ""
-            print(
-                f"{moment:<10}{np.mean((stated - kept) ** 2):>8.3f}{aim:>7}{stated.mean():>9.3f}{kept.mean():>7.3f}"
-                f"{z.mean():>9.2f}{z.std():>7.2f}{int((abs(z) > 4).sum()):>9}"
-            )
+            score = f"{np.mean((stated - kept) ** 2):.3f}", aim, f"{stated.mean():.3f}", f"{kept.mean():.3f}"
+            print(line(moment, *score, f"{z.mean():.2f}", f"{z.std():.2f}", int((abs(z) > 4).sum())))
     if picture:
         draw([row for row in rows if row["truth"] == next(iter(TRUTHS))], picture)
 
@@ -535,17 +533,19 @@ def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
         mission = replace(inputs.mission, battery=stated)
         settings, gusts = inputs.scenario.planner, inputs.world.wind
         held = HeldForecast(settings, mission)
-        forecast = preflight(settings, mission, gusts.steady_mps, gusts.gust_std_mps, None)
+        state = FlightState(mission, settings.weights)
+        forecast = held_preflight(settings, mission, gusts.steady_mps, gusts.gust_std_mps)
         assert forecast is not None
         made = [("take-off", forecast.forecast)]
         due = {name: at if at >= 1 else at * outcome.duration_s for name, at in MOMENTS.items() if at}
         for o, charge in zip(recording.seen, charges.tolist(), strict=True):
             shown = math.ceil(charge / quantum - 1e-9) * quantum if quantum else charge
             observation = o._replace(soc=shown)
-            held.observe(observation)
+            state.observe(observation)
             for name in [name for name, at_s in due.items() if o.time_s >= at_s]:
                 del due[name]
-                if (here := held.at(observation, mission.parameters)) is not None:
+                known = state.known(o.time_s, (o.x_m, o.y_m))
+                if (here := held.at(known, mission.parameters)) is not None:
                     made.append((name, here))
         end = float(charges[-1])
         for name, here in made:
@@ -609,13 +609,21 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", metavar="FILE", help="the forecasts of --flights, JSON lines")
     parser.add_argument("--picture", metavar="FILE", help="stated against happened, SVG")
+    parser.add_argument("--write", action="store_true", help="write docs/measured/forecast.md, or reliability.md")
     arguments = parser.parse_args()
     if arguments.flights:
-        reliability(arguments.flights, arguments.seed, arguments.jobs, arguments.out, arguments.picture)
+        with recorded("reliability", write=arguments.write):
+            reliability(arguments.flights, arguments.seed, arguments.jobs, arguments.out, arguments.picture)
         return
     if ARIMA is None:
         sys.exit("this benchmark compares with statsmodels, which is not installed: pip install 'eadp[bench]'")
-    warnings.simplefilter("ignore")  # statsmodels' about convergence and starting values
+    with recorded("forecast", write=arguments.write):
+        warnings.simplefilter("ignore")  # statsmodels' about convergence and starting values
+        tables(arguments)
+
+
+def tables(arguments: argparse.Namespace) -> None:
+    """Print the tables of all methods."""
     seeds = range(arguments.seed, arguments.seed + arguments.runs)
     print(f"seeds {seeds.start} to {seeds.stop - 1}")
     for noise, name, aim in ((CLEAN, "simulation, 21 dB", 0.12), (NOISY, "simulation, 10 dB", None)):

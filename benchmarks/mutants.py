@@ -34,6 +34,7 @@ import coverage
 import hypothesis
 import libcst as cst
 import libcst.matchers as m
+import measured
 import pytest
 from libcst.metadata import MetadataWrapper, PositionProvider
 from mutmut.mutation import mutators
@@ -298,7 +299,13 @@ def main() -> None:
     parser.add_argument("--layers", nargs="+", default=["core", "models", "planning"])
     parser.add_argument("--only", nargs="+", default=[""], help="of these alone: parts of FILE:LINE: CHANGE")
     parser.add_argument("--jobs", type=int, default=2)
+    measured.add_option(parser, "mutants")
     options = parser.parse_args()
+    with measured.recorded("mutants", write=options.write):
+        _run(options)
+
+
+def _run(options: argparse.Namespace) -> None:
     os.chdir(ROOT)
     for library in LIBRARIES.split():
         importlib.import_module(library)
@@ -323,9 +330,11 @@ def main() -> None:
         report(mutant, "survives" if code == 0 else "hangs" if code < 0 else "falls")
     for mutant in untested:
         report(mutant, "no test")
+    print(f"{options.count} mutants, seed {options.seed}")
+    print(measured.head("layer", "mutants", "fall", "hang", "survive", "no test"))
     for layer in options.layers:
         of = {result: counts[layer, result] for result in ("falls", "hangs", "survives", "no test")}
-        print(f"{layer}: {sum(of.values())} mutants, " + ", ".join(f"{n} {result}" for result, n in of.items()))
+        print(measured.line(layer, sum(of.values()), *of.values()))
     fallen = sum(n for (_, result), n in counts.items() if result in ("falls", "hangs"))
     print(f"{fallen} of {counts.total()} fall, {100 * fallen / max(1, counts.total()):.1f} %")
 

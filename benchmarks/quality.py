@@ -15,10 +15,13 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
     python benchmarks/quality.py --reserve 2000
     python benchmarks/quality.py --schedules 40
     python benchmarks/quality.py --batteries 20
+    python benchmarks/quality.py --ablate --missions 200 --jobs 2
+    python benchmarks/quality.py --losses --missions 200 --jobs 2
 
 `--schedules` compares `joint` with the best schedule of c1 by laps that a search finds, with wind and losses known
 beforehand, and with the best one that learns of a loss when it happens; `--batteries` flies missions without losses
-with batteries of 0.5 to 1.3 in steps of 0.05.
+with batteries of 0.5 to 1.3 in steps of 0.05. `--ablate` and `--losses` are those of `ablation.py`. `--write` writes
+what is printed to docs/measured.
 """
 
 from __future__ import annotations
@@ -37,15 +40,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from ablation import ablated, ablation_table, losses, losses_table, value
+from measured import head, line, recorded
 
 from eadp.core.compiled import enable
 from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, SolverReport, TrackingPlanner
-from eadp.planning.joint.forecaster import Forecaster
+from eadp.planning.forecast.evaluate import Evaluator, Objective
+from eadp.planning.forecast.held import before_take_off
+from eadp.planning.joint.places import Places
 from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.joint.program import MissionProgram, best_at
+from eadp.planning.joint.program import ComputationProgram
+from eadp.planning.joint.search import Search
+from eadp.planning.joint.settings import JointSettings
+from eadp.planning.state.known import Known
 from eadp.simulation.loop import Outcome, fly
+from eadp.simulation.metrics import ParameterLog
 
 enable()
 ROOT = Path(__file__).resolve().parents[1]
@@ -185,16 +197,40 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
         sets = inputs.mission.plan.stages
         runs = np.array([not stage.sets[1].fixed for stage in sets])[np.array(stages) - 1]
         motion = np.array(power)
+        log = outcome.parameters
+        assert log is not None
+        rates = ground_rates(log, len(power))
+        # with the lowest computations, and what the highest add where they run
+        lowest_u, added_u = log.quality({}) or 0.0, float((rates * runs).sum() / rates.sum()) / 2
         for c2 in levels:
             more = inputs.mission.computing.power_w((c1, c2), _free(sets)) - inputs.mission.computing.power_w(
                 (c1, levels[0]), _free(sets)
             )
             end, lowest = _charged(battery, motion + more * runs, case.keys["faults"])
             completed, kept = lowest > 0, lowest > 0 and end >= RESERVE
-            u = (box.share(float(c1)) or 0.0) / 2 + (levels_box.share(c2) or 0.0) / 2
+            u = lowest_u + added_u * (levels_box.share(c2) or 0.0)
             if (kept, completed, u) > (best["kept"], best["completed"], best["u"]) and completed:
                 best = {"kept": kept, "completed": completed, "u": u, "c": (float(c1), c2), "soc": end}
     return best
+
+
+def ground_rates(log: ParameterLog, steps: int) -> Any:
+    """Ground per second that a flight stands for, at each step: that of a lap is shared by time.
+
+    Source: `eadp.models.plan.ground`.
+    """
+    predictor, runs = RoutePredictor(), []
+    for time_s, cursor, joined_m, _ in log._events:
+        if joined_m is not None:
+            if not runs or runs[-1][2] != (cursor.segment, cursor.lap):
+                runs.append((time_s, 0.0, (cursor.segment, cursor.lap), cursor))
+            start_s, length_m, lap, _ = runs[-1]
+            runs[-1] = start_s, length_m + predictor.leg(cursor, joined_m).first.length_m, lap, cursor
+    rates, ends = np.zeros(steps), [*(round(run[0] / STEP_S) for run in runs[1:]), steps]
+    for (start_s, length_m, _, cursor), end in zip(runs, ends, strict=True):
+        start = round(start_s / STEP_S)
+        rates[start:end] = lap_scale(cursor) * length_m / max(end - start, 1)
+    return rates
 
 
 def _free(stages: Any) -> Any:
@@ -258,7 +294,10 @@ class ScheduledFlight:
     power_w: Any
     runs: Any
     """Whether the computations run, at every step."""
-    c1_share: float
+    rates: Any
+    """Ground per second, at every step."""
+    lowest_u: float
+    """U with the lowest computations."""
     laps_s: list[float]
 
 
@@ -295,8 +334,10 @@ class ScheduleSearch:
                 power.append(step.power_w)
                 stages.append(step.stage)
             runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
-            share = outcome.parameters.mean_share(0) if outcome.parameters is not None else None
-            self._flights[key] = ScheduledFlight(outcome.completed, np.array(power), runs, share or 0.0, planner.laps_s)
+            log = outcome.parameters
+            assert log is not None
+            rates, u = ground_rates(log, len(power)), log.quality({}) or 0.0
+            self._flights[key] = ScheduledFlight(outcome.completed, np.array(power), runs, rates, u, planner.laps_s)
         return self._flights[key]
 
     def _score(self, values: list[float], faults: Any, before: list[tuple[float, int]]) -> tuple[Rank, int]:
@@ -313,7 +354,8 @@ class ScheduleSearch:
         for level in range(SCHEDULE_LEVELS):
             own = np.where(ahead, level, chosen)
             end, lowest = _charged(self._battery, flight.power_w + self._more_w[own] * flight.runs, faults)
-            u = flight.c1_share / 2 + float(self._shares[own][flight.runs].mean()) / 2
+            seen = float((flight.rates * flight.runs) @ self._shares[own] / flight.rates.sum())
+            u = flight.lowest_u + seen / 2
             kept = lowest > 0 and end >= RESERVE
             rank = kept, lowest > 0, u if kept else end, u
             if rank > best:
@@ -552,25 +594,24 @@ def again(task: tuple[dict[str, str], dict[str, Any]]) -> dict[str, Any]:
 NAMES = ("highest", "lowest", "paper", "lap budget", "joint", "hindsight")
 
 
-def table(results: list[dict[str, Any]]) -> Iterator[str]:
-    """What came of them."""
-    yield f"{'':<12}{'completed':>10}{'kept':>7}{'U, mean':>9}{'U, worst':>9}{'changes':>9}{'CPU s':>7}"
+def table(title: str, results: list[dict[str, Any]]) -> Iterator[str]:
+    """What came of them: U of completed flights, and in the last column the others as 0."""
+    yield head(title, "completed", "reserve kept", "U, mean", "U, worst", "changes", "CPU [s]", "U, all")
     for name in NAMES:
         rows = [r[name] for r in results]
         us = [row["u"] for row in rows if row["completed"]]
         changes = statistics.mean([row.get("changes", 0) for row in rows])
         cpu = statistics.median([row.get("cpu_s", 0.0) for row in rows])
-        yield (
-            f"{name:<12}{sum(row['completed'] for row in rows):>10}{sum(row['kept'] for row in rows):>7}"
-            f"{statistics.mean(us) if us else 0:>9.3f}{min(us, default=0):>9.3f}{changes:>9.1f}{cpu:>7.2f}"
-        )
+        counts = sum(row["completed"] for row in rows), sum(row["kept"] for row in rows)
+        figures = f"{statistics.mean(us) if us else 0:.3f}", f"{min(us, default=0):.3f}", f"{changes:.1f}", f"{cpu:.2f}"
+        yield line(name, *counts, *figures, f"{statistics.mean(value(row) for row in rows):.3f}")
 
 
 def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
     """Joint beside the reference and the rules; a flight that does not complete counts as U = 0."""
 
     def u(r: dict[str, Any], name: str) -> float:
-        return float(r[name]["u"]) if r[name]["completed"] else 0.0
+        return value(r[name])
 
     lost = [r["index"] for r in results if not r["joint"]["completed"] and r.get("could")]
     yield f"not completed though it could have been: {len(lost)} {lost or ''}"
@@ -635,11 +676,15 @@ def _end(keys: Mapping[str, Any]) -> tuple[bool, float, float | None]:
     return done["completed"], done["soc"], done["u"]
 
 
+BRUTE_FORCE, BATCH = 2001, 200
+"""Places of c1 in the brute force, and how many are evaluated at once."""
+
+
 def programs(count: int, seed: int) -> None:
-    """The program against a fine brute force before take-off, and what a re-planning costs in flight."""
+    """Search and program against a fine brute force before take-off, and what a look costs in flight."""
     rng = np.random.default_rng(seed)
-    gaps: dict[str, list[float]] = {"scan": [], "scan, then QPs": []}
-    missed, report = 0, SolverReport()
+    gaps: dict[str, list[float]] = {"search": [], "search, then OSQP": []}
+    missed, evaluated, report = 0, [], SolverReport()
     for _ in range(count):
         keys = {
             **_windy(rng),
@@ -647,26 +692,58 @@ def programs(count: int, seed: int) -> None:
             "planner.weights": {"c1": float(rng.uniform(0.2, 1)), "c2": float(rng.uniform(0.2, 1))},
         }
         inputs = load(str(ROOT / "plans/survey.plan"), keys)
-        world = inputs.world
-        forecaster = Forecaster(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.joint)
-        forecaster.assume(world.wind.steady_mps, 0.0, 1.0)
-        forecaster.start_at(0.0, world.start_m)
-        candidates = [forecaster.candidate((share,)) for share in np.linspace(0, 1, 2001).tolist()]
-        solutions = [best_at(candidate) for candidate in candidates if candidate is not None]
-        best = max((solution.value for solution in solutions if solution.allocation.feasible), default=None)
-        program, warm = MissionProgram(1, report), (float(rng.uniform()),)
-        for title, solve in (("scan", program.scanned), ("scan, then QPs", program.solve)):
-            found = solve(forecaster.candidate, warm)
-            if best is not None and found.allocation.feasible:
-                gaps[title].append(best - found.value)
-            elif best is not None:
-                missed += 1
-    print(f"seed {seed}, {count} instances, {len(gaps['scan'])} feasible; against 2,001 places of c1, in closed form:")
+        settings, mission = inputs.scenario.planner, inputs.mission
+        own = settings.own or JointSettings()
+        evaluator = Evaluator(mission, settings, Objective(settings.reserve_soc, own.reserve_probability))
+        _, known = before_take_off(settings, mission, inputs.world.wind.steady_mps, 0.0)
+        places = Places(mission, mission.parameters)
+        places.enter(known)
+        best = brute_force(places, evaluator, known)
+
+        def evaluate(wanted: Any, places: Any = places, evaluator: Any = evaluator, known: Any = known) -> Any:
+            return places.evaluate(evaluator, known, wanted)
+
+        search, start = Search(evaluate, evaluator.path_weight), (float(rng.uniform()),)
+        found = search.best(start, 1)
+        evaluated.append(len(search.known))
+        if best is None:
+            continue
+        if found is None or not found.feasible:
+            missed += 1
+            continue
+        gaps["search"].append(best - found.value)
+        _, evaluation = places.evaluate(evaluator, known, [found.shares])
+        assert evaluation is not None
+        gaps["search, then OSQP"].append(best - ComputationProgram(report).solve(evaluation.knapsack).value)
+    feasible = len(gaps["search"])
+    print(f"seed {seed}, {count} instances, {feasible} feasible; against {BRUTE_FORCE:,} places of c1, in closed form:")
+    print(head("", "gap in U, median", "worst", "best"))
     for title, values in gaps.items():
-        print(f"{title:<16}gap median {statistics.median(values):.1e}, worst {max(values):.1e}, best {min(values):.1e}")
-    print(f"not found though feasible: {missed}; {report.calls} runs of OSQP: {report.by_status}, ", end="")
-    print(f"{report.fallbacks} fallbacks, closed form better by more than 1e-6: {report.outdone}")
-    costs: list[tuple[int, float]] = []
+        if values:
+            print(line(title, f"{statistics.median(values):.1e}", f"{max(values):.1e}", f"{min(values):.1e}"))
+    print(f"not found though feasible: {missed}; places that a search evaluates: {statistics.mean(evaluated):.0f}")
+    print(
+        f"{report.calls} runs of OSQP: {dict(report.by_status)}, {report.fallbacks} fallbacks, "
+        f"closed form better by more than 1e-6: {report.outdone}"
+    )
+    looks()
+
+
+def brute_force(places: Places, evaluator: Evaluator, known: Known) -> float | None:
+    """The greatest value over `BRUTE_FORCE` places of c1, computations in closed form; None where none is feasible."""
+    shares, best = [(share,) for share in np.linspace(0, 1, BRUTE_FORCE).tolist()], -math.inf
+    for first in range(0, BRUTE_FORCE, BATCH):
+        _, evaluation = places.evaluate(evaluator, known, shares[first : first + BATCH])
+        if evaluation is not None:
+            filling = evaluation.filled()
+            best = max(best, float(filling.value[filling.feasible].max(initial=-math.inf)))
+    return best if best > -math.inf else None
+
+
+def looks() -> None:
+    """What a look at the plan costs in flight, by whether the path was searched."""
+    costs: list[tuple[bool, int, float]] = []
+    searched: list[bool] = []
     for index in range(4):
         inputs = load(
             str(ROOT / "plans/survey.plan"),
@@ -674,22 +751,29 @@ def programs(count: int, seed: int) -> None:
         )
         planner = inputs.planner()
         assert isinstance(planner, JointPlanner)
-        replan = planner._replan
 
-        def timed(o: Observation, cause: str, replan: Any = replan, planner: Any = planner) -> None:
+        def noted(*given: Any, search: Any = planner._searched_plan) -> Any:
+            searched.append(True)
+            return search(*given)
+
+        def timed(o: Observation, known: Known, cause: str, look: Any = planner._look, planner: Any = planner) -> None:
+            searched.clear()
             start_s = time.process_time()
-            replan(o, cause)
-            route = planner._forecaster.route(planner._forecaster.shares)
-            costs.append((len(route.legs), 1e3 * (time.process_time() - start_s)))
+            look(o, known, cause)
+            spent_ms = 1e3 * (time.process_time() - start_s)
+            route = planner._places.route(known, planner._places.shares)
+            costs.append((any(searched), 0 if route is None else len(route.order), spent_ms))
 
-        planner._replan = timed  # type: ignore[method-assign]
+        planner._searched_plan = noted  # type: ignore[method-assign]
+        planner._look = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, planner, Outcome()):
             pass
-    long = [ms for legs, ms in costs if 50 <= legs <= 66]
-    print(
-        f"a re-planning with 50 to 66 legs left: median {statistics.median(long):.2f} ms CPU, 95 % "
-        f"{np.quantile(long, 0.95):.2f}, most {max(long):.0f} ({len(long)} re-plannings)"
-    )
+    print(head("a look with 50 to 66 legs left", "CPU, median [ms]", "95 %", "most", "looks"))
+    for kind, title in ((False, "path not searched"), (True, "path searched")):
+        long = [ms for was, legs, ms in costs if was is kind and 50 <= legs <= 66]
+        if long:
+            cells = statistics.median(long), float(np.quantile(long, 0.95)), max(long)
+            print(line(title, *(f"{cell:.2f}" for cell in cells), len(long)))
 
 
 MOMENTS_S, SHARES = (30.0, 60.0), (0.25, 0.5, 0.75)
@@ -715,13 +799,11 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
         scores = np.array([row for row in pool.imap_unordered(_scores, tasks, chunksize=4) if row is not None])
     print(f"seed {seed}, {len(scores)} of {count} flights completed; share that ends below the forecast less z std [%]")
     wanted = (0.8, 0.9, 0.95, 0.99)
-    print(f"{'forecast made':<16}" + "".join(f"{100 * (1 - p):>8.0f}" for p in wanted) + f"{'mean':>8}{'std':>8}")
+    print(head("forecast made", *(f"{100 * (1 - p):.0f}" for p in wanted), "mean", "std"))
     titles = [f"at {moment:.0f} s" for moment in MOMENTS_S] + [f"at {share:.0%}" for share in SHARES]
     for title, column in zip(titles, scores.T, strict=True):
         below = [100 * float(np.mean(column < -statistics.NormalDist().inv_cdf(p))) for p in wanted]
-        print(
-            f"{title:<16}" + "".join(f"{value:>8.1f}" for value in below) + f"{column.mean():>8.2f}{column.std():>8.2f}"
-        )
+        print(line(title, *(f"{share:.1f}" for share in below), f"{column.mean():.2f}", f"{column.std():.2f}"))
 
 
 def _scores(keys: Mapping[str, Any]) -> list[float] | None:
@@ -753,7 +835,22 @@ def main() -> None:
     options.add_argument("--schedules", type=int, default=0, help="missions to compare with the best schedules")
     options.add_argument("--batteries", type=int, default=0, help="missions to fly with ever larger batteries")
     options.add_argument("--probability", type=float, default=0.95)
+    options.add_argument("--ablate", action="store_true", help="fly variants of joint that leave a concept out")
+    options.add_argument("--losses", action="store_true", help="fly joint at several rates of expected losses")
+    options.add_argument("--write", action="store_true", help="write what is printed to docs/measured")
     given = options.parse_args()
+    with recorded(_page(given), write=given.write):
+        _print(given)
+
+
+def _page(given: argparse.Namespace) -> str:
+    """The page in docs/measured that the options fill."""
+    kinds = {"programs": "programs", "forecasts": "forecasts", "reserve": "reserve", "schedules": "schedules"}
+    kinds |= {"batteries": "batteries", "ablate": "ablation", "losses": "losses"}
+    return next((name for option, name in kinds.items() if getattr(given, option)), "quality")
+
+
+def _print(given: argparse.Namespace) -> None:
     if given.table:
         report(given.seed, [json.loads(line) for line in Path(given.table).read_text().splitlines()])
         return
@@ -768,6 +865,9 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
+        if given.ablate or given.losses:
+            variants(given, found)
+            return
         if given.schedules or given.batteries:
             missions = cases(given.schedules or given.batteries, given.seed, found)
             with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
@@ -793,6 +893,30 @@ def main() -> None:
     report(given.seed, results)
 
 
+def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
+    """Fly variants of `joint`, and print how they compare."""
+    missions = cases(given.missions, given.seed, found)
+    tasks = [(found, missions[i]) for i in (given.only or range(len(missions)))]
+    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+        results = list(pool.imap_unordered(_ablated if given.ablate else _losses, tasks))
+    print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
+    print("\n".join((ablation_table if given.ablate else losses_table)(results)))
+
+
+def _ablated(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
+    return ablated(lambda keys: _joint(task, keys))
+
+
+def _losses(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
+    return losses(lambda keys: _joint(task, keys), lossy=bool(task[1].keys["faults"]))
+
+
+def _joint(task: tuple[dict[str, str], Case], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """A mission by `joint`, with some more keys."""
+    found, case = task
+    return flown(load(found[case.place], {**case.keys, "planner.name": "joint", **keys}))
+
+
 def larger(missions: list[list[tuple[float, float, bool]]]) -> None:
     """Print by how much U falls with a larger battery."""
     falls = []
@@ -811,12 +935,11 @@ def report(seed: int, results: list[dict[str, Any]]) -> None:
     """Print what came of missions."""
     results.sort(key=lambda r: r["index"])
     print(f"seed {seed}, {len(results)} missions")
-    print("\n".join(table(results)))
+    print("\n".join(table("all", results)))
     print("\n".join(verdict(results)))
     for group in sorted({(r["place"], r["vehicle"]) for r in results}):
         rows = [r for r in results if (r["place"], r["vehicle"]) == group]
-        print(f"\n{group[0]}, {group[1]}: {len(rows)} missions")
-        print("\n".join(table(rows)))
+        print("\n".join(table(f"{group[0]}, {group[1]}: {len(rows)} missions", rows)))
 
 
 if __name__ == "__main__":

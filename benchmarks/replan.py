@@ -35,6 +35,7 @@ from unittest import mock
 os.environ["OMP_NUM_THREADS"] = "1"  # threads of the linear algebra only wait for each other in problems of ten
 
 import numpy as np
+from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
 from eadp.core.signals.harmonics import forecast_w, output_row, rotation_matrix
@@ -230,14 +231,13 @@ OPTIONS = {
 PARTS = {
     "forecast": (PaperPlanner, "_horizon_forecast"),
     "table of levels": (Horizon, "table"),
-    "table, levels, bound, compiled": (Horizon, "_planned"),
     "scaled QP": (Horizon, "_scaled"),
     "checks of the data": (QuadraticProgram, "_check"),
     "update": (OsqpSolver, "update"),
     "warm start, solve, copies": (OsqpSolver, "run"),
     "levels": (Horizon, "_rounded"),
 }
-"""What a re-planning consists of: methods, none within another; some are of the plain or the compiled form alone."""
+"""What a re-planning consists of: methods, none within another."""
 
 
 @dataclass(frozen=True)
@@ -357,27 +357,31 @@ def main() -> None:
     parser.add_argument("--instances", type=int, default=200, help="how many of each kind (default 200)")
     parser.add_argument("--seed", type=int, default=0, help="of the instances (default 0)")
     parser.add_argument("--plain", action="store_true", help="without compiled code")
+    add_option(parser, "replan")
     options = parser.parse_args()
-    print("compiled" if compiled.enable(not options.plain) else "plain")
-    print(f"{'horizon':>8} {'':>10} {'ours, all [ms]':>15} {'peer, reals [ms]':>17}", end="")
-    print(f" {'ratio':>7} {'active':>7} {'peer failed':>12}")
+    with recorded("replan", write=options.write):
+        _print(options)
+
+
+def _print(options: argparse.Namespace) -> None:
+    form = "compiled" if compiled.enable(not options.plain) else "plain"
+    print(f"{options.instances} instances of each kind, seed {options.seed}, {form}")
+    print(head("horizon", "order", "ours, all [ms]", "peer, reals [ms]", "ratio", "active", "peer failed"))
     for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
         s = speed(np.random.default_rng(options.seed), options.instances, steps, block)
         ours, peer = float(np.median(s.ours_ms)), float(np.median(s.peer_ms))
         order = "in turn" if block == 1 else "in blocks"
-        print(f"{steps:>6} s {order:>10} {ours:>15.3f} {peer:>17.3f}", end="")
-        print(f" {peer / ours:>7.1f} {s.active:>7.0%} {s.failed:>12.1%}")
+        cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.1f}", f"{s.active:.0%}", f"{s.failed:.1%}"
+        print(line(f"{steps} s", order, *cells))
     for steps in (10, round(PERIOD_S)):
-        print(f"\nwhere it goes, {steps} s, in us:")
+        print(head(f"where it goes, {steps} s", "µs"))
         for name, us in parts(np.random.default_rng(options.seed), options.instances, steps).items():
-            print(f"  {name:32} {us:7.1f}")
-    print()
-    print(f"{'horizon':>8} {'ahead of the peer: least':>25} {'mean':>8} {'largest':>8}", end="")
-    print(f" {'gap, median':>12} {'violation [W]':>14}")
+            print(line(name, f"{us:.1f}"))
+    print(head("horizon", "ahead of the peer: least", "mean", "largest", "gap, median", "violation [W]"))
     for steps in (10, round(PERIOD_S)):
         q = quality(np.random.default_rng(options.seed + 1), options.instances, steps)
-        print(f"{steps:>6} s {min(q.ahead):>25.1e} {np.mean(q.ahead):>8.1e} {max(q.ahead):>8.1e}", end="")
-        print(f" {np.median(q.gaps):>12.1e} {q.violation_w:>14.1e}")
+        figures = min(q.ahead), np.mean(q.ahead), max(q.ahead), np.median(q.gaps), q.violation_w
+        print(line(f"{steps} s", *(f"{figure:.1e}" for figure in figures)))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from measured import add_option, head, line, recorded
+
 from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 
@@ -30,7 +32,13 @@ def main() -> None:
     parser.add_argument("--only", default="", help="disturbances whose name has this")
     parser.add_argument("--bare", action="store_true", help="lines without optional keys")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of the scenario")
+    add_option(parser, "replan_gaps")
     options = parser.parse_args()
+    with recorded("replan_gaps", write=options.write):
+        _print(options)
+
+
+def _print(options: argparse.Namespace) -> None:
     keys = BARE if options.bare else None
 
     def inputs() -> FlightInputs:
@@ -38,14 +46,12 @@ def main() -> None:
             options.plan, scenario_path=options.scenario, overrides=read_overrides(override_texts(options.set))
         )
 
-    print(f"{'telemetry':<30} {'start':>6} {'U':>7} {'wrong stage [s]':>16} {'charge left':>12}  end")
+    print(head("telemetry", "start [s]", "U", "stage wrong after it [s]", "charge left", "end"))
 
     def show(name: str, start_s: float, f: Flown) -> None:
         left = f.outcome.soc_final
-        print(
-            f"{name:<30} {start_s:>6g} {f.quality:>7.4f} {f.wrong_s:>16.0f} {left:>12.4f}  {f.outcome.reason}",
-            flush=True,
-        )
+        cells = f"{start_s:g}", f"{f.quality:.4f}", f"{f.wrong_s:.0f}", f"{left:.4f}", f.outcome.reason
+        print(line(name, *cells), flush=True)
 
     show(UNDISTURBED.name, 0.0, flown(inputs(), UNDISTURBED, 0.0, keys))
     for disturbance in DISTURBANCES:

@@ -52,6 +52,7 @@ import eadp.cli  # noqa: F401 - first: its environment is one thread for linear 
 
 # isort: split
 import numpy as np
+from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import Files, FlightInputs, load_flight
@@ -169,8 +170,7 @@ def measured(call: Callable[[], list[Result]]) -> tuple[float, float, list[Resul
 
 def throughput(folder: Path, planner: str, counts: list[int], seed: int) -> None:
     """Flights per core-second, compiled and plain; of plain ones no more than the fewest."""
-    print(f"\nplanner {planner}")
-    print("  flights            CPU [s]  flights per core-second  ms each  of it not flying")
+    print(head(f"planner {planner}: flights", "", "CPU [s]", "flights per core-second", "ms each", "of it not flying"))
     wanted = [(True, count) for count in counts] if compiled.available() else []
     for fast, count in [*wanted, (False, min(counts))]:
         sweep = sampled(folder, count, seed, planner)
@@ -181,7 +181,7 @@ def throughput(folder: Path, planner: str, counts: list[int], seed: int) -> None
         assert not any(result.error for result in results)
         name = "compiled" if fast else "plain"
         rate, each, rest = count / cpu, 1e3 * cpu / count, 1e3 * (cpu - fly.cpu_s) / count
-        print(f"  {count:7d} {name:8}  {cpu:8.2f}  {rate:23.1f}  {each:7.1f}  {rest:13.2f} ms")
+        print(line(count, name, f"{cpu:.2f}", f"{rate:.1f}", f"{each:.1f}", f"{rest:.2f} ms"))
 
 
 class Clocks:
@@ -461,11 +461,18 @@ class Measured(NamedTuple):
 def _print_scale(planner: str, count: int, runs: dict[tuple[str, int], list[Measured]]) -> None:
     """Each sweep; the efficiency of two workers, and what of it is the machine's: flights that take longer together."""
     print(f"\n{count} flights, planner {planner}:")
-    print("  workers    flights/s  ms a flight  CPU of a worker  of the command [ms]  busy  all [s]  memory [MB]")
+    titles = "flights/s", "ms a flight", "CPU of a worker", "of the command [ms]", "busy", "all [s]", "memory [MB]"
+    print(head("workers", *titles))
     for (kind, jobs), each in runs.items():
         for one in each:
-            print(f"  {kind:7} {jobs}  {one.rate:9.2f}  {one.took_ms:11.2f}  {one.worker_ms:15.2f}  ", end="")
-            print(f"{one.command_ms:19.2f}  {100 * one.busy:3.0f} %  {one.wall_s:7.0f}  {one.memory_mb}")
+            figures = one.rate, one.took_ms, one.worker_ms, one.command_ms
+            cells = (
+                *(f"{figure:.2f}" for figure in figures),
+                f"{100 * one.busy:.0f} %",
+                f"{one.wall_s:.0f}",
+                one.memory_mb,
+            )
+            print(line(f"{kind} {jobs}", *cells))
     for kind in dict.fromkeys(kind for kind, _ in runs):
         alone, both = (max(runs[kind, jobs], key=lambda one: one.rate) for jobs in (1, 2))
         efficiency, machine = both.rate / alone.rate / 2, alone.took_ms / both.took_ms
@@ -561,7 +568,13 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=120.0, help="most that the sweep that was killed may take")
     parser.add_argument("--seed", type=int, default=0)
+    add_option(parser, "sweep")
     asked = parser.parse_args()
+    with recorded("sweep", write=asked.write):
+        return _all(asked)
+
+
+def _all(asked: argparse.Namespace) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as name:
         folder, true = Path(name), True

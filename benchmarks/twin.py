@@ -10,7 +10,7 @@ capacity up to 5 %.
 Missions: the survey and three covered fields, wind of 0 to 8 m/s from anywhere, and in every second one, one or two
 sudden losses of charge. The capacity lies between what the lowest and what the highest parameters need, and a little
 beyond. `best` is the best of a grid of constant parameters, refined, each flown in the same wind, gusts and losses: of
-those that keep the reserve, or else complete, the one with the largest U. There c1 counts in the stages that it alters.
+those that keep the reserve, or else complete, the one with the largest U.
 
 - `--trouble NAME` adds one to each mission: a false peak of power, a gauge that sticks, a voltage that sags, a capacity
   15 % below what is stated, a gap, a position that freezes, a power that is unknown, an autopilot that is deaf to c1.
@@ -38,7 +38,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,6 +49,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
+from measured import head, line, recorded  # noqa: E402
 from plant import (  # noqa: E402
     ALTITUDE_M,
     AVIONICS_W,
@@ -68,9 +69,11 @@ from plant import (  # noqa: E402
 )
 
 from eadp.api import read_plan  # noqa: E402
+from eadp.models.plan.cursor import Rules  # noqa: E402
+from eadp.models.plan.executor import PlanExecutor  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402
-from eadp.models.plan.segments import Segment  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
+from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
 OWNER, PLANT = ROOT / "benchmarks/twin/owner.yaml", ROOT / "benchmarks/plant.py"
@@ -264,7 +267,10 @@ class Constants:
         """One c1 with every level of the computations."""
         samples, levels = self.flights[c1], np.array(LEVELS)
         completed, soc = self._drained(np.full(len(LEVELS), self.capacity_ah), samples, levels)
-        u = utility([mean_share(samples, 0, altered(self.plan)), (levels - LEVELS[0]) / (LEVELS[-1] - LEVELS[0])])
+        # linear in the computations
+        u = np.interp(
+            levels, (levels[0], levels[-1]), [constant_quality(self.plan, samples, end) for end in ends(self.plan, 1)]
+        )
         return [
             Constant((c1, level), bool(completed[j]), float(soc[j]), float(u[j]), samples[-1].time_s)
             for j, level in enumerate(LEVELS)
@@ -278,30 +284,37 @@ def plan_flight(mission: Mission, plan: Plan, parameters: Sequence[float]) -> Pl
     return PlanFlight(plan, parameters, start, mission.wind_mps, gusts)
 
 
-def mean_share(samples: list[Sample], index: int, stages: Collection[int]) -> float | None:
-    """Time average of a parameter's share of its set, over the stages that count and leave it free."""
-    shares = [sample.shares[index] for sample in samples if sample.stage in stages]
-    free = [share for share in shares if share is not None]
-    return statistics.fmean(free) if free else None
+class Seen:
+    """The ground that a flight of the plant has seen: U, from the stages and parameters of its executor."""
+
+    def __init__(self, plan: Plan, executor: PlanExecutor) -> None:
+        self._executor, self._started, self._values = executor, executor.stages_started, executor.parameters
+        self._log = ParameterLog(plan, executor.cursor, executor.joined_m)
+
+    def update(self, time_s: float) -> None:
+        """Record a new stage, or new parameters."""
+        executor = self._executor
+        started = executor.stages_started != self._started
+        if started or executor.parameters != self._values:
+            self._started, self._values = executor.stages_started, executor.parameters
+            self._log.change(time_s, executor.cursor, executor.joined_m if started else None)
+
+    def quality(self, sample: Sample) -> float:
+        """U at the end of a flight, with its last sample."""
+        short_of = (sample.x_m, sample.y_m), sample.airspeed_mps
+        self._log.close(sample.time_s, None if self._executor.complete else short_of)
+        return self._log.quality({}) or 0.0
 
 
-def altered(plan: Plan) -> set[int]:
-    """The stages whose path c1 alters, and those of the same laps."""
-    found = set()
-    for segment in plan.segments or (Segment(0, len(plan.stages), (), ()),):
-        stages = plan.stages[segment.first : segment.first + segment.count]
-        laps = set().union(*(q.first.names | (q.shift.names if q.shift else set()) for q in segment.variables))
-        names = [stage.path.names | stage.trigger[0].names | stage.trigger[1].names for stage in stages]
-        if segment.repeats and "c1" in laps.union(*names):
-            found |= {stage.index for stage in stages}
-        found |= {stage.index for stage, own in zip(stages, names, strict=True) if "c1" in own}
-    return found
-
-
-def utility(shares: list[Any]) -> Any:
-    """U: the mean over the parameters that are free somewhere."""
-    free = [share for share in shares if share is not None]
-    return sum(free) / len(free)
+def constant_quality(plan: Plan, samples: list[Sample], level: float) -> float:
+    """U of a flight along the same positions, with its c1 and a constant level of the computations."""
+    start, _ = default_start(plan, samples[0].parameters)
+    executor = PlanExecutor(plan, (samples[0].parameters[0], level), start, Rules())
+    seen = Seen(plan, executor)
+    for sample in samples:
+        executor.advance(sample.x_m, sample.y_m)
+        seen.update(sample.time_s)
+    return seen.quality(samples[-1])
 
 
 # --- eadp
@@ -383,11 +396,12 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
     flight, replan = plan_flight(mission, plan, highest), Replan(mission, constants.capacity_ah, folder)
     pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names)
     noise = mission.noise(round(7200 / SAMPLE_S))
-    samples, result = [], Flown()
+    samples, result, seen = [], Flown(), Seen(plan, flight.executor)
     writer = csv.writer(log)
     writer.writerow(LOG_COLUMNS)
     for k, sample in enumerate(flight.samples()):
         samples.append(sample)
+        seen.update(sample.time_s)
         loss = constants.losses.get(k, 0.0)
         watts = np.interp(sample.parameters[1], LEVELS, LEVELS_W) * noise[k] * (sample.parameters[1] > 0)
         power_w = float(battery_w(sample.shaft_w) + watts)
@@ -406,8 +420,7 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
                 flight.decide(taken(decision, plan.names, mission, highest))
     replan.close()
     result.completed, result.soc = flight.executor.complete and not pack.empty, float(pack.soc)
-    every = {stage.index for stage in plan.stages}
-    result.u = utility([mean_share(samples, 0, altered(plan)), mean_share(samples, 1, every)])
+    result.u = seen.quality(samples[-1])
     result.time_s, result.unanswered = samples[-1].time_s, replan.unanswered
     result.warnings = len(replan.messages.read_text().splitlines())
     decided = [[d["parameters"][name] for d in result.decisions] for name in plan.names]
@@ -570,9 +583,10 @@ def implied_std(decision: dict[str, Any]) -> float | None:
 
 # --- tables
 
-HEADER = """\
-   #  place    wind     Ah losses        SoC at the end | best constants         | joint: SoC      U  time changes warn
-               m/s                      lowest highest |     c1 c2    SoC      U |                      s   c1/c2"""
+HEADER = head(
+    *("#", "place", "wind [m/s]", "Ah", "losses", "SoC: lowest", "highest"),
+    *("best constants: c1", "c2", "SoC", "U", "joint: SoC", "U", "time [s]", "changes c1/c2", "warnings", ""),
+)
 
 
 def row(result: dict[str, Any]) -> str:
@@ -580,14 +594,13 @@ def row(result: dict[str, Any]) -> str:
     mission, best, joint = result["mission"], result["best"], result["joint"]
     losses = " ".join(f"{100 * drop:.0f}%@{at}" for at, drop in result["losses"].items()) or "-"
     marks = ("D" if result["lowest"].completed and not joint.completed else "") + ("u" if behind(result) else "")
-    cells = [
-        f"{mission.index:>4}  {mission.place:<8}{math.hypot(*mission.wind_mps):>5.1f} {result['capacity_ah']:>6.3f}",
-        f" {losses:<13}{result['lowest'].soc:>6.3f} {result['highest'].soc:>7.3f}",
-        f" | {best.c[0]:>6.0f}{best.c[1]:>3.0f}{best.soc:>7.3f}{best.u:>7.3f}",
-        f" | {'' if joint.completed else 'NO':>3}{joint.soc:>7.3f}{joint.u:>7.3f}{joint.time_s:>6.0f}",
-        f"{'/'.join(map(str, joint.changes)):>8}{joint.warnings:>5} {marks}",
-    ]
-    return "".join(cells)
+    wind_mps, soc = math.hypot(*mission.wind_mps), f"{joint.soc:.3f}{'' if joint.completed else ', not completed'}"
+    return line(
+        *(mission.index, mission.place, f"{wind_mps:.1f}", f"{result['capacity_ah']:.3f}", losses),
+        *(f"{result['lowest'].soc:.3f}", f"{result['highest'].soc:.3f}"),
+        *(f"{best.c[0]:.0f}", f"{best.c[1]:.0f}", f"{best.soc:.3f}", f"{best.u:.3f}"),
+        *(soc, f"{joint.u:.3f}", f"{joint.time_s:.0f}", "/".join(map(str, joint.changes)), joint.warnings, marks),
+    )
 
 
 def value(result: dict[str, Any]) -> float:
@@ -756,10 +769,14 @@ def main() -> None:
     parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--picture", metavar="FILE")
     parser.add_argument("--check", action="store_true")
+    parser.add_argument("--write", action="store_true", help="write docs/measured/twin.md, or twin_check.md")
     options = parser.parse_args()
-    if options.check:
-        check()
-        return
+    with recorded("twin_check" if options.check else "twin", write=options.write):
+        check() if options.check else fly_all(options)
+
+
+def fly_all(options: argparse.Namespace) -> None:
+    """Fly the missions, and print the tables."""
     for made_folder in filter(None, (options.log, options.cache)):
         Path(made_folder).mkdir(parents=True, exist_ok=True)
     if options.log:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
+from eadp.planning.joint.climb import ClimbForecast
 
 from eadp.core import compiled
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import FixedWing
-from eadp.planning.joint.climb import ClimbForecast
 from eadp.simulation.loop import Outcome, fly
 
 VEHICLE = FixedWing()

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from common import ROOT
 from common.plans import TWO_BLOCKS
+from eadp.planning.joint.forecaster import MIN_STD, FinalCharge, Forecast, Forecaster, ripple_w
 
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import TrackingPlanner
-from eadp.planning.joint.forecaster import MIN_STD, FinalCharge, Forecast, Forecaster, ripple_w
 from eadp.planning.joint.program import MissionProgram, best_at
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly

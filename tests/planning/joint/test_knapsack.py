@@ -6,11 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
+from eadp.planning.joint.knapsack import FULL, Increments, allocation_of, concave_envelope, fill_greedy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
-
-from eadp.planning.joint.knapsack import FULL, Increments, allocation_of, concave_envelope, fill_greedy
 
 unhurried = settings(deadline=None)  # no test depends on the clock
 LP = 1e-8

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from broken_osqp import BROKEN
 from common import ROOT
+from eadp.planning.joint.forecaster import Forecaster
+from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from scipy.optimize import linprog
 
 from eadp.errors import Infeasible
 from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, KEPT, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.joint import program as module
-from eadp.planning.joint.forecaster import Forecaster
-from eadp.planning.joint.knapsack import FULL, Increments, allocation_of
 from eadp.planning.joint.program import Candidate, MissionProgram, best_at
 from eadp.planning.qp import OsqpSolver
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from common.routes import Tracked
+from eadp.planning.joint.knapsack import fill_greedy
+from eadp.planning.joint.terms import QUALITY, TOTAL, FlownShares, RouteLoad, TermBuilder
 from scipy.optimize import brentq, linprog
 
 from eadp.core.flight.battery import soc_rate_per_s
@@ -19,9 +21,7 @@ from eadp.models.computing import Computing, join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.joint import terms as module
-from eadp.planning.joint.knapsack import fill_greedy
 from eadp.planning.joint.settings import JointSettings
-from eadp.planning.joint.terms import QUALITY, TOTAL, FlownShares, RouteLoad, TermBuilder
 
 ALGEBRA = 1e-9
 LOWEST_VOLTAGE = 0.02

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from common import ROOT
+from eadp.planning.state.flown import ParameterAverages
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.stage import Box
-from eadp.planning.state.flown import ParameterAverages
 from eadp.simulation.metrics import ParameterLog
 
 ALGEBRA = 1e-9

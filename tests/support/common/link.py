@@ -12,6 +12,7 @@ from eadp.errors import Fault
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.replan import Replanner
 from eadp.planning.base import Decision, Observation, SolverReport
+from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 LINES_EVERY_S = 1.0
@@ -123,6 +124,10 @@ class Autopilot:
 
     def estimates(self, times_s):
         return [0.0 for _ in times_s], []
+
+    def flight_state(self):
+        """The simulation's own, which nobody asks: the other end of the link has one from the lines."""
+        return FlightState(self.inputs.mission)
 
     def __post_init__(self) -> None:
         self._replanner = Replanner(self.inputs, "telemetry", None, self.answers.append, self.warnings.append)

@@ -1,0 +1,161 @@
+"""Variants of planner `joint` that each leave one concept out, flown beside it on the missions of `quality.py`.
+
+    python benchmarks/quality.py --ablate --missions 200 --jobs 2 --write
+    python benchmarks/quality.py --losses --missions 200 --jobs 2 --write
+
+A variant replaces constants and functions of the planner while it flies. `joint` itself has no option for any of them.
+`--losses` flies each mission without losses of charge, and where it has some with them, at several
+`planner.joint.loss_rate_per_h`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import statistics
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from unittest import mock
+
+from measured import head, line
+
+from eadp.models.plan.cursor import PlanCursor
+from eadp.planning.base import SOLVED
+from eadp.planning.forecast import evaluate
+from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
+from eadp.planning.forecast.knapsack import fill_greedy
+from eadp.planning.joint import places, policy, search
+from eadp.planning.joint.planner import JointPlanner
+from eadp.planning.joint.policy import Policy
+from eadp.planning.joint.program import ComputationProgram, Solution
+from eadp.planning.joint.search import Search
+from eadp.planning.joint.settings import JointSettings
+
+LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
+OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
+AS_IT_IS = "as it is"
+charge_std = Evaluator.charge_std
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What a variant replaces: attributes of modules and classes, and keys of the scenario."""
+
+    replaced: tuple[tuple[Any, str, Any], ...] = ()
+    keys: Mapping[str, Any] = field(default_factory=dict)
+
+    @contextlib.contextmanager
+    def flying(self) -> Iterator[None]:
+        """The planner without it."""
+        with contextlib.ExitStack() as patches:
+            for owner, name, value in self.replaced:
+                patches.enter_context(mock.patch.object(owner, name, value))
+            yield
+
+
+def _without_gauge_gain(self: Evaluator, known: Any, totals: Any, soc: Any) -> Any:
+    return charge_std(self, known._replace(charge=known.charge._replace(gain_std=0.0)), totals, soc)
+
+
+def _closed_form(_: ComputationProgram, knapsack: Any) -> Solution:
+    return Solution(fill_greedy(knapsack), SOLVED)
+
+
+def _rated(rate_per_h: float) -> Variant:
+    return Variant(keys={"planner.joint.loss_rate_per_h": rate_per_h})
+
+
+ALL = 1 - 1e-9
+"""Share of the time in which the upper of two configurations can be flown, as a threshold: all of it."""
+VARIANTS: Mapping[str, Variant] = {
+    AS_IT_IS: Variant(),
+    "one share of c1 for all segments": Variant(((PlanCursor, "later_laps", property(lambda _: False)),)),
+    "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
+    "no pattern search": Variant(((Search, "_pattern", lambda _, start, *__: start),)),
+    "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
+    "changes without a margin (`MARGIN` = 0)": Variant(((policy, "MARGIN", 0.0),)),
+    "computations rounded down (no `RISE`, `FALL`)": Variant(
+        ((policy, "RISE", ALL), (policy, "FALL", ALL), (policy, "MAX_RISE", ALL))
+    ),
+    "rises for any gain (`RISE_GAIN` = 0)": Variant(((policy, "RISE_GAIN", 0.0),)),
+    "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
+    "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
+    "changes to the end (`LAST_S` = 0)": Variant(((policy, "LAST_S", 0.0),)),
+    "no tolerance (`TOLERATED` = 0)": Variant(((JointPlanner._plan, "__defaults__", (0.0,)),)),
+    "every end certain": Variant(
+        ((evaluate, "_ends", lambda *_: CERTAIN), (places, "margin_m", lambda _: 0.0)),
+    ),
+    "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", lambda *_: (1.0, 0.0)),)),
+    "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
+    **{
+        f"{rate:g} expected losses an hour": _rated(rate)
+        for rate in LOSS_RATES_PER_H
+        if rate != JointSettings.loss_rate_per_h
+    },
+}
+
+
+def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """One mission by every variant; `fly` flies it with some more keys."""
+    flights = {}
+    for name, variant in VARIANTS.items():
+        with variant.flying():
+            flights[name] = fly(variant.keys)
+    return flights
+
+
+def losses(fly: Callable[[Mapping[str, Any]], dict[str, Any]], *, lossy: bool) -> dict[str, dict[str, Any]]:
+    """One mission at every rate of expected losses: without losses, and with its own where it has any."""
+    flights = {}
+    for rate in LOSS_RATES_PER_H:
+        keys = {"planner.joint.loss_rate_per_h": rate}
+        flights[f"{rate:g}, without losses"] = fly({**keys, "faults": []})
+        if lossy:
+            flights[f"{rate:g}, with losses"] = fly(keys)
+    return flights
+
+
+def value(flight: Mapping[str, Any]) -> float:
+    """U of a flight, 0 where it does not complete."""
+    return float(flight["u"]) if flight["completed"] else 0.0
+
+
+def row(name: str, flights: list[dict[str, Any]], beside: list[dict[str, Any]]) -> str:
+    """A variant's row: differences to other flights of the same missions, their mean and its standard error."""
+    apart = [value(own) - value(other) for own, other in zip(flights, beside, strict=True)]
+    error = statistics.stdev(apart) / math.sqrt(len(apart)) if len(apart) > 1 else math.nan
+    cpu = sum(flight["cpu_s"] for flight in flights) / sum(flight["cpu_s"] for flight in beside)
+    return line(
+        name,
+        f"{statistics.fmean(map(value, flights)):.4f}",
+        f"{statistics.fmean(apart):+.4f} ± {error:.4f}",
+        sum(abs(one) > 1e-9 for one in apart),
+        sum(flight["completed"] for flight in flights),
+        sum(flight["kept"] for flight in flights),
+        f"{statistics.fmean(flight['changes'] for flight in flights):.2f}",
+        f"{cpu:.2f}",
+    )
+
+
+TITLES = ("U, all", "difference", "missions that differ", "completed", "reserve kept", "changes", "CPU, ratio")
+
+
+def ablation_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
+    """All variants beside the planner as it is; U counts 0 where a mission is not completed."""
+    beside = [mission[AS_IT_IS] for mission in missions]
+    yield head("planner `joint`", *TITLES)
+    for name in VARIANTS:
+        yield row(name, [mission[name] for mission in missions], beside)
+    yield "Pattern search is for two or three path parameters; these missions have one."
+
+
+def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
+    """All rates, of missions with and without losses, beside a rate of 0."""
+    for kind in ("without losses", "with losses"):
+        flown = [mission for mission in missions if f"0, {kind}" in mission]
+        if flown:
+            beside = [mission[f"0, {kind}"] for mission in flown]
+            yield head(f"losses expected an hour; {len(flown)} missions {kind}", *TITLES)
+            for rate in LOSS_RATES_PER_H:
+                yield row(f"{rate:g}", [mission[f"{rate:g}, {kind}"] for mission in flown], beside)

@@ -1,0 +1,91 @@
+"""Writes what a benchmark prints to docs/measured/NAME.md, beside its command, the date and the machine.
+
+Benchmarks print their tables as Markdown, so that the page holds what was printed. Other lines become items of a list.
+Pages of the documentation link to these files and copy nothing from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import datetime
+import io
+import os
+import platform
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
+
+
+def add_option(parser: argparse.ArgumentParser, name: str) -> None:
+    """The option --write, which writes docs/measured/NAME.md."""
+    parser.add_argument("--write", action="store_true", help=f"write docs/measured/{name}.md")
+
+
+def line(*cells: object) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+
+
+def head(*titles: str) -> str:
+    """The first two rows of a Markdown table: titles, and the rule below."""
+    return f"{line(*titles)}\n|{'---|' * len(titles)}"
+
+
+def machine() -> str:
+    """The machine in one line."""
+    return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+
+
+def command() -> str:
+    """The command line of this process."""
+    script = Path(sys.argv[0]).resolve()
+    return shlex.join(["python", f"benchmarks/{script.name}", *sys.argv[1:]])
+
+
+def page(name: str, text: str) -> str:
+    """The page of a benchmark that printed a text."""
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    top = [f"# Measured: {name}", "", f"    {command()}", "", f"{today}, {machine()}.", ""]
+    return "\n".join([*top, *_body(text)]).rstrip("\n") + "\n"
+
+
+def _body(text: str) -> Iterator[str]:
+    """Printed lines as Markdown: tables as they are, other lines as items of a list."""
+    lines = [own for printed in text.splitlines() if (own := printed.strip())]
+    before = ""
+    for own, after in zip(lines, [*lines[1:], ""], strict=True):
+        kind = own[0] if own[0] in "|#" else "-"
+        if before and (kind != before or kind == "#" or after.startswith("|---")):
+            yield ""
+        yield own if kind != "-" else f"- {own.removeprefix('- ')}"
+        before = kind
+    yield ""
+
+
+class _Tee(io.TextIOBase):
+    """Writes to a stream, and keeps the text."""
+
+    def __init__(self, stream: io.TextIOBase) -> None:
+        self._stream, self.kept = stream, io.StringIO()
+
+    def write(self, text: str) -> int:
+        self._stream.write(text)
+        return self.kept.write(text)
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+
+@contextlib.contextmanager
+def recorded(name: str, *, write: bool = True) -> Iterator[None]:
+    """Write what is printed within to docs/measured/NAME.md, unless an error ends it."""
+    tee = _Tee(sys.stdout)  # type: ignore[arg-type]
+    with contextlib.redirect_stdout(tee):  # type: ignore[type-var]
+        yield
+    if write:
+        FOLDER.mkdir(exist_ok=True)
+        (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue()), encoding="utf-8")
