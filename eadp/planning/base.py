@@ -420,7 +420,7 @@ class TrackingPlanner:
         """The state of a flight that starts, for whoever flies it."""
         from eadp.planning.state.flight_state import FlightState
 
-        return FlightState(self._mission, self._settings.weights)
+        return FlightState(self._mission, self._settings.weights, self._sensor_every_s)
 
     @property
     def period_s(self) -> float | None:

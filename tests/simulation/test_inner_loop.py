@@ -67,6 +67,9 @@ class EveryStep:
     def estimates(self, times_s):
         return self._planner.estimates(times_s)
 
+    def flight_state(self):
+        return self._planner.flight_state()
+
     def ingest(self, readings):
         raise AssertionError("readings are seen in observations")
 

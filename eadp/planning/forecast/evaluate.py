@@ -29,6 +29,7 @@ from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, 
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
 from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import Known, WindKnown
+from eadp.planning.state.motion import WINDOW_S
 
 PASSED_S = 3.0
 """An end that has been passed for this long without the flight having ended there is none [s]."""
@@ -321,6 +322,8 @@ class Evaluator:
         peak_w = motion_w
         if known.climb is not None:
             times_s, motion_w, peak_w = self._climbed(known, routes, whole_s, times_s, motion_w)
+        # above the mean of a window by twice its standard deviation
+        peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])

@@ -31,6 +31,8 @@ from eadp.planning.state.time_ratio import TimeRatio
 MAX_STEP_S = 10.0
 """Time between readings above which the power in it is not measured [s]."""
 
+SAME_TIME_S = 1e-9
+
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
 
@@ -55,10 +57,12 @@ class FlightState:
     mission : Mission
     weights : mapping of name to float, optional
         Weights of the parameters in U.
+    every_s : float
+        Least time between readings [s]: an observation sooner after one is none.
     """
 
-    def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None) -> None:
-        self._mission = mission
+    def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None, every_s: float = 0.0) -> None:
+        self._mission, self._every_s = mission, every_s
         self._waiting: list[Readings | Observation] = []
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
@@ -100,7 +104,11 @@ class FlightState:
         readings: Readings | None = None
         for each in waiting:
             if isinstance(each, Observation):
-                self._read(_with_reading(readings, each))
+                last_s = self._last_s if readings is None else float(readings.times_s[-1])
+                if last_s is None or each.time_s >= last_s + self._every_s - SAME_TIME_S:
+                    readings = _with_reading(readings, each)
+                if readings is not None:
+                    self._read(readings)
                 self._locate(each)
                 readings = None
             else:
@@ -228,6 +236,7 @@ class FlightState:
     def known(self, time_s: float, position: Point) -> Known:
         """What is known at a time [s] and a position [m]."""
         self._process()
+        max_w = min(self._gate.max_motion_w, self._mission.max_motion_w)
         place, times, (gain_std, gain_from) = self._place, self._times, self._charge.gauge_gain
         wind = WindKnown(self.wind_mps, self._wind.covariance if self._measured_wind is None else (0.0, 0.0, 0.0))
         return Known(
@@ -240,7 +249,7 @@ class FlightState:
             self._mission.cruise_mps,
             wind,
             TimeKnown(times.ratio, times.variance, times.noise_s),
-            MotionKnown(self._motion.level_w, self._motion.slope_w, *self._motion.variances),
+            MotionKnown(self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w),
             ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed),
             place.reach_std_m,
             self._climb.climb if self._climb is not None else None,

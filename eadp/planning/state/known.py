@@ -27,7 +27,10 @@ class TimeKnown(NamedTuple):
 
 
 class MotionKnown(NamedTuple):
-    """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s]."""
+    """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s].
+
+    And the greatest power that was measured, up to the motor's [W].
+    """
 
     level_w: float
     slope_w: float
@@ -35,6 +38,7 @@ class MotionKnown(NamedTuple):
     cov_level_slope: float
     var_slope: float
     noise: float
+    max_w: float
 
 
 class ChargeKnown(NamedTuple):

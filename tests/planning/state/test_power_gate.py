@@ -82,13 +82,23 @@ class Corrupted(TrackingPlanner):
     def estimates(self, times_s):
         return self._planner.estimates(times_s)
 
+    def flight_state(self):
+        state, false_w = self._planner.flight_state(), self._false_w
+        ingest, observe = state.ingest, state.observe
+
+        def corrupted(readings):
+            powers_w = [false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
+            ingest(readings._replace(powers_w=powers_w))
+
+        state.ingest = corrupted
+        state.observe = lambda o: observe(o._replace(power_w=false_w(o.time_s, o.power_w)))
+        return state
+
     def ingest(self, readings):
-        powers_w = [self._false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
-        return self._planner.ingest(readings._replace(powers_w=powers_w))
+        return self._planner.ingest(readings)
 
     def update(self, observation):
-        power_w = self._false_w(observation.time_s, observation.power_w)
-        return self._planner.update(observation._replace(power_w=power_w))
+        return self._planner.update(observation)
 
 
 def quality(false_w):
