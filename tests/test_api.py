@@ -20,7 +20,7 @@ PUBLIC = {
     "report", "simulate", "sweep",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
-SHORT = {"time_limit_s": 20, "step_s": 0.05}
+SHORT = {"time_limit_s": 20, "step_s": 0.05, "planner.joint.max_interval_s": 5}
 
 
 def test_the_public_names_are_these():

@@ -51,10 +51,12 @@ def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), started=1
 
 def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0):
     """Observations at steady power; decisions with their times, where they change."""
-    changes, last = [], None
+    changes, last, state = [], None, pilot.flight_state()
     for k in range(round(seconds / step_s)):
         time_s = start_s + k * step_s
-        decision = pilot.update(observation(time_s, soc(time_s), power_w, last or (0.0, 10.0)))
+        seen = observation(time_s, soc(time_s), power_w, last or (0.0, 10.0))
+        state.observe(seen)
+        decision = pilot.update(seen._replace(state=state))
         if decision.parameters != last:
             last = decision.parameters
             changes.append((round(time_s, 6), last))

@@ -49,12 +49,12 @@ class Preflight:
     stages: dict[int, tuple[float, float]]
 
     @classmethod
-    def of(cls, evaluation: Evaluation, place: int, filling: Filling) -> Preflight:
-        """That of a place with computations as filled; the evaluation is of this place alone."""
-        route, evaluator = evaluation.routes[place], evaluation.evaluator
+    def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
+        """That of the one place of an evaluation, with parameters as decided and computations as filled."""
+        place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
-        names = dict(zip(plan.names, (*route.parameters[0][: plan.path_count], *means), strict=True))
+        names = dict(zip(plan.names, (*parameters[: plan.path_count], *means), strict=True))
         counted = any(evaluator.envelopes.shares.scaled(stage).any() for stage in route.stages.tolist())
         quality = float(filling.value[place]) if counted else None
         forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
@@ -137,4 +137,4 @@ def held_preflight(
         found = HeldForecast(settings, mission).evaluation(known, mission.parameters)
     except PathUndefined:
         return None
-    return Preflight.of(found, 0, found.filled())
+    return Preflight.of(found, found.filled(), mission.parameters)

@@ -141,7 +141,7 @@ class JointPlanner(TrackingPlanner):
         if evaluation is None:
             return None
         solution = ComputationProgram(SolverReport()).solve(evaluation.knapsack)
-        return Preflight.of(evaluation, 0, solution.filling)
+        return Preflight.of(evaluation, solution.filling, places.parameters(best))
 
     @property
     def next_update_s(self) -> float:
@@ -170,7 +170,8 @@ class JointPlanner(TrackingPlanner):
             self._losses = state.losses
             self._look(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if started else TIME)
             soon_s = next_multiple(o.time_s, self._settings.every_s)
-            self._next_s = soon_s if self._mission.live else max(soon_s, o.time_s + LOOK_EVERY_S)
+            look_s = 0.0 if self._mission.live else min(LOOK_EVERY_S, self._own.max_interval_s)
+            self._next_s = max(soon_s, o.time_s + look_s)
         if state.is_ambiguous(o.soc):
             self._next_s = min(self._next_s, self._next_reading_s)
         return self._decision

@@ -23,7 +23,7 @@ def written(root, tmp_path_factory):
         inputs = load_flight(
             str(root / "plans/survey.plan"),
             scenario_path=str(root / "scenarios/survey.yaml"),
-            overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05},
+            overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05, "planner.joint.max_interval_s": 5},
         )
         flight = fly_flight(inputs, inputs.preflight())
         folder = base / planner

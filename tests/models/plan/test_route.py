@@ -491,7 +491,8 @@ def test_free_and_shares_by_leg():
 
 
 def test_a_course_of_no_legs_takes_no_time():
-    times, turning = Route(LegTable(survey()), np.zeros(0, dtype=np.intp), (), ()).times_s(15.0, (0.0, 0.0))
+    none = np.zeros(0, dtype=np.intp)
+    times, turning = Route(LegTable(survey()), none, (), (), none, np.zeros(0)).times_s(15.0, (0.0, 0.0))
     assert len(times) == len(turning) == 0
 
 
