@@ -20,7 +20,7 @@ PUBLIC = {
     "report", "simulate", "sweep",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
-SHORT = {"time_limit_s": 20, "step_s": 0.05, "planner.joint.max_interval_s": 5}
+SHORT = {"time_limit_s": 20, "step_s": 0.05}
 
 
 def test_the_public_names_are_these():
@@ -57,7 +57,7 @@ def test_a_flight_is_that_of_the_command(eadp, tmp_path):
     assert list(flight.columns) == rows[0]
     assert np.array(rows[1:], dtype=float).T.tolist() == [column.tolist() for column in flight.columns.values()]
     decisions = (tmp_path / "library/decisions.jsonl").read_text(encoding="utf-8").splitlines()
-    assert len(decisions) == len(flight.decisions) > 1
+    assert len(decisions) == len(flight.decisions) > 0
     assert json.loads((tmp_path / "library/summary.json").read_text(encoding="utf-8"))["seed"] == 3
     with pytest.raises(library.InputError, match="exists already"):
         flight.write(tmp_path / "library")

@@ -155,6 +155,8 @@ def leg_times_s(rows: LegRows, order: IntArray, airspeed_mps: float, wind_mps: P
     wind_mps : (float, float)
         Wind [m/s].
     """
+    if not len(order):
+        return np.zeros(0), np.zeros(0)
     chosen, of_leg = np.unique(order, return_inverse=True)
     times_s, turning_s = row_times_s(rows, chosen, airspeed_mps, np.array([wind_mps]))
     return times_s[0, of_leg], turning_s[0, of_leg]

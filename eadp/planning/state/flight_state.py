@@ -121,8 +121,6 @@ class FlightState:
     def _locate(self, o: Observation) -> None:
         """Update place, parameters in force, ground seen, and what the legs flown show."""
         place = self._place
-        position = o.x_m, o.y_m
-        place.off_path(position, o.time_s)
         place.through_gap |= o.through_gap
         if o.stages_started != place.stages_started or place.route is None:
             self._start_stage(o)
@@ -163,6 +161,10 @@ class FlightState:
         if self._last_s is not None and not steps_s.any():
             return
         self._last_s = float(times_s[-1])
+        # once a second, whenever it is asked
+        whole_s = np.floor(times_s + SAME_TIME_S)
+        for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
+            self._place.off_path((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._computing_w))
         beside_w = self._computing_w + self._followed_w(steps_s)
         airspeed_mps = readings.airspeeds_mps[-1] if len(readings.airspeeds_mps) else math.nan
