@@ -11,12 +11,12 @@ import pytest
 from common import ROOT
 from common.plans import STADIUM
 from common.recorder import Recorder
-from eadp.planning.joint.held import HeldForecast
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
+from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import OutlierGate, Sample
 from eadp.planning.live import APART_S, APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight, _GroundVelocity
 from eadp.planning.registry import make_planner

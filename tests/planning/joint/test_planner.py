@@ -15,8 +15,6 @@ import pytest
 from common import ROOT
 from common.observations import observation
 from common.recorder import Recorder
-from eadp.planning.joint.forecaster import Forecaster, ripple_w
-from eadp.planning.joint.knapsack import Increments
 
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.errors import Infeasible, InputError
@@ -31,7 +29,6 @@ from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint import planner as module
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
-from eadp.planning.joint.program import Candidate, place_of
 from eadp.simulation.loop import Outcome, fly
 
 RESERVE = 0.05

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from eadp.planning.joint.climb import ClimbForecast
 
 from eadp.core import compiled
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import FixedWing
+from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.loop import Outcome, fly
 
 VEHICLE = FixedWing()
@@ -106,7 +106,7 @@ def test_the_forecast_knows_the_ground_speed_that_a_climb_takes(inputs_of):
 
 def test_a_climb_is_no_slow_flight(inputs_of):
     inputs = inputs_of(CLIMB)
-    forecast, stage = ClimbForecast.of(inputs.mission), inputs.world.plan.stages[1]
+    forecast, stage = ClimbFollower.of(inputs.mission), inputs.world.plan.stages[1]
     for _ in range(600):
         forecast.follow(stage, 0.1)
     assert forecast.slowed_s == pytest.approx(100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2)), rel=0.05)
@@ -122,15 +122,15 @@ def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of
 
 def test_the_altitude_is_known_by_dead_reckoning(inputs_of):
     inputs = inputs_of(STAIRS)
-    forecast = ClimbForecast.of(inputs.mission)
+    forecast = ClimbFollower.of(inputs.mission)
     for step in flown(inputs)[0]:
         forecast.follow(inputs.world.plan.stages[step.stage - 1], 0.1)
-        assert forecast._altitude_m == pytest.approx(step.altitude_m, abs=0.35)
+        assert forecast.climb.altitude_m == pytest.approx(step.altitude_m, abs=0.35)
 
 
 def test_plans_without_either_have_no_climb_forecast(inputs_of):
-    assert ClimbForecast.of(inputs_of(LEVEL).mission) is None
-    assert ClimbForecast.of(inputs_of(CLIMB).mission) is not None
+    assert ClimbFollower.of(inputs_of(LEVEL).mission) is None
+    assert ClimbFollower.of(inputs_of(CLIMB).mission) is not None
 
 
 @pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
