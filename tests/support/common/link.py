@@ -12,6 +12,7 @@ from eadp.errors import Fault
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.replan import Replanner
 from eadp.planning.base import Decision, Observation, SolverReport
+from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 LINES_EVERY_S = 1.0
@@ -120,6 +121,9 @@ class Autopilot:
     reading_every_s = math.inf
     next_update_s = LINES_EVERY_S
     ingest = None
+
+    def flight_state(self):
+        return FlightState(self.inputs.mission)
 
     def estimates(self, times_s):
         return [0.0 for _ in times_s], []

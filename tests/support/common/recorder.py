@@ -28,6 +28,9 @@ class Recorder:
     def next_update_s(self):
         return 0.0 if self._every_step else self._planner.next_update_s
 
+    def flight_state(self):
+        return self._planner.flight_state()
+
     def hold(self, held):
         self._planner.hold(held)
 
