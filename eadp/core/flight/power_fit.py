@@ -144,22 +144,14 @@ def fit_power(
     notes = []
     turned = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * middle / speed)
     polar = high / low >= MIN_SPREAD
-    columns = {"climb_w_per_mps": rise}
     if bank_rad is None or np.percentile(np.abs(bank), 95) < MIN_BANK_RAD:
         notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
         turned = np.zeros_like(turned)
     if climb_mps is None:
         notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
-    if polar:
-        columns |= {
-            "parasitic_w": window.mean((speed / middle) ** 3),
-            "induced_w": window.mean(middle / speed) + turned,
-        }
-    else:
+    if not polar:
         notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
-        columns |= {"parasitic_w": window.mean((speed / middle) ** SLOPE)}
-        if turned.any():
-            columns["induced_w"] = turned
+    columns = {"climb_w_per_mps": rise, **_drag_columns(window, speed / middle, turned, polar=polar)}
     fixed = (constant_w or 0.0) if polar else 0.0
     if polar and constant_w is None:
         columns["constant_w"] = np.ones_like(mean_w)
@@ -174,15 +166,11 @@ def fit_power(
     if polar and (value["parasitic_w"] <= 0 or value["induced_w"] <= 0):
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
 
-    def significant(name: str, words: str) -> float | None:
-        if name in value and value[name] > SIGNIFICANCE * stds[name]:
-            return value[name]
-        if name in value:
-            notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
-        return None
-
-    climb_w = significant("climb_w_per_mps", "the rise with climb [W s/m]")
-    bank_w = significant("induced_w", "the rise with tan² of the bank [W]") if turned.any() else None
+    climb_w = bank_w = None
+    if _significant("climb_w_per_mps", "the rise with climb [W s/m]", value, stds, notes):
+        climb_w = value["climb_w_per_mps"]
+    if turned.any() and _significant("induced_w", "the rise with tan² of the bank [W]", value, stds, notes):
+        bank_w = value["induced_w"]
     return PowerFit(
         middle,
         (low, high),
@@ -199,6 +187,22 @@ def fit_power(
         int(np.count_nonzero(~flown)),
         tuple(notes),
     )
+
+
+def _drag_columns(window: _Windows, ratio: FloatArray, turned: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
+    """Regressors of the drag's power: the polar's, or a power of the airspeed where that is not identified."""
+    if polar:
+        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + turned}
+    columns = {"parasitic_w": window.mean(ratio**SLOPE)}
+    return {**columns, "induced_w": turned} if turned.any() else columns
+
+
+def _significant(name: str, words: str, value: dict[str, float], stds: dict[str, float], notes: list[str]) -> bool:
+    """Whether a coefficient is known to be above 0; else a note is added."""
+    if name in value and value[name] <= SIGNIFICANCE * stds[name]:
+        notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
+        return False
+    return name in value
 
 
 class _Windows:
