@@ -158,19 +158,16 @@ def fit_power(
     table = np.stack(list(columns.values()), axis=1)[flown]
     fit = regressed(table, mean_w[flown] - fixed, window.times_s[flown])
     value: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
-    level = np.array(
-        [0.0 if name == "climb_w_per_mps" or (name == "induced_w" and not polar) else 1.0 for name in columns]
-    )
+    beside = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
+    level = np.array([float(name not in beside) for name in columns])
     stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
     stds["level_w"] = math.sqrt(max(float(level @ each @ level) for each in (fit.covariance, fit.first_order)))
     if polar and (value["parasitic_w"] <= 0 or value["induced_w"] <= 0):
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
 
-    climb_w = bank_w = None
-    if _significant("climb_w_per_mps", "the rise with climb [W s/m]", value, stds, notes):
-        climb_w = value["climb_w_per_mps"]
-    if turned.any() and _significant("induced_w", "the rise with tan² of the bank [W]", value, stds, notes):
-        bank_w = value["induced_w"]
+    climbs, turns = "the rise with climb [W s/m]", "the rise with tan² of the bank [W]"
+    climb_w = _significant("climb_w_per_mps", climbs, value, stds, notes)
+    bank_w = _significant("induced_w", turns, value, stds, notes) if turned.any() else None
     return PowerFit(
         middle,
         (low, high),
@@ -197,12 +194,14 @@ def _drag_columns(window: _Windows, ratio: FloatArray, turned: FloatArray, *, po
     return {**columns, "induced_w": turned} if turned.any() else columns
 
 
-def _significant(name: str, words: str, value: dict[str, float], stds: dict[str, float], notes: list[str]) -> bool:
-    """Whether a coefficient is known to be above 0; else a note is added."""
+def _significant(
+    name: str, words: str, value: dict[str, float], stds: dict[str, float], notes: list[str]
+) -> float | None:
+    """A coefficient that is known to be above 0; None where it is not, with a note."""
     if name in value and value[name] <= SIGNIFICANCE * stds[name]:
         notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
-        return False
-    return name in value
+        return None
+    return value.get(name)
 
 
 class _Windows:
