@@ -73,7 +73,7 @@ def enabled() -> bool:
     return _on
 
 
-def jitted(function: F, *_: Callable[..., Any], makes_arrays: bool = True) -> F:
+def jitted(function: F, makes_arrays: bool = True) -> F:
     """The compiled form of a function where compiled code is enabled, else the function.
 
     What it calls of this package by name, directly or indirectly, is compiled with it.
@@ -87,26 +87,6 @@ def jitted(function: F, *_: Callable[..., Any], makes_arrays: bool = True) -> F:
         called. Measured: with references counted the flight loop takes 1.55 times as long, with calls 1.13 times.
     """
     return _compiled(function, makes_arrays) if _on else function
-
-
-def on_numbers(function: Callable[..., Any], state: list[float], *arguments: Any) -> tuple[Any, list[float]]:
-    """A function's result, and the state that it has changed: both lists of numbers, or arrays in compiled code.
-
-    Parameters
-    ----------
-    function : function
-        As `jitted` returns it; its first argument is the state.
-    state : list of float
-    *arguments
-        Lists among them are arrays in compiled code.
-    """
-    if not _on:
-        return function(state, *arguments), state
-    import numpy as np
-
-    numbers = np.array(state)
-    result = function(numbers, *(np.array(each) if isinstance(each, list) else each for each in arguments))
-    return result, numbers.tolist()
 
 
 @cache

@@ -13,7 +13,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
@@ -25,8 +25,9 @@ from eadp.planning.locator import (
     Hypothesis,
     Sighting,
     best_match,
+    cursors,
+    likely,
     line_between,
-    path_mismatch,
 )
 
 VALUES = 49
@@ -78,11 +79,6 @@ class Acquisition:
         self._usual_s = 0.0
         self._stage_s = self._lap_s = math.inf
 
-    @property
-    def executor(self) -> PlanExecutor:
-        """The flight of the likeliest hypothesis."""
-        return self.hypotheses[0].executor
-
     def update(self, to: Sighting, in_force: dict[int, float]) -> None:
         """Take a position, and the parameters reported to be in force, by index.
 
@@ -111,11 +107,9 @@ class Acquisition:
                 _follow(hypothesis, last, to, in_force)
         weight = 1.0 if last is None else min(1.0, step_s / INDEPENDENT_S)
         for one in self.hypotheses:
-            mismatch = path_mismatch(one.executor, to, TRACK_STD_M)
-            one.log_likelihood -= min(mismatch, OUTLIER) / 2 * weight
-        ranked = sorted(self.hypotheses, key=lambda one: -one.log_likelihood)
-        best = ranked[0]
-        self.hypotheses = [one for one in ranked if one.log_likelihood >= best.log_likelihood - ALIKE] or ranked[:1]
+            one.weigh(to, weight, OUTLIER, TRACK_STD_M)
+        self.hypotheses = likely(self.hypotheses)
+        best = self.hypotheses[0]
         stages = {one.stage[::2] for one in self.hypotheses}
         if len(stages) > 1:
             self._stage_s = to.time_s
@@ -140,7 +134,7 @@ class Acquisition:
             except PathUndefined:
                 continue
             prior = _history_log_prior(executor.cursor, values, in_force)
-            for number, (leg, cursor) in enumerate(zip(legs, _cursors(executor.cursor), strict=False)):
+            for number, (leg, cursor) in enumerate(zip(legs, cursors(executor.cursor), strict=False)):
                 if to.stage not in (None, leg.stage.index) or to.stages_started not in (None, number + 1):
                     continue
                 hypothesis = _matched(executor, cursor, leg, number, to)
@@ -162,15 +156,6 @@ class Acquisition:
         return list(dict.fromkeys(choices))
 
 
-def _cursors(cursor: PlanCursor) -> Iterator[PlanCursor]:
-    following: PlanCursor | None = cursor
-    for _ in range(LAP_LIMIT):
-        if following is None:
-            return
-        yield following
-        following = following.next()
-
-
 def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, number: int, to: Sighting) -> Hypothesis | None:
     """A flight on a leg at a position; None where position or course do not fit."""
     assert to.position_m is not None
@@ -184,9 +169,8 @@ def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, number: int, 
     match = best_match(leg, to)
     if match is None:
         return None
-    joined = leg.start_m if number else executor.joined_m
     try:
-        placed = executor.placed(cursor, joined, number + 1, to.position_m, match[0])
+        placed = Hypothesis(executor).on_leg(cursor, leg, number, to.position_m, match[0])
     except PathUndefined:
         return None
     return Hypothesis(placed, to.time_s)

@@ -386,8 +386,7 @@ class TrackingPlanner:
         self._settings = settings
         self._mission = mission
         self._decision = Decision(mission.parameters)
-        self._lap_stages = mission.plan.primitive_stages
-        self._estimator = DeferredEstimator(_estimator(estimator, mission, self._lap_stages))
+        self._estimator = DeferredEstimator(_estimator(estimator, mission))
         self._sensor_every_s = estimator.every_s
         self._next_reading_s = 0.0
         self._stages_started = 1
@@ -468,7 +467,8 @@ class TrackingPlanner:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
-        lap_stages = None if self._mission.plan.segments else self._lap_stages
+        plan = self._mission.plan
+        lap_stages = None if plan.segments else plan.primitive_stages
         if segment.repeats:
             lap_stages = segment.count
         if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
@@ -535,12 +535,12 @@ def next_multiple(time_s: float, every_s: float) -> float:
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s
 
 
-def _estimator(settings: EstimatorSettings, mission: Mission, lap_stages: int | None) -> Estimator:
+def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
     if settings.kind == PUBLISHED:
         return PublishedEstimator(settings)
     if mission.energy is not None:
         return _of_fit(settings, mission.energy)
-    if not lap_stages:
+    if not mission.plan.primitive_stages:
         return ExactEstimator(settings, None)
     return ExactEstimator(settings, _nominal_lap_s(mission))
 

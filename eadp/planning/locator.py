@@ -7,7 +7,7 @@ the time allows is one, by position, course and time; the positions that follow 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -92,6 +92,30 @@ class Hypothesis:
         """Segment, lap and stage."""
         cursor = self.executor.cursor
         return cursor.segment, cursor.lap, cursor.stage.index
+
+    def weigh(self, to: Sighting, share: float, max_mismatch: float, distance_std_m: float | None = None) -> None:
+        """Update the likelihood with a position, the share of independent evidence in it, see `path_mismatch`."""
+        mismatch = path_mismatch(self.executor, to, distance_std_m or DISTANCE_STD_M)
+        self.log_likelihood -= min(mismatch, max_mismatch) / 2 * share
+
+    def on_leg(self, cursor: PlanCursor, leg: Leg, number: int, position: Point, share: float) -> PlanExecutor:
+        """The flight a number of legs on, a share along that leg, at a position [m]."""
+        executor = self.executor
+        joined = leg.start_m if number else executor.joined_m
+        return executor.placed(cursor, joined, executor.stages_started + number, position, share)
+
+
+def likely(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """The hypotheses that are as good as not excluded, the likeliest first."""
+    ranked = sorted(hypotheses, key=lambda one: -one.log_likelihood)
+    return [one for one in ranked if one.log_likelihood >= ranked[0].log_likelihood - ALIKE] or ranked[:1]
+
+
+def cursors(cursor: PlanCursor | None) -> Iterator[PlanCursor]:
+    """The stages from a cursor on, as long as there is a next one."""
+    while cursor is not None:
+        yield cursor
+        cursor = cursor.next()
 
 
 class Locator:
@@ -233,8 +257,7 @@ class Locator:
     def _weigh(self, to: Sighting, step_s: float) -> None:
         """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
         for hypothesis in self.hypotheses:
-            mismatch = min(path_mismatch(hypothesis.executor, to), 2 * MAX_STDS**2)
-            hypothesis.log_likelihood -= mismatch / 2 * min(1.0, step_s / INDEPENDENT_S)
+            hypothesis.weigh(to, min(1.0, step_s / INDEPENDENT_S), 2 * MAX_STDS**2)
         reported = [one for one in self.hypotheses if to.allows(one.executor)]
         self._keep(reported or self.hypotheses)
         if self.executor.complete and len(self.hypotheses) > 1:
@@ -246,10 +269,8 @@ class Locator:
 
     def _keep(self, hypotheses: list[Hypothesis]) -> None:
         """Keep the likely hypotheses, the likeliest first, and one of each stage and lap."""
-        ranked = sorted(hypotheses, key=lambda one: -one.log_likelihood)
-        lowest = ranked[0].log_likelihood - ALIKE
-        kept = {one.stage: one for one in reversed(ranked) if one.log_likelihood >= lowest}
-        self.hypotheses = sorted(kept.values(), key=lambda one: -one.log_likelihood) or ranked[:1]
+        kept = {one.stage: one for one in reversed(likely(hypotheses))}
+        self.hypotheses = sorted(kept.values(), key=lambda one: -one.log_likelihood)
 
     # --- after a gap
 
@@ -308,24 +329,25 @@ class Locator:
 
     def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
         """The legs left to fly from a hypothesis at the last position, and when they are flown."""
-        cursor: PlanCursor | None = hypothesis.executor.cursor
+        executor = hypothesis.executor
         try:
-            route = self._predictor.route(hypothesis.executor.cursor, hypothesis.executor.joined_m)
+            route = self._predictor.route(executor.cursor, executor.joined_m)
             times_s = route.times_s(self._speed, wind_mps)[0].tolist()
             flown_s = 0.0
             if route.legs and 0 < times_s[0] < math.inf and route.legs[0].distance_m > 0:
                 leg = route.legs[0]
                 share = min(1.0, (self._time_s - hypothesis.since_s) / times_s[0])
-                left = left_m(
-                    leg, self._position, share * leg.distance_m, hypothesis.executor.cursor.table.plan.max_radius_m
-                )
+                radius_m = executor.cursor.table.plan.max_radius_m
+                left = left_m(leg, self._position, share * leg.distance_m, radius_m)
                 flown_s = (1 - left / leg.distance_m) * times_s[0]
             start_s = -flown_s
-            for number, (leg, time_s) in enumerate(zip(route.legs, times_s, strict=True)):
-                if cursor is None or not math.isfinite(time_s):
+            for number, (leg, time_s, cursor) in enumerate(
+                zip(route.legs, times_s, cursors(executor.cursor), strict=False)
+            ):
+                if not math.isfinite(time_s):
                     return
                 yield _LegAhead(number, cursor, leg, start_s, time_s)
-                start_s, cursor = start_s + time_s, cursor.next()
+                start_s += time_s
         except PathUndefined:
             return
 
@@ -364,11 +386,9 @@ class _Candidate(NamedTuple):
 
     def placed(self, position: Point | None) -> Hypothesis:
         """The flight there, at a position if it is known [m]."""
-        leg, executor = self.ahead.leg, self.before.executor
-        joined = leg.start_m if self.ahead.number else executor.joined_m
-        count = executor.stages_started + self.ahead.number
-        placed = executor.placed(self.ahead.cursor, joined, count, position or self.position_m, self.share)
-        return Hypothesis(placed, self.time_s - self.share * self.ahead.duration_s, self.log_likelihood)
+        ahead = self.ahead
+        placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.number, position or self.position_m, self.share)
+        return Hypothesis(placed, self.time_s - self.share * ahead.duration_s, self.log_likelihood)
 
 
 def path_mismatch(executor: PlanExecutor, to: Sighting, distance_std_m: float = DISTANCE_STD_M) -> float:

@@ -123,102 +123,156 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     PathUndefined
         If the first path cannot be evaluated where the flight starts.
     """
-    step_s, unlogged = world.step_s, math.isinf(world.log_every_s)
-    log_every = MAX_STEPS if unlogged else max(1, round(world.log_every_s / step_s))
-    executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
-    steady_mps = world.wind.steady_mps
-    inner_loop = InnerLoop(
-        state_of(world.vehicle, steady_mps, world.start_m, world.heading_rad, world.altitude_m),
-        constants_of(world.vehicle, world.guidance, world.wind, step_s),
-        world.battery,
-        world.wind,
-        np.random.default_rng(world.seed),
-    )
-    bridge = _SensorBridge(world, planner, inner_loop, outcome, log_every)
-    losses = _losses(world)
-    alarms = [step + bridge.late for step, _ in losses]
-    parameters, stage = executor.parameters, executor.stage
-    computing_w = world.computing_w(parameters, stage)
-    log = outcome.parameters = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
-    inner_loop.start_stage(executor, computing_w)
-    plan_stage, stages_started = stage.index, executor.stages_started
-    decided = bridge.decision.parameters
-    steps = math.ceil(world.time_limit_s / step_s - 1e-9)
-    reason, returning = TIME_LIMIT, False
-    k, next_update = 0, 1
-    variable = inner_loop.variable
-    while k < steps:
-        if k >= losses[-1][0]:
-            losses.pop()
-        if k >= alarms[-1]:
-            alarms.pop()
-        loss, alarm = losses[-1], alarms[-1]
-        inner_loop.fault(*loss)
-        k, events = inner_loop.run(k, min(steps, next_update, loss[0], alarm))
-        time_s = k * step_s
-        failed = events & (LOST | EMPTY | SAGS)
-        due = (k >= next_update or k == alarm) and not returning and not failed
-        rows = inner_loop.rows()
-        last = [rows.pop()] if due and rows and rows[-1][0] == k else []
-        if rows:
-            yield from bridge.logged(rows, k - due, plan_stage, parameters)
-        elif inner_loop.full:
-            bridge.ingest(k - due)
-        if failed:
-            reason = _failure(events, world, inner_loop, plan_stage, k)
-            if events & SAGS:
-                outcome.battery_limit = world.battery.limit_at(world.battery.voltage_at(variable(SOC)))
-            break
-        if due:
-            bridge.update(k, executor)
-        if last:
-            yield from bridge.logged(last, k, plan_stage, parameters)
+    yield from _Flight(world, planner, outcome).steps()
+
+
+class _Flight:
+    """A flight: what is due next, and what is handed over between the inner loop, the planner and the plan."""
+
+    def __init__(self, world: World, planner: Planner, outcome: Outcome) -> None:
+        self._world, self._outcome = world, outcome
+        self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
+        self._inner_loop = InnerLoop(
+            state_of(world.vehicle, world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m),
+            constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
+            world.battery,
+            world.wind,
+            np.random.default_rng(world.seed),
+        )
+        self._bridge = _SensorBridge(world, planner, self._inner_loop, outcome)
+        self._losses = _losses(world)
+        self._alarms = [step + self._bridge.late for step, _ in self._losses]
+        """Steps at which the losses are measured."""
+        computing_w = world.computing_w(executor.parameters, executor.stage)
+        self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
+        outcome.parameters = self._log
+        self._inner_loop.start_stage(executor, computing_w)
+        self._parameters = executor.parameters
+        self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
+        self._decided = self._bridge.decision.parameters
+        self._returning = False
+        self._k, self._next_update = 0, 1
+
+    def steps(self) -> Iterator[Step]:
+        """Fly, see `fly`."""
+        world, inner_loop, bridge = self._world, self._inner_loop, self._bridge
+        end, reason = math.ceil(world.time_limit_s / world.step_s - 1e-9), None
+        while reason is None and self._k < end:
+            self._k, events = inner_loop.run(self._k, self._next_stop(end))
+            k, failed = self._k, events & (LOST | EMPTY | SAGS)
+            due = (k >= self._next_update or k == self._alarms[-1]) and not self._returning and not failed
+            rows = inner_loop.rows()
+            last = [rows.pop()] if due and rows and rows[-1][0] == k else []
+            if rows:
+                yield from bridge.logged(rows, k - due, self._plan_stage, self._parameters)
+            elif inner_loop.full:
+                bridge.ingest(k - due)
+            if due:
+                bridge.update(k, self._executor)
+            if last:
+                yield from bridge.logged(last, k, self._plan_stage, self._parameters)
+            reason = self._failure(events) if failed else self._hand_over(events, end, due=due)
+        bridge.ingest(self._k)
+        if not math.isinf(world.log_every_s) and bridge.logged_to != self._k:
+            now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
+            yield from bridge.logged([[self._k, *now]], self._k, self._plan_stage, self._parameters)
+        self._close(TIME_LIMIT if reason is None else reason)
+
+    def _next_stop(self, end: int) -> int:
+        """The step at which the planner, a loss of charge or its measurement is due next."""
+        if self._k >= self._losses[-1][0]:
+            self._losses.pop()
+        if self._k >= self._alarms[-1]:
+            self._alarms.pop()
+        self._inner_loop.fault(*self._losses[-1])
+        return min(end, self._next_update, self._losses[-1][0], self._alarms[-1])
+
+    def _pose(self) -> Pose:
+        variable = self._inner_loop.variable
+        return variable(X), variable(Y), variable(HEADING)
+
+    def _hand_over(self, events: int, end: int, *, due: bool) -> str | None:
+        """Hand events and the planner's decision to the plan, and the stage to fly back; return why the flight ends."""
+        executor = self._executor
         try:
-            changed = executor.handle(events, variable(X), variable(Y)) if events else False
+            changed = executor.handle(events, *self._pose()[:2]) if events else False
             if executor.complete:
-                outcome.completed, reason = not returning, RETURNED if returning else COMPLETED
-                break
-            if changed and not returning:
-                outcome.stage_times_s.append(time_s)
-            if bridge.decision.returns_home and not returning:
-                executor = _turned_back(world, executor, (variable(X), variable(Y), variable(HEADING)))
-                returning = True
-                changed = True
-            elif bridge.decision.parameters is not decided and not returning:
-                decided = bridge.decision.parameters
-                changed |= executor.decide(decided, (variable(X), variable(Y)))
+                self._outcome.completed = not self._returning
+                return RETURNED if self._returning else COMPLETED
+            if changed and not self._returning:
+                self._outcome.stage_times_s.append(self._k * self._world.step_s)
+            if not self._returning:
+                changed |= self._decide()
         except EadpError as error:
-            reason = str(error)
-            break
+            return str(error)
         if changed:
-            stage, parameters = executor.stage, executor.parameters
-            computing_w = world.computing_w(parameters, stage)
-            inner_loop.start_stage(executor, computing_w)
-            if returning:  # the plan was given up
-                log.give_up(time_s, parameters, stage.sets, computing_w)
-            else:
-                plan_stage = stage.index
-                started = executor.stages_started != stages_started
-                stages_started = executor.stages_started
-                log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
-        if returning:
-            next_update = steps
+            self._change()
+        if self._returning:
+            self._next_update = end
         elif changed:
-            next_update = k + 1  # the planner is updated at once with a new stage or its own decision in force
+            self._next_update = self._k + 1  # the planner is updated at once with a new stage or its decision in force
         elif due:
-            next_update = max(k + 1, step_at(planner.next_update_s, step_s, steps))
-    bridge.ingest(k)
-    if not unlogged and bridge.logged_to != k:
-        now = [variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
-        yield from bridge.logged([[k, *now]], k, plan_stage, parameters)
-    totals = outcome.totals
-    totals.energy_j, totals.distance_m = variable(ENERGY) * step_s, variable(DISTANCE) * step_s
-    totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
-    short_of = (variable(X), variable(Y)), world.vehicle.airspeed_mps
-    log.close(k * step_s, None if outcome.completed else short_of)
-    outcome.reason, outcome.duration_s, outcome.soc_final = reason, k * step_s, variable(SOC)
-    bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
-    outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
+            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.step_s, end))
+        return None
+
+    def _decide(self) -> bool:
+        """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
+        decision = self._bridge.decision
+        if decision.returns_home:
+            self._executor, self._returning = _turned_back(self._world, self._executor, self._pose()), True
+            return True
+        if decision.parameters is self._decided:
+            return False
+        self._decided = decision.parameters
+        return self._executor.decide(self._decided, self._pose()[:2])
+
+    def _change(self) -> None:
+        """Fly another stage, or with other parameters."""
+        executor, time_s = self._executor, self._k * self._world.step_s
+        self._parameters = executor.parameters
+        computing_w = self._world.computing_w(executor.parameters, executor.stage)
+        self._inner_loop.start_stage(executor, computing_w)
+        if self._returning:  # the plan was given up
+            self._log.give_up(time_s, executor.parameters, executor.stage.sets, computing_w)
+            return
+        started, self._stages_started = executor.stages_started != self._stages_started, executor.stages_started
+        self._plan_stage = executor.stage.index
+        self._log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
+
+    def _failure(self, events: int) -> str:
+        """Reason of a flight's early end.
+
+        Raises
+        ------
+        PathUndefined
+            If the first path cannot be evaluated where the flight starts.
+        """
+        variable, battery = self._inner_loop.variable, self._world.battery
+        if events & SAGS:
+            soc = variable(SOC)
+            self._outcome.battery_limit = limit = battery.limit_at(battery.voltage_at(soc))
+        if events & EMPTY:
+            return BATTERY_EMPTY
+        if events & SAGS:
+            what = BATTERY_EMPTY if limit == CUT_OFF else "the battery cannot deliver"
+            return f"{what}: {battery.undeliverable(variable(POWER), soc)}"
+        if self._k == 1:
+            x, y = self._world.start_m
+            raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")
+        return f"the path of stage {self._plan_stage} has no value at ({variable(X):.1f}, {variable(Y):.1f})"
+
+    def _close(self, reason: str) -> None:
+        """Fill in the outcome."""
+        variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.step_s
+        totals = outcome.totals
+        totals.energy_j = variable(ENERGY) * self._world.step_s
+        totals.distance_m = variable(DISTANCE) * self._world.step_s
+        totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
+        short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
+        self._log.close(time_s, None if outcome.completed else short_of)
+        outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, variable(SOC)
+        bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
+        outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
 
 def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecutor:
@@ -232,14 +286,7 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
 class _SensorBridge:
     """Measurements from the inner loop to the planner, its last decision, and rows of the log with its estimates."""
 
-    def __init__(
-        self,
-        world: World,
-        planner: Planner,
-        inner_loop: InnerLoop,
-        outcome: Outcome,
-        log_every: int,
-    ) -> None:
+    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, outcome: Outcome) -> None:
         self._step_s, self._state = world.step_s, planner.flight_state()
         self._planner = planner
         self._inner_loop = inner_loop
@@ -247,11 +294,18 @@ class _SensorBridge:
         self._suite = SensorSuite(world.sensors, world.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
         """Delay of the measurements in steps."""
+        unlogged = math.isinf(world.log_every_s)
+        log_every = MAX_STEPS if unlogged else max(1, round(world.log_every_s / world.step_s))
         inner_loop.note(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
         self.decision = Decision(world.parameters)
+
+    @property
+    def next_update_s(self) -> float:
+        """When the planner is due next [s]."""
+        return self._planner.next_update_s
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`."""
@@ -327,24 +381,3 @@ def _losses(world: World) -> list[tuple[int, float]]:
         step = step_at(at_s, world.step_s, MAX_STEPS)
         losses[step] = losses.get(step, 0.0) + drop
     return sorted(losses.items(), reverse=True)
-
-
-def _failure(events: int, world: World, inner_loop: InnerLoop, stage: int, k: int) -> str:
-    """Reason of a flight's early end.
-
-    Raises
-    ------
-    PathUndefined
-        If the first path cannot be evaluated where the flight starts.
-    """
-    if events & EMPTY:
-        return BATTERY_EMPTY
-    if events & SAGS:
-        soc, battery = inner_loop.variable(SOC), world.battery
-        empty = battery.limit_at(battery.voltage_at(soc)) == CUT_OFF
-        what = BATTERY_EMPTY if empty else "the battery cannot deliver"
-        return f"{what}: {battery.undeliverable(inner_loop.variable(POWER), soc)}"
-    if k == 1:
-        x, y = world.start_m
-        raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")
-    return f"the path of stage {stage} has no value at ({inner_loop.variable(X):.1f}, {inner_loop.variable(Y):.1f})"

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
+from eadp.planning.applied import APART_S, APPLY_S, AppliedParameters
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import OutlierGate, Sample
-from eadp.planning.live import APART_S, APPLY_S, COMPLETED, EMPTY, AppliedParameters, LiveFlight, _GroundVelocity
+from eadp.planning.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
 from eadp.planning.registry import make_planner
 from eadp.simulation.loop import Outcome, fly
 

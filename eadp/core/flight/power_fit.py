@@ -144,45 +144,30 @@ def fit_power(
     notes = []
     turned = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * middle / speed)
     polar = high / low >= MIN_SPREAD
-    columns = {"climb_w_per_mps": rise}
     if bank_rad is None or np.percentile(np.abs(bank), 95) < MIN_BANK_RAD:
         notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
         turned = np.zeros_like(turned)
     if climb_mps is None:
         notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
-    if polar:
-        columns |= {
-            "parasitic_w": window.mean((speed / middle) ** 3),
-            "induced_w": window.mean(middle / speed) + turned,
-        }
-    else:
+    if not polar:
         notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
-        columns |= {"parasitic_w": window.mean((speed / middle) ** SLOPE)}
-        if turned.any():
-            columns["induced_w"] = turned
+    columns = {"climb_w_per_mps": rise, **_drag_columns(window, speed / middle, turned, polar=polar)}
     fixed = (constant_w or 0.0) if polar else 0.0
     if polar and constant_w is None:
         columns["constant_w"] = np.ones_like(mean_w)
     table = np.stack(list(columns.values()), axis=1)[flown]
     fit = regressed(table, mean_w[flown] - fixed, window.times_s[flown])
     value: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
-    level = np.array(
-        [0.0 if name == "climb_w_per_mps" or (name == "induced_w" and not polar) else 1.0 for name in columns]
-    )
+    beside = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
+    level = np.array([float(name not in beside) for name in columns])
     stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
     stds["level_w"] = math.sqrt(max(float(level @ each @ level) for each in (fit.covariance, fit.first_order)))
     if polar and (value["parasitic_w"] <= 0 or value["induced_w"] <= 0):
         notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
 
-    def significant(name: str, words: str) -> float | None:
-        if name in value and value[name] > SIGNIFICANCE * stds[name]:
-            return value[name]
-        if name in value:
-            notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
-        return None
-
-    climb_w = significant("climb_w_per_mps", "the rise with climb [W s/m]")
-    bank_w = significant("induced_w", "the rise with tan² of the bank [W]") if turned.any() else None
+    climbs, turns = "the rise with climb [W s/m]", "the rise with tan² of the bank [W]"
+    climb_w = _significant("climb_w_per_mps", climbs, value, stds, notes)
+    bank_w = _significant("induced_w", turns, value, stds, notes) if turned.any() else None
     return PowerFit(
         middle,
         (low, high),
@@ -199,6 +184,24 @@ def fit_power(
         int(np.count_nonzero(~flown)),
         tuple(notes),
     )
+
+
+def _drag_columns(window: _Windows, ratio: FloatArray, turned: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
+    """Regressors of the drag's power: the polar's, or a power of the airspeed where that is not identified."""
+    if polar:
+        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + turned}
+    columns = {"parasitic_w": window.mean(ratio**SLOPE)}
+    return {**columns, "induced_w": turned} if turned.any() else columns
+
+
+def _significant(
+    name: str, words: str, value: dict[str, float], stds: dict[str, float], notes: list[str]
+) -> float | None:
+    """A coefficient that is known to be above 0; None where it is not, with a note."""
+    if name in value and value[name] <= SIGNIFICANCE * stds[name]:
+        notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
+        return None
+    return value.get(name)
 
 
 class _Windows:

@@ -178,7 +178,7 @@ class WindFilter:
         steps_s : sequence of float or array, shape (n,)
             Times since the last reading [s].
         """
-        ingested = jitted(_ingested, _normalised, _with_heading, _without_heading, _corrected, _gusts_after)
+        ingested = jitted(_ingested)
         readings = columns(vx_mps, vy_mps, headings_rad, steps_s)
         self._state = ingested(self._state, self.airspeed_mps, self._gust_time_s, *readings)
 

@@ -21,6 +21,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
+from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
@@ -139,24 +140,13 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    foreign = is_mission(files.text(plan_path))
     scenario = files.scenario(scenario_path, overrides)
-    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
-    plan_text, (plan, findings) = files.read(
-        plan_path, PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
-    )
+    plan_text, plan, warnings = _plan(files, plan_path, scenario)
     texts = {"plan": plan_text}
-    warnings = [finding.fault(plan_text.name) for finding in findings]
     if scenario_path is not None:
         texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
     if scenario.vehicle_text is not None:
         texts["vehicle"] = scenario.vehicle_text
-    if not isinstance(vehicle, FixedWing) and _commands(plan):
-        message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
-        warnings.append(Fault(plan_text.name, plan.stages[0].line, 1, message, severity="note"))
-        level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
-        plan = replace(plan, stages=tuple(level))
-    plan = _with_sets(plan, plan_text, scenario).laps()
     profile, energy = None, None
     reference = None if profile_path else scenario.fault("profile", "")
     profile_path = profile_path or scenario.profile_path
@@ -170,67 +160,103 @@ def load_flight(
         texts["energy"], energy = files.read(energy_path, parse_energy)
     parameters = _parameters_at_take_off(plan, scenario)
     _check_paths(plan, plan_text, parameters)
-    start, heading = _start(plan, plan_text, scenario, parameters)
-    if faults := vehicle.faults():
-        expected = "an aeroplane that can fly so"
-        raise InputError(*(scenario.fault("vehicle.airframe", fault, expected) for fault in faults))
-    if keys.wind.speed_mps >= vehicle.airspeed_mps:
-        message = f"a wind of {keys.wind.speed_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
+    start = _start(plan, plan_text, scenario, parameters)
+    _check_aircraft(plan, plan_text, scenario)
+    _check_battery(scenario, computing.power_w(parameters, plan.stages[0].sets))
+    world = _world(plan, computing, scenario, parameters, start)
+    _check_rates(world, scenario)
+    _check_names(plan, scenario)
+    mission = _mission(world, scenario, energy)
+    _check_planner(scenario, mission)
+    return FlightInputs(world, mission, scenario, tuple(warnings), texts)
+
+
+def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list[Fault]]:
+    """Text of a plan or a mission, the plan as it is flown, and warnings."""
+    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
+    foreign = is_mission(files.text(path))
+    reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
+    text, (plan, findings) = files.read(path, reader)
+    warnings = [finding.fault(text.name) for finding in findings]
+    if not isinstance(vehicle, FixedWing) and _commands(plan):
+        message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
+        warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
+        level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
+        plan = replace(plan, stages=tuple(level))
+    return text, _with_sets(plan, text, scenario).laps(), warnings
+
+
+def _world(
+    plan: Plan, computing: Computing, scenario: Scenario, parameters: Vector, start: tuple[Point, float]
+) -> World:
+    keys, (start_m, heading_rad) = scenario.keys, start
+    vehicle, rates = keys.vehicle.airframe, keys.computations
+    return World(
+        plan=plan,
+        computing=computing,
+        vehicle=vehicle,
+        guidance=keys.guidance,
+        wind=keys.wind,
+        battery=keys.battery,
+        faults=keys.faults,
+        start_m=start_m,
+        heading_rad=heading_rad,
+        altitude_m=_altitude_m(plan, scenario, vehicle),
+        parameters=parameters,
+        rules=scenario.rules,
+        step_s=keys.step_s,
+        log_every_s=keys.log_every_s,
+        time_limit_s=keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps),
+        seed=keys.seed,
+        sensors=keys.sensors,
+        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
+        home_m=scenario.position_m("home", plan.origin_deg),
+    )
+
+
+def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mission:
+    """What the planner knows of a world before take-off."""
+    vehicle = world.vehicle
+    return Mission(
+        plan=world.plan,
+        computing=world.computing,
+        battery=world.battery,
+        cruise_mps=vehicle.airspeed_mps,
+        parameters=world.parameters,
+        start_m=world.start_m,
+        energy=energy,
+        motion_w=vehicle.cruise_power_w,
+        home_m=world.home_m,
+        rules=world.rules,
+        max_motion_w=vehicle.max_motion_w,
+        gust_time_s=world.wind.gust_time_s,
+        turn_radius_m=vehicle.turn_radius_m,
+        returns_home=scenario.keys.on_infeasible == RETURN_HOME,
+        airframe=vehicle if isinstance(vehicle, FixedWing) else None,
+        altitude_m=world.altitude_m,
+    )
+
+
+def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
+    """The aircraft can fly, and faster than the wind."""
+    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speed_mps
+    refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
+    if wind_mps >= vehicle.airspeed_mps:
+        message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
     if isinstance(vehicle, FixedWing):
-        _check_airspeeds(plan, plan_text, vehicle, keys.wind.speed_mps)
-    battery = keys.battery
-    power_w = vehicle.cruise_power_w + computing.power_w(parameters, plan.stages[0].sets)
+        _check_airspeeds(plan, text, vehicle, wind_mps)
+
+
+def _check_battery(scenario: Scenario, computing_w: float) -> None:
+    """The battery can deliver the power of level flight and of the computations [W]."""
+    battery, power_w = scenario.keys.battery, scenario.keys.vehicle.airframe.cruise_power_w + computing_w
     if power_w > battery.max_power_w(battery.voltage_v):
         key = {CURRENT: "max_c_rate", CUT_OFF: "cutoff_voltage_v"}.get(
             battery.limit_at(battery.voltage_v), "resistance_ohm"
         )
         message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
-    altitude_m, rates = _altitude_m(plan, scenario, vehicle), keys.computations
-    world = World(
-        plan=plan,
-        computing=computing,
-        vehicle=vehicle,
-        guidance=keys.guidance,
-        wind=keys.wind,
-        battery=battery,
-        faults=keys.faults,
-        start_m=start,
-        heading_rad=heading,
-        altitude_m=altitude_m,
-        parameters=parameters,
-        rules=scenario.rules,
-        step_s=keys.step_s,
-        log_every_s=keys.log_every_s,
-        time_limit_s=keys.time_limit_s or _time_limit_s(plan, parameters, start, scenario, vehicle.airspeed_mps),
-        seed=keys.seed,
-        sensors=keys.sensors,
-        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.origin_deg),
-    )
-    _check_rates(world, scenario)
-    _check_names(plan, scenario)
-    mission = Mission(
-        plan,
-        computing,
-        battery,
-        vehicle.airspeed_mps,
-        parameters,
-        start,
-        energy,
-        vehicle.cruise_power_w,
-        scenario.position_m("home", plan.origin_deg),
-        scenario.rules,
-        vehicle.max_motion_w,
-        keys.wind.gust_time_s,
-        vehicle.turn_radius_m,
-        keys.on_infeasible == RETURN_HOME,
-        vehicle if isinstance(vehicle, FixedWing) else None,
-        altitude_m,
-    )
-    _check_planner(scenario, mission)
-    return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 
 def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenario, airspeed_mps: float) -> float:

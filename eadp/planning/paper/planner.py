@@ -148,10 +148,7 @@ class PaperPlanner(TrackingPlanner):
         self._next_path_s = own.start_after_s
         self._soc: float | None = None
         self._horizons: dict[tuple[object, ...], Horizon] = {}
-        self._times = _coverage_times_s(own, mission)
-        self._boxes = [mission.plan.hull(i) for i in range(self._rho)] if self._times else []
-        times_s = self._times or (0.0, 0.0)
-        self._scalings = [path_scaling(box.lo, box.hi, *times_s, self._rho) for box in self._boxes]
+        self._coverage = _coverage(own, mission)
         self._deltas: dict[int, float] = {}
         self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
         self._flown_path = mission.parameters[: self._rho]
@@ -261,7 +258,7 @@ class PaperPlanner(TrackingPlanner):
         return self._laps_known() and o.time_s >= self._own.start_after_s - 1e-9
 
     def _laps_known(self) -> bool:
-        return self._lap_stages is None or self._laps >= self._own.min_periods
+        return self._mission.plan.primitive_stages is None or self._laps >= self._own.min_periods
 
     # --- computations
 
@@ -351,9 +348,9 @@ class PaperPlanner(TrackingPlanner):
 
     def _path_control_s(self, index: int, value: float) -> float:
         """û = ν c + τ of a path parameter [s]; 0 if no path parameter is free."""
-        if self._times is None:
+        if self._coverage is None:
             return 0.0
-        nu, tau = self._scalings[index]
+        nu, tau = self._coverage.scalings[index]
         return nu * value + tau
 
     def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
@@ -369,10 +366,11 @@ class PaperPlanner(TrackingPlanner):
 
     def _path(self, o: Observation, parameters: Vector) -> Vector:
         """Path parameters from the remaining time and the time to an empty battery. Source: letter, Alg. 2 l. 17-27."""
-        if not self._rho or self._times is None:
+        coverage = self._coverage
+        if coverage is None:
             return parameters
         self._lasting_s.clear()
-        chosen = self._ruled(o, parameters)
+        chosen = self._ruled(o, parameters, coverage)
         rows = self._own.trade_offs
         if not rows or chosen[: self._rho] == parameters[: self._rho]:
             return chosen
@@ -386,44 +384,42 @@ class PaperPlanner(TrackingPlanner):
                 return (*moved, *parameters[self._rho :])
         return parameters
 
-    def _ruled(self, o: Observation, parameters: Vector) -> Vector:
+    def _ruled(self, o: Observation, parameters: Vector, coverage: _Coverage) -> Vector:
         """Path parameters by the rule of the settings."""
-        last_s = self._lasts_s(o, parameters)
-        assert self._times is not None
-        shortest, longest = self._times
-        down = -1 if longest >= shortest else 1
+        last_s, boxes = self._lasts_s(o, parameters), coverage.boxes
+        down = -1 if coverage.longest_s >= coverage.shortest_s else 1
         if self._own.path_rule == "largest":
-            share = self._largest_share(o.time_s, last_s)
-            chosen = (*(box.lo + share * (box.hi - box.lo) for box in self._boxes), *parameters[self._rho :])
+            share = self._largest_share(o.time_s, last_s, coverage)
+            chosen = (*(box.lo + share * (box.hi - box.lo) for box in boxes), *parameters[self._rho :])
             longer = self._coverage_s(chosen) >= self._coverage_s(parameters)
             return parameters if longer and not self._own.raise_path else chosen
         if self._own.path_rule == "subroutine":
             first = parameters
             if self._own.raise_path:
-                first = (*(box.hi if down < 0 else box.lo for box in self._boxes), *parameters[self._rho :])
-            return self._lowered_path(o, first, down)
-        if self._remaining_s(parameters, o.time_s) > last_s:
-            return self._moved(parameters, down)
+                first = (*(box.hi if down < 0 else box.lo for box in boxes), *parameters[self._rho :])
+            return self._lowered_path(o, first, down, coverage)
+        if self._remaining_s(parameters, o.time_s, coverage) > last_s:
+            return self._moved(parameters, down, coverage)
         if self._own.raise_path:
-            raised = self._moved(parameters, -down)
-            if raised != parameters and self._remaining_s(raised, o.time_s) <= self._lasts_s(o, raised):
+            raised = self._moved(parameters, -down, coverage)
+            if raised != parameters and self._remaining_s(raised, o.time_s, coverage) <= self._lasts_s(o, raised):
                 return raised
         return parameters
 
-    def _lowered_path(self, o: Observation, parameters: Vector, down: int) -> Vector:
+    def _lowered_path(self, o: Observation, parameters: Vector, down: int, coverage: _Coverage) -> Vector:
         """Path parameters lowered by δ until the time suffices. Source: drafts 003 and 004, their subroutine."""
         for _ in range(MAX_LOWERED):
-            lowered = self._moved(parameters, down)
-            enough = self._remaining_s(parameters, o.time_s) <= self._lasts_s(o, parameters)
+            lowered = self._moved(parameters, down, coverage)
+            enough = self._remaining_s(parameters, o.time_s, coverage) <= self._lasts_s(o, parameters)
             if enough or lowered == parameters:
                 break
             parameters = lowered
         return parameters
 
-    def _moved(self, parameters: Vector, direction: int) -> Vector:
+    def _moved(self, parameters: Vector, direction: int, coverage: _Coverage) -> Vector:
         moved = [
             box.clip(value + direction * self._delta(i))
-            for i, (value, box) in enumerate(zip(parameters[: self._rho], self._boxes, strict=True))
+            for i, (value, box) in enumerate(zip(parameters[: self._rho], coverage.boxes, strict=True))
         ]
         return (*moved, *parameters[self._rho :])
 
@@ -439,22 +435,19 @@ class PaperPlanner(TrackingPlanner):
         """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
         return sum(self._path_control_s(i, parameters[i]) for i in range(self._rho))
 
-    def _remaining_s(self, parameters: Vector, time_s: float) -> float:
+    def _remaining_s(self, parameters: Vector, time_s: float, coverage: _Coverage) -> float:
         """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
-        assert self._times is not None
         total_s = self._coverage_s(parameters)
         if self._own.remaining_time == "published":
-            longest = max(self._times)
-            return total_s / longest * (longest - time_s)
+            return total_s / coverage.whole_s * (coverage.whole_s - time_s)
         return total_s - time_s
 
-    def _largest_share(self, time_s: float, last_s: float) -> float:
+    def _largest_share(self, time_s: float, last_s: float, coverage: _Coverage) -> float:
         """The largest share of their sets, in 0..1, at which all path parameters have t_r ≤ t_b."""
-        assert self._times is not None
-        shortest, longest = self._times
+        shortest, longest = coverage.shortest_s, coverage.longest_s
         limit_s = last_s + time_s
         if self._own.remaining_time == "published":
-            whole = max(self._times)
+            whole = coverage.whole_s
             limit_s = last_s * whole / (whole - time_s) if time_s < whole else math.inf
         if math.isinf(limit_s) or longest == shortest:
             return 1.0 if longest >= shortest else 0.0
@@ -534,8 +527,25 @@ def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
     return (k + (value - before) / (float(sums[k]) - before)) * step_s
 
 
-def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float, float] | None:
-    """Time of the whole coverage at the minimum and at the maximum path parameters, t̲ and t̄ [s].
+class _Coverage(NamedTuple):
+    """The whole coverage.
+
+    Its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], the sets of these, and ν and τ of each.
+    """
+
+    shortest_s: float
+    longest_s: float
+    boxes: list[Box]
+    scalings: list[tuple[float, float]]
+
+    @property
+    def whole_s(self) -> float:
+        """The longer one of its times [s]."""
+        return max(self.shortest_s, self.longest_s)
+
+
+def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
+    """The coverage of a mission.
 
     From the settings, else nominal at cruise speed without wind. None if no path parameter is free, or the nominal path
     is undefined.
@@ -557,4 +567,7 @@ def _coverage_times_s(settings: PaperSettings, mission: Mission) -> tuple[float,
         if not math.isfinite(length):
             return None
         times.append(length / mission.cruise_mps)
-    return times[0], times[1]
+    boxes = [plan.hull(i) for i in range(rho)]
+    shortest_s, longest_s = times
+    scalings = [path_scaling(box.lo, box.hi, shortest_s, longest_s, rho) for box in boxes]
+    return _Coverage(shortest_s, longest_s, boxes, scalings)

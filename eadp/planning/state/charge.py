@@ -222,7 +222,7 @@ class ChargeFilter:
             Times since the last reading [s].
         """
         losses = self._state.belief.losses
-        self._state = jitted(_ingested, *INGESTS)(self._state, self._model, *columns(charges, powers_w, steps_s))
+        self._state = jitted(_ingested)(self._state, self._model, *columns(charges, powers_w, steps_s))
         self._now = after_drain(self._state.charge, self._state.drain.since)
         return self._state.belief.losses > losses
 
@@ -485,10 +485,3 @@ def _checked(state: ChargeState) -> ChargeState:
             belief = Belief(True, belief.rises, belief.lost, belief.losses)
     checkpoint = Checkpoint(readings.last, drain.total, now)
     return ChargeState(charge, drain, readings, gauge, belief, checkpoint)
-
-
-INGESTS = (
-    *(drain_per_s, after_drain, corrected, _with_reading, _with_change),
-    *(_is_outlier, _with_loss, _with_step, _checked),
-)
-"""What `_ingested` calls, to be compiled with it."""

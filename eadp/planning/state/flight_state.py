@@ -212,12 +212,6 @@ class FlightState:
         self._process()
         return self._losses
 
-    @property
-    def believes_gauge(self) -> bool:
-        """Whether the gauge's charge is used, and not the integral of the power."""
-        self._process()
-        return self._charge.believed
-
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the charge, `soc` now, may have jumped: the next reading decides."""
         self._process()

@@ -111,7 +111,7 @@ class MotionPower:
         slope : float
             Mean tan² φ of the leg.
         """
-        ingested = jitted(_ingested, _window_ended, _fitted)
+        ingested = jitted(_ingested)
         powers_w, beside_w, steps_s = columns(powers_w, beside_w, steps_s)
         self._state = ingested(self._state, self._prior, powers_w, beside_w, steps_s, slope)
 

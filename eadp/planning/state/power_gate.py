@@ -101,7 +101,7 @@ class PowerGate:
         if not isinstance(known, np.ndarray):
             known = [math.nan if power_w is None else power_w for power_w in powers_w]
         passed: list[float] | FloatArray = np.empty(len(known)) if enabled() else [math.nan] * len(known)
-        ingested = jitted(_ingested, _with_reading)
+        ingested = jitted(_ingested)
         times_s, known = columns(times_s, known)
         self._state = ingested(self._state, self._bounds, times_s, known, computing_w, passed)
         if powers_w[-1] is None:

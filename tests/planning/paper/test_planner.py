@@ -100,7 +100,7 @@ def test_trade_offs_out_of_reach_are_a_fault():
 def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, share):
     own = PaperSettings(remaining_time=rule, shortest_s=times_s[0], longest_s=times_s[1])
     pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), MISSION, own)
-    assert pilot._largest_share(time_s, last_s) == pytest.approx(share)
+    assert pilot._largest_share(time_s, last_s, pilot._coverage) == pytest.approx(share)
 
 
 @pytest.mark.parametrize(("spare", "time_s"), [(0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 4.0), (5.5, 5.25), (9.0, 6.0)])

@@ -1,0 +1,286 @@
+"""A flight tracked through its plan by telemetry: stage and lap, parameters in force, and the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import EadpError, printable
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.executor import PlanExecutor
+from eadp.planning.acquisition import Acquisition
+from eadp.planning.applied import AppliedParameters
+from eadp.planning.base import Mission, Observation
+from eadp.planning.ending import Continuation, is_certain
+from eadp.planning.gate import GAP_S, GAP_STEPS, Notice
+from eadp.planning.locator import Hypothesis, Locator, Sighting
+
+MAX_NOTICES = 100
+FOUND = "stage and lap are found"
+GOES_ON = "the flight goes on after the final point"
+UNCERTAIN_END = "final point passed by less than the error of a position"
+
+
+@dataclass
+class Remarks:
+    """Reasons of the advice at one sample, and notices of what is wrong with it."""
+
+    reasons: list[str] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
+    noticed: set[str] = field(default_factory=set)
+    """What there has been a notice about, over the flight."""
+
+    def clear(self) -> None:
+        """Start with another sample."""
+        self.reasons, self.notices = [], []
+
+    def once(self, key: str, message: str, expected: str, about: str = "") -> None:
+        """Add a notice unless there has been one about the same; the default is the same message."""
+        if (about or message) not in self.noticed and len(self.noticed) < MAX_NOTICES:
+            self.noticed.add(about or message)
+            self.notices.append(Notice(key, message, expected))
+
+
+class PlanTracker:
+    """Where a flight is in its plan, and which parameters are in force.
+
+    Parameters
+    ----------
+    mission : Mission
+    start_m : (float, float)
+        Where the flight starts [m].
+    time_s : float
+        When [s].
+    remarks : Remarks
+        Takes what there is to say.
+
+    Attributes
+    ----------
+    acquisition : Acquisition or None
+        Finds stage and lap where telemetry begins in the middle of the flight, until they are found.
+    applied : AppliedParameters
+    complete : bool
+        Whether the plan is complete.
+    lost : bool
+        Whether the plan cannot be followed any more.
+    located : (float, (float, float))
+        Time of the last known position [s], and that position [m].
+    """
+
+    def __init__(self, mission: Mission, start_m: Point, time_s: float, remarks: Remarks) -> None:
+        self._mission, self._remarks = mission, remarks
+        executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
+        self.locator = Locator(executor, mission.cruise_mps, time_s)
+        self.applied = AppliedParameters(mission.parameters, mission.plan)
+        self.located: tuple[float, Point] = (time_s, start_m)
+        self._usual_s = 0.0
+        self.acquisition: Acquisition | None = None
+        self._continuation: Continuation | None = None
+        self._past_stage: int | None = None
+        self.lost = self.complete = False
+
+    @property
+    def executor(self) -> PlanExecutor:
+        """The flight through the plan."""
+        return self.locator.executor
+
+    @property
+    def end_uncertain(self) -> bool:
+        """Whether the flight may go on after an end of the plan, or not."""
+        return self._continuation is not None
+
+    @property
+    def stage_unknown(self) -> bool:
+        """Whether the stage is not certain."""
+        undecided = self.acquisition is not None or (self.end_uncertain and not self.complete)
+        return self.lost or self.locator.uncertain or undecided
+
+    def observation(self, time_s: float, position: Point, soc: float) -> Observation:
+        """What is known at any time, between two samples as well."""
+        executor = self.executor
+        joined_m, started = executor.joined_m, executor.stages_started
+        gap = self.locator.through_gap
+        return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
+
+    # --- stage and lap
+
+    def acquire_from(self, start_m: Point) -> None:
+        """Find stage and lap of a flight that may have started there [m] long ago."""
+        self.acquisition = Acquisition(self.executor, start_m)
+
+    def place(self, found: Hypothesis, to: Sighting, parameters: Vector, *, settled: bool) -> None:
+        """Track on from a hypothesis, with the parameters decided; `settled` if stage and lap are found."""
+        self.applied = AppliedParameters(parameters, self._mission.plan)
+        self.locator = Locator(found.executor, self._mission.cruise_mps, to.time_s, to.position_m)
+        self.locator.hypotheses, self.locator.through_gap = [found], True
+        if to.position_m is not None:
+            self._usual_s, self.located = to.time_s - self.located[0], (to.time_s, to.position_m)
+            self.locator.decide(self.applied.effective, to.position_m)
+        if settled:
+            self.acquisition = None
+            self._remarks.reasons.append(FOUND)
+
+    def track(
+        self, to: Sighting, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
+    ) -> Point:
+        """Find the position in the plan; return that of the aircraft, or its forecast [m].
+
+        In ordinary flight the plan is advanced along the straight line from the last sample, at `last_s` [s], and a
+        reported stage has precedence. `started` is called at each start of a stage before this sample, see
+        `Locator.follow`.
+        """
+        (located_s, last), position = self.located, to.position_m
+        step_s = to.time_s - located_s
+        gap = step_s > GAP_S and (position is None or step_s > GAP_STEPS * self._usual_s)
+        if position is not None:
+            self.located, self._usual_s = (to.time_s, position), step_s
+        if self.lost:
+            return position or last
+        try:
+            if gap or self.locator.lost:
+                found = self._seek(to, last_s, wind_mps, started)
+                if found is not None or position is None:
+                    return found or last
+            elif position is None:
+                return last
+            self.locator.follow(to, self._skips(to), started)
+        except EadpError as error:
+            self._lose(error)
+        assert position is not None
+        return position
+
+    def _seek(
+        self, to: Sighting, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
+    ) -> Point | None:
+        """Find the flight again after a gap."""
+        before = self.executor.stages_started
+        found = self.locator.seek(to, wind_mps)
+        since_s = self.locator.hypotheses[0].since_s
+        if found is not None and self.executor.stages_started != before and last_s < since_s < to.time_s:
+            started(since_s, self.executor.joined_m, 1.0)
+        return found
+
+    def _skips(self, to: Sighting) -> int | None:
+        """Number of stages to advance to the reported one; None where positions decide."""
+        executor, reported = self.executor, to.stage
+        if to.stages_started is not None:
+            ahead = to.stages_started - executor.stages_started
+            if self.locator.leads(ahead):
+                return ahead
+            what = f"{to.stages_started} stages started, and {executor.stages_started} are flown; ignored"
+            self._remarks.once("stages_started", what, "a stage ahead")
+        if reported is None:
+            return None
+        now, count = executor.stage.index, len(self._mission.plan.stages)
+        if reported > count:
+            self._remarks.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
+            return None
+        skips = executor.stages_to(reported)
+        if reported == now:
+            self._past_stage = None
+            # only positions distinguish the laps of a plan of one stage
+            return None if skips == 1 else 0
+        lap = executor.stages_to(now) if reported < now else None
+        # 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is the longer way
+        if skips is None or (reported < now and lap is not None and 2 * skips > lap):
+            if self._past_stage != reported:
+                self._past_stage = reported
+                what = f"stage {reported} is before stage {now}, which is flown; ignored"
+                self._remarks.notices.append(Notice("stage", what, "a stage ahead"))
+            return None
+        self._past_stage = None
+        return skips
+
+    def update_end(self, to: Sighting, position: Point, step_s: float) -> bool | None:
+        """Find out whether the plan is complete: an end may be uncertain, and the aircraft may fly on all the same.
+
+        Returns whether the flight has come to an end, and None where nothing has changed.
+        """
+        if self._continuation is not None:
+            goes_on = self._continuation.update(self.executor, to, step_s)
+            if goes_on is None:
+                return None
+            self._continuation = None
+            if goes_on:
+                self.locator.through_gap |= self.complete
+                self._remarks.reasons.append(GOES_ON)
+                self._remarks.notices.append(Notice("x_m", GOES_ON))
+            self.complete = not goes_on
+            return self.complete
+        if not self.executor.complete:
+            return None
+        certain, goes_on = is_certain(self.executor, position, to.course_rad), self.locator.go_on()
+        self.complete = certain or not goes_on
+        if goes_on:
+            self._continuation = Continuation(self.executor)
+        if not self.complete:
+            self._remarks.reasons.append(UNCERTAIN_END)
+        return True
+
+    # --- parameters
+
+    def decide(self, parameters: Vector, position: Point) -> None:
+        """Take the parameters decided, at a position [m]."""
+        self.applied.decide(parameters)
+        if not self.lost:
+            try:
+                self.locator.decide(self.applied.effective, position)
+            except EadpError as error:
+                self._lose(error)
+
+    def put_in_force(
+        self,
+        parameters: Mapping[str, float],
+        time_s: float,
+        position: Point,
+        hold: Callable[[Mapping[int, float]], None],
+    ) -> None:
+        """Put the reported parameters in force; `hold` takes those that the aircraft does not change."""
+        if not parameters or self.lost:
+            return
+        expected = self.executor.parameters
+        reported = self._reported(parameters)
+        values = [reported.get(i, value) for i, value in enumerate(expected)]
+        if not self.executor.cursor.table.live:
+            for i in self.applied.apart(time_s, reported, expected):
+                values[i] = expected[i]
+        try:
+            self.locator.take_in_force(values, position)
+            if self.applied.update(time_s, reported, expected):
+                self._hold(position, hold)
+        except EadpError as error:
+            self._lose(error)
+
+    def _reported(self, parameters: Mapping[str, float]) -> dict[int, float]:
+        """Parameters reported, by index, within their sets."""
+        names, sets = self._mission.plan.names, self.executor.stage.sets
+        reported: dict[int, float] = {}
+        for name, value in parameters.items():
+            if name not in names:
+                known = f"one of {', '.join(names) or 'none'}"
+                what = f"the plan has no parameter {printable(name, 40)}; ignored"
+                self._remarks.once("parameters", what, known, name)
+                continue
+            i = names.index(name)
+            reported[i] = clipped = sets[i].clip(value) if sets else value
+            if clipped != value:
+                known = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
+                what = f"{name} = {value:g} is outside its set; clipped"
+                self._remarks.once("parameters", what, known, f"{name} outside")
+        return reported
+
+    def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:
+        """Plan with the parameters that the aircraft changes; the others stay."""
+        held = self.applied.held
+        hold(held)
+        self.locator.decide(self.applied.effective, position)
+        for i, value in held.items():
+            name, asked = self._mission.plan.names[i], self.applied.asked[i]
+            what = f"{name} = {asked:g} is not applied: {value:g} stays in force"
+            self._remarks.once("parameters", what, "the parameters decided", f"{name} held at {value:g}")
+
+    def _lose(self, error: EadpError) -> None:
+        """Stop tracking the plan: stage and parameters stay."""
+        self.lost = True
+        self._remarks.notices.append(Notice("x_m", f"the plan cannot be followed on from here: {error}"))
