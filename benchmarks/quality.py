@@ -532,6 +532,10 @@ class Lowest(TrackingPlanner):
         """At every step."""
         return 0.0
 
+    def flight_state(self) -> Any:
+        """The inner planner's."""
+        return self._inner.flight_state()
+
     def ingest(self, readings: Any) -> Decision:
         """The inner planner's decision, or the lowest."""
         decision: Decision = self._inner.ingest(readings)

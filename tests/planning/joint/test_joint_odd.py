@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from common import ROOT
-from common.observations import observation
+from common.observations import Piloted, observation
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
@@ -17,6 +17,7 @@ from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.planner import JointPlanner
 
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
@@ -32,7 +33,7 @@ def plan_of(text):
 def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
     computing = join_profile(plan, profile)
     mission = Mission(plan, computing, battery, SPEED_MPS, parameters, start, motion_w=MOTION_W)
-    return JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission)
+    return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission))
 
 
 def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
@@ -145,8 +146,10 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     executor.skip(executor.trigger_m)
     executor.decide(decided, executor.joined_m)  # a moment after stage 4 has started with what was in force before
     pilot.update(seen(31.0, 35.0, 0.0, 0.5))
-    forecaster = pilot._forecaster
-    assert forecaster.route(forecaster.shares).parameters[0][0] == first[0] == executor.parameters[0]
+    known = pilot.state.known(31.0, (35.0, 0.0))
+    pilot._places.enter(known)
+    route = pilot._places.route(known, pilot._places.shares)
+    assert route.parameters[0][0] == first[0] == executor.parameters[0]
     cursor = executor.cursor.decide(pilot._decision.parameters)
-    again = RoutePredictor().route(cursor, executor.joined_m, forecaster._margin_m)
-    assert forecaster.route(forecaster.shares).parameters == again.parameters
+    again = RoutePredictor().route(cursor, executor.joined_m, margin_m(known))
+    assert route.parameters == again.parameters

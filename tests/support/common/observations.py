@@ -12,3 +12,17 @@ def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, 
     for _ in range(started - 1):
         cursor, joined_m = cursor.next(), cursor.trigger_m()
     return Observation(time_s, x_m, y_m, cursor, joined_m, started, power_w, soc, **more)
+
+
+class Piloted:
+    """A planner with the state of its flight, which takes each observation before the planner does."""
+
+    def __init__(self, planner):
+        self.planner, self.state = planner, planner.flight_state()
+
+    def __getattr__(self, name):
+        return getattr(self.planner, name)
+
+    def update(self, seen):
+        self.state.observe(seen)
+        return self.planner.update(seen._replace(state=self.state))
