@@ -30,7 +30,6 @@ from eadp.planning.base import (
     Mission,
     Observation,
     PlannerSettings,
-    Readings,
     SolverReport,
     TrackingPlanner,
     next_multiple,
@@ -120,7 +119,7 @@ class JointPlanner(TrackingPlanner):
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._losses = 0
-        self._started = 1
+        self._started, self._ambiguous = 1, False
         self._home: tuple[float | None, float] = (None, 0.0)
 
     @classmethod
@@ -146,11 +145,7 @@ class JointPlanner(TrackingPlanner):
     @property
     def next_update_s(self) -> float:
         """When it looks next; at the next reading where the charge may have jumped."""
-        return self._next_s
-
-    def ingest(self, readings: Readings) -> Decision:
-        """Take a batch of readings; the parameters stay."""
-        return super().ingest(readings)
+        return min(self._next_s, self._next_reading_s) if self._ambiguous else self._next_s
 
     def update(self, observation: Observation) -> Decision:
         """Update with an observation: look at the plan when due, at a new stage, and at once when charge was lost."""
@@ -160,21 +155,25 @@ class JointPlanner(TrackingPlanner):
         if self._decision.returns_home or state is None:
             return self._decision
         entered, self._started = o.stages_started != self._started, o.stages_started
-        starts_s = WARM_UP_S + self._own.start_after_s
         due = o.time_s >= self._next_s - 1e-9
-        started = entered and bool(self._places.open) and o.cursor.accepts_changes()
-        if entered and not (due or started):
-            return self._decision
+        entered &= self._mission.live or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
-        if o.time_s >= (WARM_UP_S if jumped else starts_s) - 1e-9 and (jumped or started or due):
+        self._ambiguous = state.is_ambiguous(o.soc)
+        starts_s = WARM_UP_S if jumped else WARM_UP_S + self._own.start_after_s
+        if o.time_s < starts_s - 1e-9:
+            self._next_s = starts_s
+        elif jumped or entered or due:
             self._losses = state.losses
-            self._look(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if started else TIME)
-            soon_s = next_multiple(o.time_s, self._settings.every_s)
-            look_s = 0.0 if self._mission.live else min(LOOK_EVERY_S, self._own.max_interval_s)
-            self._next_s = max(soon_s, o.time_s + look_s)
-        if state.is_ambiguous(o.soc):
-            self._next_s = min(self._next_s, self._next_reading_s)
+            self._look(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
+            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._next_look_s(o.time_s))
         return self._decision
+
+    def _next_look_s(self, time_s: float) -> float:
+        """When to look next at the latest [s]: a way home is looked at again and again, and so is what is shown."""
+        if self._mission.live or self._home[0] is not None:
+            return time_s
+        made_s = time_s if self._expected is None else self._expected.time_s
+        return min(time_s + LOOK_EVERY_S, made_s + self._own.max_interval_s)
 
     def hold(self, held: Mapping[int, float]) -> None:
         """Re-plan at the next update, with these parameters as they are."""

@@ -8,8 +8,8 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.applied import APPLY_S
+from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.state.time_ratio import TimeRatio
 
 START_S = 60.0

@@ -79,7 +79,7 @@ def test_the_forecast_is_what_is_flown(text, wind, planner, inputs_of):
 @pytest.mark.parametrize(("text", "within"), [(CLIMB, 0.025), (DESCENT, 0.025), (STAIRS, 0.025), (FASTER, 0.05)])
 def test_in_flight_too(text, within, inputs_of):
     """Climbs that are flown are not learned as power of level flight; changes of the airspeed are, a little."""
-    inputs = inputs_of(text, "joint", **WIND)
+    inputs = inputs_of(text, "joint", **WIND, **{"planner.joint.loss_rate_per_h": 0.0})
     _, outcome = flown(inputs)
     used = inputs.world.battery.soc - outcome.soc_final
     for record in outcome.records:

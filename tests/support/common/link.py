@@ -122,9 +122,6 @@ class Autopilot:
     next_update_s = LINES_EVERY_S
     ingest = None
 
-    def flight_state(self):
-        return FlightState(self.inputs.mission)
-
     def estimates(self, times_s):
         return [0.0 for _ in times_s], []
 
