@@ -88,11 +88,7 @@ VARIANTS: Mapping[str, Variant] = {
     ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", lambda *_: (1.0, 0.0)),)),
     "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
-    **{
-        f"{rate:g} expected losses an hour": _rated(rate)
-        for rate in LOSS_RATES_PER_H
-        if rate != JointSettings.loss_rate_per_h
-    },
+    **{f"{rate:g} expected losses an hour": _rated(rate) for rate in OTHER_RATES_PER_H},
 }
 
 
