@@ -94,6 +94,7 @@ VARIANTS: Mapping[str, Variant] = {
 
 def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """One mission by every variant; `fly` flies it with some more keys."""
+    fly({})  # compiled, parsed
     flights = {}
     for name, variant in VARIANTS.items():
         with variant.flying():
@@ -103,6 +104,7 @@ def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dic
 
 def losses(fly: Callable[[Mapping[str, Any]], dict[str, Any]], *, lossy: bool) -> dict[str, dict[str, Any]]:
     """One mission at every rate of expected losses: without losses, and with its own where it has any."""
+    fly({"faults": []})  # compiled, parsed
     flights = {}
     for rate in LOSS_RATES_PER_H:
         keys = {"planner.joint.loss_rate_per_h": rate}
