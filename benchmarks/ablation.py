@@ -88,16 +88,13 @@ VARIANTS: Mapping[str, Variant] = {
     ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", lambda *_: (1.0, 0.0)),)),
     "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
-    **{
-        f"{rate:g} expected losses an hour": _rated(rate)
-        for rate in LOSS_RATES_PER_H
-        if rate != JointSettings.loss_rate_per_h
-    },
+    **{f"{rate:g} expected losses an hour": _rated(rate) for rate in OTHER_RATES_PER_H},
 }
 
 
 def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """One mission by every variant; `fly` flies it with some more keys."""
+    fly({})  # compiled, parsed
     flights = {}
     for name, variant in VARIANTS.items():
         with variant.flying():
@@ -107,6 +104,7 @@ def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dic
 
 def losses(fly: Callable[[Mapping[str, Any]], dict[str, Any]], *, lossy: bool) -> dict[str, dict[str, Any]]:
     """One mission at every rate of expected losses: without losses, and with its own where it has any."""
+    fly({"faults": []})  # compiled, parsed
     flights = {}
     for rate in LOSS_RATES_PER_H:
         keys = {"planner.joint.loss_rate_per_h": rate}

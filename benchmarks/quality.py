@@ -27,6 +27,8 @@ what is printed to docs/measured.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import itertools
 import json
 import math
@@ -93,7 +95,9 @@ def plans(folder: Path) -> dict[str, str]:
         field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
         out = folder / f"{name}.plan"
         options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", PROFILE]
-        if main(["cover", str(field), *options, "-o", str(out)]):
+        with contextlib.redirect_stdout(io.StringIO()):
+            code = main(["cover", str(field), *options, "-o", str(out)])
+        if code:
             raise SystemExit(f"{name}: not covered")
         found[name] = str(out)
     return found
