@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from common import ROOT
-
 from eadp.errors import PathUndefined
 from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.route import RoutePredictor
