@@ -24,7 +24,7 @@ from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlann
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage_times_s
+from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage
 from eadp.planning.qp import OsqpSolver
 from eadp.planning.registry import PLANNERS, make_planner, planner_class
 from eadp.planning.static import StaticPlanner
@@ -204,7 +204,7 @@ def test_time_to_an_empty_battery_follows_a_periodic_power():
 )
 def test_remaining_time(rule, time_s, c1, expected):
     pilot = planner(replace(OWN, remaining_time=rule))
-    assert pilot._remaining_s((c1, 10.0), time_s) == pytest.approx(expected, abs=1e-9)
+    assert pilot._remaining_s((c1, 10.0), time_s, pilot._coverage) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_path_is_lowered_by_delta_while_time_is_short_and_raised_while_there_is_some_to_spare():
@@ -226,7 +226,7 @@ def test_the_largest_path_that_fits_just_fits():
     decision = pilot.update(o)
     t_b = pilot._time_to_reserve_s(o, decision.parameters)
     assert -1000 < decision.parameters[0] < 0
-    assert pilot._remaining_s(decision.parameters, 10.0) == pytest.approx(t_b, abs=0.01)
+    assert pilot._remaining_s(decision.parameters, 10.0, pilot._coverage) == pytest.approx(t_b, abs=0.01)
 
 
 def test_largest_without_raising_only_lowers():
@@ -356,7 +356,11 @@ def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
         decision = pilot.update(observation(0.1 * k, soc=0.8, parameters=(-1000.0, 10.0)))
     o, chosen = observation(10.0, soc=0.8), decision.parameters
     ladder = [-100.0 * k for k in range(11)]
-    enough = [c1 for c1 in ladder if pilot._remaining_s((c1, 10.0), 10.0) <= pilot._time_to_reserve_s(o, (c1, 10.0))]
+    enough = [
+        c1
+        for c1 in ladder
+        if pilot._remaining_s((c1, 10.0), 10.0, pilot._coverage) <= pilot._time_to_reserve_s(o, (c1, 10.0))
+    ]
     assert 0 > chosen[0] == max(enough) > -1000
 
 
@@ -386,9 +390,10 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
 
     pilot = planner(replace(OWN, longest_s=None, shortest_s=None))
     lengths = [sum(leg.distance_m for leg in nominal_legs(PLAN, (c1, 10.0), (-100.0, 220.0))) for c1 in (-1000.0, 0.0)]
-    assert pilot._times == pytest.approx([length / 15 for length in lengths])
+    coverage = pilot._coverage
+    assert (coverage.shortest_s, coverage.longest_s) == pytest.approx([length / 15 for length in lengths])
     # flown, triggers fire 20 m early and cut the corners: 717 s at the highest, 5 % less
-    assert pilot._times[1] == pytest.approx(717.35 * 1.06, rel=0.02)
+    assert coverage.longest_s == pytest.approx(717.35 * 1.06, rel=0.02)
 
 
 def test_a_fit_is_what_the_estimator_starts_from():
@@ -419,4 +424,4 @@ def test_without_a_free_path_parameter_there_are_no_times_of_coverage():
     plan = read_plan(Text("fixed", text))[0]
     mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (5.0,), (95.0, 0.0))
     assert plan.path_count == 1
-    assert _coverage_times_s(PaperSettings(), mission) is None
+    assert _coverage(PaperSettings(), mission) is None

@@ -172,16 +172,18 @@ class GroundLog:
         self._cursor, self._quality = cursor, self.shares.of(cursor.stage.index, parameters)
 
     def until(self, time_s: float) -> FlownGround:
-        """What was seen up to a time [s]."""
-        self._advance(time_s)
-        return FlownGround(self._ground, self._value, self._run)
+        """What was seen up to a time [s]; asking changes nothing."""
+        return FlownGround(self._ground, self._value, self._run_until(time_s))
 
     def _advance(self, time_s: float) -> None:
-        seconds, self._since_s = time_s - self._since_s, time_s
+        self._run, self._since_s = self._run_until(time_s), time_s
+
+    def _run_until(self, time_s: float) -> RunTally:
+        seconds = time_s - self._since_s
         m, flown_s, free_s, area_s = self._run
         if self._quality is not None:
             free_s, area_s = free_s + seconds, area_s + seconds * self._quality
-        self._run = RunTally(m, flown_s + seconds, free_s, area_s)
+        return RunTally(m, flown_s + seconds, free_s, area_s)
 
     def _close(self) -> None:
         """The run is complete."""

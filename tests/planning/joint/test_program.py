@@ -1,0 +1,154 @@
+"""The program of the computations: OSQP's answer against linear programs, and what fails is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from broken_osqp import BROKEN
+from scipy.optimize import linprog
+
+from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, NOTHING_TO_CHOOSE, SOLVED, SolverReport
+from eadp.planning.forecast.knapsack import FULL, Knapsack, fill_greedy
+from eadp.planning.joint import program as module
+from eadp.planning.joint.program import ComputationProgram
+from eadp.planning.qp import OsqpSolver
+
+LP = 1e-8
+ROUNDING = 1e-12
+
+
+def knapsack_of(seed, share=None):
+    """A mission's rest at random: legs of some kinds, each with concave increments, and a share of the charge."""
+    rng = np.random.default_rng(seed)
+    kinds, laps, depth = int(rng.integers(2, 5)), int(rng.integers(2, 25)), 4
+    times = rng.uniform(5, 20, (laps, kinds)) * rng.uniform(0.8, 1.2, (laps, 1))
+    use, gain = np.zeros((laps, kinds, depth)), np.zeros((laps, kinds, depth))
+    for kind in range(kinds):
+        count = int(rng.integers(1, depth + 1))
+        widths, slopes = rng.uniform(0.2, 3, count), np.sort(rng.uniform(0.02, 1, count))[::-1]
+        use[:, kind, :count] = times[:, kind, None] * widths * rng.uniform(0.95, 1.05, (laps, 1)) * 1e-5
+        gain[:, kind, :count] = times[:, kind, None] * widths * slopes
+    use, gain = use.reshape(-1, depth), gain.reshape(-1, depth)
+    gain *= rng.uniform(0.2, 0.8) / gain.sum()
+    share = rng.uniform(0.0, 1.1) if share is None else share
+    base = np.array([rng.uniform(0.1, 0.5)])
+    place = np.zeros(len(use), dtype=np.intp)
+    return Knapsack(use, gain, place, base, np.array([0.25]), base + share * use.sum())
+
+
+def by_linear_program(knapsack):
+    use, gain = knapsack.use.ravel(), knapsack.gain.ravel()
+    spare = float(knapsack.spare[0])
+    exact = linprog(-gain, A_ub=1e3 * use[None, :], b_ub=[1e3 * spare], bounds=(0, 1))
+    return float(knapsack.base_value[0]) - exact.fun
+
+
+def checked(knapsack, solution):
+    """The answer is what it says: within its boxes and its charge, at its value."""
+    x = solution.filling.shares
+    assert ((x >= 0) & (x <= 1)).all()
+    assert solution.filling.use[0] <= knapsack.available[0] + 2 * FULL
+    assert solution.filling.use[0] == pytest.approx(knapsack.base_use[0] + (knapsack.use * x).sum(), abs=ROUNDING)
+    assert solution.value == pytest.approx(knapsack.base_value[0] + (knapsack.gain * x).sum(), abs=ROUNDING)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_osqp_answers_the_linear_program(seed):
+    knapsack, report = knapsack_of(seed), SolverReport()
+    solution = ComputationProgram(report).solve(knapsack)
+    checked(knapsack, solution)
+    assert solution.value == pytest.approx(by_linear_program(knapsack), abs=module.OUTDONE)
+    assert solution.status == SOLVED
+    assert solution.gap == report.gaps[-1] <= module.OUTDONE
+    assert report.fallbacks == report.outdone == 0
+    assert report.solved == report.calls - report.failed > 0
+
+
+def test_the_gap_is_how_much_better_the_closed_form_is():
+    for seed in range(20):
+        knapsack = knapsack_of(seed)
+        solution = ComputationProgram(SolverReport()).solve(knapsack)
+        assert solution.gap == pytest.approx(float(fill_greedy(knapsack).value[0]) - solution.value, abs=ROUNDING)
+        assert solution.gap >= -1e-8
+
+
+def test_one_program_solves_missions_of_any_length():
+    """As a flight goes on its program shrinks; OSQP is set up for a size, and the answers are those of a new one."""
+    program = ComputationProgram(SolverReport())
+    whole = knapsack_of(3, 0.5)
+    for first in range(0, len(whole.use), 3):
+        use, gain = whole.use[first:], whole.gain[first:]
+        available = whole.base_use + 0.4 * use.sum()
+        rest = Knapsack(use, gain, whole.place[first:], whole.base_use, whole.base_value, available)
+        solution = program.solve(rest)
+        checked(rest, solution)
+        assert solution.value == pytest.approx(by_linear_program(rest), abs=module.OUTDONE)
+
+
+def test_ties_are_mixed_within_the_charge():
+    """Increments that gain alike for their charge: as much is taken as fits."""
+    use = np.array([[0.2], [0.3], [0.4]])
+    for spare in (0.1, 0.5, 0.9, 1.2, 5.0):
+        base = np.array([0.05])
+        knapsack = Knapsack(use, 2 * use, np.zeros(3, dtype=np.intp), base, np.array([0.0]), base + spare)
+        solution = ComputationProgram(SolverReport()).solve(knapsack)
+        checked(knapsack, solution)
+        assert solution.filling.use[0] - 0.05 == pytest.approx(min(spare, use.sum()), abs=2 * FULL)
+
+
+# --- what can go wrong ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_broken_solver_is_counted_and_the_closed_form_stands_in(monkeypatch, broken):
+    knapsack, report = knapsack_of(4, 0.5), SolverReport()
+    monkeypatch.setattr(OsqpSolver, "run", BROKEN[broken])
+    solution = ComputationProgram(report).solve(knapsack)
+    assert (solution.status, solution.gap) == (FALLBACK, None)
+    assert solution.value == float(fill_greedy(knapsack).value[0])
+    assert (report.calls, report.failed, report.retried, report.fallbacks) == (2, 2, 1, 1)
+    assert report.solved == 0
+
+
+def test_a_solver_that_fails_later_is_counted(monkeypatch):
+    report, true_run, calls = SolverReport(), OsqpSolver.run, []
+
+    def sometimes(solver, start):
+        calls.append(1)
+        return (true_run if len(calls) == 1 else BROKEN["failing"])(solver, start)
+
+    monkeypatch.setattr(OsqpSolver, "run", sometimes)
+    program, knapsack = ComputationProgram(report), knapsack_of(4, 0.5)
+    assert program.solve(knapsack).status == SOLVED
+    solution = program.solve(knapsack)
+    checked(knapsack, solution)
+    assert solution.status == FALLBACK
+    assert (report.calls, report.solved, report.failed, report.fallbacks) == (3, 1, 2, 1)
+
+
+def test_a_worse_solution_is_replaced_by_the_closed_form_and_counted(monkeypatch):
+    report, knapsack = SolverReport(), knapsack_of(4, 0.5)
+    monkeypatch.setattr(module, "_exact", lambda gain, use, spare, x, multiplier: np.zeros(len(gain)))
+    solution = ComputationProgram(report).solve(knapsack)
+    closed = float(fill_greedy(knapsack).value[0])
+    assert (solution.status, report.outdone) == (CLOSED_FORM, 1)
+    assert solution.value == closed
+    assert solution.gap == report.gaps[-1] == pytest.approx(closed - float(knapsack.base_value[0]))
+
+
+def test_too_little_charge_is_infeasible_without_a_call():
+    report, knapsack = SolverReport(), knapsack_of(5, -0.1)
+    solution = ComputationProgram(report).solve(knapsack)
+    assert solution.status == INFEASIBLE
+    assert not solution.feasible
+    assert solution.value == float(knapsack.base_value[0])
+    assert report.calls == 0
+
+
+@pytest.mark.parametrize("width", [0, 2])
+def test_without_anything_to_choose_nothing_runs(width):
+    report, place = SolverReport(), np.zeros(3, dtype=np.intp)
+    none = np.zeros((3, width))
+    knapsack = Knapsack(none, none, place, np.array([0.4]), np.array([0.2]), np.array([0.9]))
+    solution = ComputationProgram(report).solve(knapsack)
+    assert (solution.status, report.calls, solution.value) == (NOTHING_TO_CHOOSE, 0, 0.2)
