@@ -162,21 +162,23 @@ def test_uniform_spacing_beats_half_fine_half_coarse_at_equal_charge():
             assert best > mixed + 0.01
 
 
-def test_a_change_that_is_never_in_force_earns_nothing():
-    """Decided on the first line of a lap, c1 waits for the last one: it never comes where the plan ends before."""
+@pytest.mark.parametrize("stage", [3, 4])
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_change_that_alters_nothing_flown_earns_nothing(stage, share):
+    """c1 waits for the last line of a lap, which does not depend on it: in the last lap it alters nothing."""
     plan = survey()
     route = RoutePredictor().route(PlanCursor.start(plan, parameters_of(plan, 0.35)), start_of(plan))
-    waits = [leg.stage.index for leg in route.legs]
+    stages = [leg.stage.index for leg in route.legs]
     times_s = np.cumsum([leg.distance_m / SPEED_MPS for leg in route.legs])
-    late_s = times_s[len(waits) - 1 - waits[::-1].index(4)] - 1e-6  # the last line up has begun
+    late_s = times_s[len(stages) - 1 - stages[::-1].index(stage)] - 1e-6  # the last leg of this stage is flown
 
     def late(time_s, _):
-        return parameters_of(plan, 1.0 if time_s > late_s else 0.35)
+        return parameters_of(plan, share if time_s > late_s else 0.35)
 
     kept, kept_s = on_paper(plan, start_of(plan), lambda *_: parameters_of(plan, 0.35))
-    raised, raised_s = on_paper(plan, start_of(plan), late)
-    assert raised_s == pytest.approx(kept_s)
-    assert raised.quality({"c2": 0.0}) == pytest.approx(kept.quality({"c2": 0.0}), abs=ALGEBRA)
+    changed, changed_s = on_paper(plan, start_of(plan), late)
+    assert changed_s == pytest.approx(kept_s)
+    assert changed.quality({"c2": 0.0}) == pytest.approx(kept.quality({"c2": 0.0}), abs=ALGEBRA)
 
 
 # --- the ground of a mission does not depend on its parameters --------------------------------------------------------
