@@ -109,7 +109,7 @@ class Observation(NamedTuple):
 class Readings(NamedTuple):
     """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity, heading, airspeed.
 
-    Quantities are as in `Observation`, NaN where they are not measured; airspeeds may be left out.
+    Quantities are as in `Observation`, NaN where they are not measured.
     """
 
     times_s: Column
@@ -120,7 +120,7 @@ class Readings(NamedTuple):
     vx_mps: Column
     vy_mps: Column
     headings_rad: Column
-    airspeeds_mps: Column = ()
+    airspeeds_mps: Column
 
 
 class Decision(NamedTuple):

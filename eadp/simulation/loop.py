@@ -355,7 +355,7 @@ class _SensorBridge:
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
-        readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings)
+        readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings, [math.nan] * len(times_s))
         self._state.ingest(readings)
         self.decision = self._planner.ingest(readings)
 

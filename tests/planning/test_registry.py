@@ -96,7 +96,7 @@ def test_readings_are_taken_as_often_as_the_sensor_has_them():
     assert pilot.estimates([1.05])[0] == pytest.approx([30.0])
     assert pilot.next_update_s == pytest.approx(1.1)
     zeros = [0.0] * 3
-    pilot.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros))
+    pilot.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
     assert pilot.next_update_s == pytest.approx(1.3)
     pilot.update(observation(1.3, power_w=30.0))
     assert pilot.next_update_s == pytest.approx(1.4)

@@ -121,16 +121,14 @@ class WindFilter:
 
     Parameters
     ----------
-    airspeed_mps : float
-        s [m/s]; may be changed.
     gust_time_s : float
         Correlation time of gusts [s].
 
     Source: Kalman filter of a random walk; wind triangle.
     """
 
-    def __init__(self, airspeed_mps: float, gust_time_s: float = GUST_TIME_S) -> None:
-        self.airspeed_mps, self._gust_time_s = airspeed_mps, gust_time_s
+    def __init__(self, gust_time_s: float = GUST_TIME_S) -> None:
+        self._gust_time_s = gust_time_s
         wind = WindEstimate(0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0)
         self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
 
@@ -166,7 +164,9 @@ class WindFilter:
         """
         return self._state.heading_innovation
 
-    def ingest(self, vx_mps: Column, vy_mps: Column, headings_rad: Column, steps_s: Column) -> None:
+    def ingest(
+        self, vx_mps: Column, vy_mps: Column, headings_rad: Column, steps_s: Column, airspeeds_mps: Column
+    ) -> None:
         """Take readings in order.
 
         Parameters
@@ -177,10 +177,12 @@ class WindFilter:
             Headings [rad]; NaN where it is not known.
         steps_s : sequence of float or array, shape (n,)
             Times since the last reading [s].
+        airspeeds_mps : sequence of float or array, shape (n,)
+            s [m/s].
         """
         ingested = jitted(_ingested)
-        readings = columns(vx_mps, vy_mps, headings_rad, steps_s)
-        self._state = ingested(self._state, self.airspeed_mps, self._gust_time_s, *readings)
+        readings = columns(vx_mps, vy_mps, headings_rad, steps_s, airspeeds_mps)
+        self._state = ingested(self._state, self._gust_time_s, *readings)
 
 
 # The functions below may be compiled, see `eadp.core.compiled`.
@@ -188,16 +190,17 @@ class WindFilter:
 
 def _ingested(
     state: WindState,
-    airspeed_mps: float,
     gust_time_s: float,
     vx_mps: Column,
     vy_mps: Column,
     headings_rad: Column,
     steps_s: Column,
+    airspeeds_mps: Column,
 ) -> WindState:
     """See `WindFilter.ingest`."""
     for i in range(len(steps_s)):
         vx, vy, heading_rad, step_s = vx_mps[i], vy_mps[i], headings_rad[i], max(steps_s[i], 1e-3)
+        airspeed_mps = airspeeds_mps[i]
         if math.isnan(vx + vy):
             continue
         wind, gusts, innovation = state

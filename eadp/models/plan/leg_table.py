@@ -9,7 +9,6 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
-from eadp.core.geometry.curves import Point
 from eadp.core.geometry.tracks import Nodes
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
@@ -142,8 +141,10 @@ def grown(array: A, used: int, needed: int) -> A:
     return grown
 
 
-def leg_times_s(rows: LegRows, order: IntArray, airspeed_mps: float, wind_mps: Point) -> tuple[FloatArray, FloatArray]:
-    """Time on each leg of a route [s], and the time integral of tan² of the bank, see `Route.times_s`.
+def leg_times_s(
+    rows: LegRows, order: IntArray, airspeed_mps: float, winds_mps: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Time on each leg, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
 
     Parameters
     ----------
@@ -152,36 +153,18 @@ def leg_times_s(rows: LegRows, order: IntArray, airspeed_mps: float, wind_mps: P
         Row of each leg.
     airspeed_mps : float
         Airspeed where a stage has none of its own [m/s].
-    wind_mps : (float, float)
-        Wind [m/s].
-    """
-    if not len(order):
-        return np.zeros(0), np.zeros(0)
-    chosen, of_leg = np.unique(order, return_inverse=True)
-    times_s, turning_s = row_times_s(rows, chosen, airspeed_mps, np.array([wind_mps]))
-    return times_s[0, of_leg], turning_s[0, of_leg]
-
-
-def row_times_s(
-    rows: LegRows, chosen: IntArray, airspeed_mps: float, winds_mps: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Time on each chosen row, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
-
-    Parameters
-    ----------
-    rows : LegRows
-    chosen : array of int, shape (rows,)
-    airspeed_mps : float
-        Airspeed where a stage has none of its own [m/s].
     winds_mps : array, shape (winds, 2)
         [m/s].
 
     Returns
     -------
-    times_s, turning_s : array, shape (winds, rows)
+    times_s, turning_s : array, shape (winds, legs)
 
     Source: ∫ ds/v over each leg, v from the wind triangle.
     """
+    if not len(order):
+        return np.zeros((len(winds_mps), 0)), np.zeros((len(winds_mps), 0))
+    chosen, of_leg = np.unique(order, return_inverse=True)
     first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
     ends = np.cumsum(counts)
     at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)
@@ -194,4 +177,5 @@ def row_times_s(
     slopes = squared_bank_slopes(curvature_per_m, speeds, along, airspeeds)
     turning = np.where(forward, seconds, 0.0) * slopes
     starts = ends - counts
-    return np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)
+    times_s, turning_s = np.add.reduceat(seconds, starts, axis=1), np.add.reduceat(turning, starts, axis=1)
+    return times_s[:, of_leg], turning_s[:, of_leg]

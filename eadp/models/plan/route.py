@@ -122,7 +122,8 @@ class Route:
 
         Source: ∫ ds/v over each leg, v from the wind triangle.
         """
-        return leg_times_s(self.table.rows, self.order, airspeed_mps, wind_mps)
+        times_s, turning_s = leg_times_s(self.table.rows, self.order, airspeed_mps, np.array([wind_mps]))
+        return times_s[0], turning_s[0]
 
     @property
     def free(self) -> FloatArray:

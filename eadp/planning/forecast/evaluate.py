@@ -17,8 +17,8 @@ import numpy as np
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s
 from eadp.errors import PathUndefined
-from eadp.models.plan.leg_table import leg_times_s, row_times_s
-from eadp.models.plan.legs import left_m
+from eadp.models.plan.leg_table import leg_times_s
+from eadp.models.plan.legs import Leg, left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
@@ -301,21 +301,21 @@ class Evaluator:
             If none of them can be flown in this wind.
         """
         legs = RouteArrays.of(routes)
-        whole_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, known.wind.mps)
-        flyable = np.isfinite(legs.sums(whole_s))
+        winds_mps = _sigma_points(known.wind, known.airspeed_mps)
+        in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
+        flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
             index = np.flatnonzero(flyable)
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
             return replace(rest, index=index[rest.index])
-        factor, wind_var = _wind_effect(known, routes[0])
-        whole_s, turning_s = whole_s * factor, turning_s * factor
-        left = self._left(known, legs, routes[0], whole_s)
-        times_s = whole_s * known.time.ratio
-        times_s[legs.first] *= left
-        part = np.ones(len(times_s))
+        factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
+        whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s[0] * factor[legs.place]
+        left = self._left(known, legs, routes, whole_s)
+        part = np.ones(len(whole_s))
         part[legs.first] = left
+        times_s = whole_s * part * known.time.ratio
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
         motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
         bank_s = legs.sums(turning_s * part) * known.time.ratio
@@ -334,7 +334,7 @@ class Evaluator:
         mean_v = legs.sums(limits.volts) / (legs.last - legs.first + 1)
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
-        ends = [_ends(known, route, left) for route in routes]
+        ends = [_ends(known, route, part) for route, part in zip(routes, left.tolist(), strict=True)]
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         weight, base = self._weights(known, legs, load)
         knapsack = self._knapsack(legs, load, kinds, limits, totals, weight, base)
@@ -344,9 +344,17 @@ class Evaluator:
             self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack
         )
 
-    def _left(self, known: Known, legs: RouteArrays, route: Route, whole_s: FloatArray) -> float:
-        """Share of the first leg that is left, by the position; elapsed time distinguishes the turns of a circle."""
-        leg, leg_s = route.first, float(whole_s[0]) * known.time.ratio
+    def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
+        """Share of the first leg of each route that is left, shape (routes,)."""
+        left: dict[int, float] = {}
+        rows = legs.order[legs.first].tolist()
+        for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
+            if row not in left:
+                left[row] = self._left_of(known, route.first, leg_s * known.time.ratio)
+        return np.array([left[row] for row in rows])
+
+    def _left_of(self, known: Known, leg: Leg, leg_s: float) -> float:
+        """Share of a leg that is left, by the position; elapsed time distinguishes the turns of a circle."""
         flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
@@ -369,7 +377,9 @@ class Evaluator:
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return times, motion, np.maximum(peak, motion)
 
-    def _totals(self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: float) -> Totals:
+    def _totals(
+        self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: FloatArray
+    ) -> Totals:
         """Sums over each route; `soc_per_j` is still to come."""
         time, motion = known.time, known.motion
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
@@ -461,32 +471,33 @@ class Evaluator:
         return np.where(limits.beyond_w > 0, short, available)
 
 
-def _wind_effect(known: Known, route: Route) -> tuple[float, float]:
-    """Factor of a route's mean time due to the variance of the wind, and the variance of the time's logarithm.
+def _wind_effect(times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factor of each route's mean time due to the variance of the wind, and the variance of the time's logarithm.
 
     To second order: times at two pairs of points about the estimate, along the columns of a root of its covariance.
 
+    Parameters
+    ----------
+    times_s : array, shape (routes, winds)
+        Times in the winds of `_sigma_points` [s].
+
     Source: unscented transform, Julier and Uhlmann 1997.
     """
-    winds_mps = _sigma_points(known.wind, known.airspeed_mps)
-    if winds_mps is None:
-        return 1.0, 0.0
-    rows, counts = np.unique(route.order, return_counts=True)
-    times_s = row_times_s(route.table.rows, rows, known.airspeed_mps, winds_mps)[0] @ counts
-    if not np.isfinite(times_s).all() or times_s.min() <= 0:
-        return 1.0, 0.0
-    # along each column of √2 L: the change to first order, and the change to second order
-    above, below = np.log(times_s[1::2] / times_s[0]), np.log(times_s[2::2] / times_s[0])
+    known = (np.isfinite(times_s) & (times_s > 0)).all(axis=1, keepdims=True)
+    # where it cannot be flown in one of the winds, it counts as in the estimate
+    ratios = np.where(known, times_s, 1.0) / np.where(known, times_s[:, :1], 1.0)
+    above, below = np.log(ratios[:, 1::2]), np.log(ratios[:, 2::2])
     first, second = (above - below) / 2, (above + below) / 2
     # E = ½ tr H P, var = gᵀ P g + ½ tr (H P)²
-    return math.exp(float(second.sum()) / 2), float((first**2).sum() + (second**2).sum()) / 2
+    return np.exp(second.sum(axis=1) / 2), ((first**2).sum(axis=1) + (second**2).sum(axis=1)) / 2
 
 
-def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray | None:
-    """A wind and four about it, within `MAX_WIND`, shape (5, 2); None where it is exact."""
+def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray:
+    """A wind and four about it within `MAX_WIND`, shape (5, 2); it alone, (1, 2), where it is exact or beyond."""
     (x, y), (pxx, pyy, pxy) = wind.mps, wind.covariance
-    if pxx + pyy <= 0:
-        return None
+    max_mps = MAX_WIND * airspeed_mps
+    if pxx + pyy <= 0 or math.hypot(x, y) > max_mps:
+        return np.array([(x, y)])
     # no more uncertain than before anything was known: P (P + σ² I)⁻¹ σ², of two dimensions
     prior, determinant = WIND_PRIOR_MPS**2, pxx * pyy - pxy * pxy
     scale = prior / ((pxx + prior) * (pyy + prior) - pxy * pxy)
@@ -497,7 +508,7 @@ def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray | None:
     c = math.sqrt(max(2 * pyy - b * b, 0.0))
     points = np.array([(x, y), (x + a, y + b), (x - a, y - b), (x, y + c), (x, y - c)])
     lengths = np.hypot(points[:, 0], points[:, 1])
-    limited: FloatArray = points * np.minimum(1.0, MAX_WIND * airspeed_mps / np.maximum(lengths, 1e-9))[:, None]
+    limited: FloatArray = points * np.minimum(1.0, max_mps / np.maximum(lengths, 1e-9))[:, None]
     return limited
 
 

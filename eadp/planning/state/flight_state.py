@@ -66,7 +66,7 @@ class FlightState:
         self._waiting: list[Readings | Observation] = []
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
-        self._wind = WindFilter(mission.cruise_mps, mission.gust_time_s)
+        self._wind = WindFilter(mission.gust_time_s)
         self._headings = HeadingGate()
         self._measured_wind: tuple[Point, float] | None = None
         self._times = TimeRatio()
@@ -166,31 +166,32 @@ class FlightState:
         for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
             self._place.off_path((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._computing_w))
-        beside_w = self._computing_w + self._followed_w(steps_s)
-        airspeed_mps = readings.airspeeds_mps[-1] if len(readings.airspeeds_mps) else math.nan
-        speed, horizontal = self._mission.cruise_mps, self._climb.level_mps if self._climb else self._mission.cruise_mps
-        measured = 1 / MAX_AIRSPEEDS < airspeed_mps / speed < MAX_AIRSPEEDS
-        self._wind.airspeed_mps = airspeed_mps if measured else horizontal
+        climb_w, level_mps = self._followed(steps_s)
+        airspeeds_mps = np.asarray(_numbers(readings.airspeeds_mps), dtype=float)
+        ratios = airspeeds_mps / self._mission.cruise_mps
+        measured = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
+        airspeeds_mps = np.where(measured, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
-        headings = np.asarray(self._headings.ingest(vx, vy, headings, steps_s, self._wind.airspeed_mps, self._wind))
+        headings = np.asarray(self._headings.ingest(vx, vy, headings, steps_s, airspeeds_mps, self._wind))
         if self._measured_wind is not None and self._last_s > self._measured_wind[1]:
             self._measured_wind = None
         moving = steps_s > 0
-        self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s)))
+        self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s, airspeeds_mps)))
         known = powers_w.copy()
         known[steps_s > MAX_STEP_S] = math.nan  # not measured in between
-        self._motion.ingest(powers_w, beside_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
+        self._motion.ingest(powers_w, self._computing_w + climb_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
         self._losses += self._charge.ingest(_numbers(readings.charges), known, steps_s)
 
-    def _followed_w(self, steps_s: FloatArray) -> FloatArray:
-        """Power that climbing and the stage's airspeed added over each step [W]."""
+    def _followed(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Power that climbing and the stage's airspeed added over each step [W], and the level airspeed [m/s]."""
         if self._climb is None:
-            return np.zeros(len(steps_s))
-        added_w = []
+            return np.zeros(len(steps_s)), np.full(len(steps_s), self._mission.cruise_mps)
+        found = []
         for step_s in steps_s.tolist():
             self._climb.follow(self._place.cursor.stage, step_s)
-            added_w.append(self._climb.power_w)
-        return np.array(added_w)
+            found.append((self._climb.power_w, self._climb.level_mps))
+        added_w, level_mps = np.array(found).T
+        return added_w, level_mps
 
     # --- what is known
 
@@ -318,7 +319,7 @@ def _with_reading(before: Readings | None, o: Observation) -> Readings:
     own = Readings([o.time_s], [o.x_m], [o.y_m], [o.power_w], *rest)
     if before is None or before.times_s[-1] >= o.time_s:
         return own if before is None else before
-    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before[:8], own[:8], strict=True)))
+    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before, own, strict=True)))
 
 
 def _numbers(column: object) -> FloatArray:

@@ -79,7 +79,7 @@ class HeadingGate:
         vy_mps: Sequence[float] | FloatArray,
         headings_rad: Sequence[float] | FloatArray,
         steps_s: Sequence[float] | FloatArray,
-        airspeed_mps: float,
+        airspeeds_mps: Sequence[float] | FloatArray,
         wind: WindFilter | None = None,
     ) -> Sequence[float] | FloatArray:
         """Take a batch of readings, and return the headings to use.
@@ -92,7 +92,7 @@ class HeadingGate:
             Direction of the nose, 0 east, counter-clockwise [rad]; NaN is no reading.
         steps_s : sequence of float, shape (n,)
             Time since the reading before [s].
-        airspeed_mps : float
+        airspeeds_mps : sequence of float, shape (n,)
             s [m/s].
         wind : WindFilter, optional
             Starts again from the wind without headings when they become disbelieved.
@@ -106,21 +106,21 @@ class HeadingGate:
         theta, steps = np.asarray(headings_rad, dtype=float), np.asarray(steps_s, dtype=float)
         used = ~np.isnan(v.real + v.imag + theta)
         if used.any():
-            total_s = self._add(v, theta, steps, used, airspeed_mps)
+            airspeeds = np.asarray(airspeeds_mps, dtype=float)
+            # the implied wind u = v − s(cos θ, sin θ)
+            total_s = self._add(v, v - airspeeds * np.exp(1j * theta), steps, used)
             self._unjudged_s += float(steps[used].sum())
             if total_s >= MIN_WINDOW_S and self._unjudged_s >= JUDGE_EVERY_S:
-                self._judge(_fit(self._sums), self._unjudged_s, airspeed_mps, wind)
+                self._judge(_fit(self._sums), self._unjudged_s, float(airspeeds[-1]), wind)
                 self._unjudged_s = 0.0
         return np.full(len(theta), math.nan) if self.disbelieved else headings_rad
 
-    def _add(self, v: np.ndarray, theta: FloatArray, steps: FloatArray, used: np.ndarray, airspeed_mps: float) -> float:
-        """Add readings to the moments, older ones faded; return their time [s]."""
+    def _add(self, v: np.ndarray, u: np.ndarray, steps: FloatArray, used: np.ndarray) -> float:
+        """Add ground velocities and implied winds to the moments, older ones faded; return their time [s]."""
         age_s = np.sum(steps) - np.cumsum(steps)
         weights = (steps * np.exp(-age_s / WINDOW_S))[used]
-        v, theta = v[used], theta[used]
+        v, u = v[used], u[used]
         fade = math.exp(-float(np.sum(steps)) / WINDOW_S)
-        # the implied wind u = v − s(cos θ, sin θ)
-        u = v - airspeed_mps * np.exp(1j * theta)
         columns = np.stack([np.ones(len(v)), v.real, v.imag, np.abs(v) ** 2 / 2])
         implied = np.stack([np.ones(len(v)), u.real, u.imag, np.abs(u) ** 2])
         moments, of_wind = self._sums

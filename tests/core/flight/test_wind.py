@@ -137,11 +137,11 @@ def flown(seconds, wind_mps, gust_std_mps, seed, *, course=None, step_s=1.0):
 def observe(found, velocity_mps, heading_rad, step_s):
     """Take a reading, after a step."""
     (vx, vy), heading = velocity_mps, math.nan if heading_rad is None else heading_rad
-    found.ingest([vx], [vy], [heading], [step_s])
+    found.ingest([vx], [vy], [heading], [step_s], [AIRSPEED_MPS])
 
 
 def filtered(readings, *, headings=True, step_s=1.0):
-    found = WindFilter(AIRSPEED_MPS)
+    found = WindFilter()
     for velocity, heading in readings:
         observe(found, velocity, heading if headings else None, step_s)
         xx, yy, xy = found.covariance
@@ -252,7 +252,7 @@ def test_a_wind_that_turns_is_followed():
 
 def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
     monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
-    found, twice = WindFilter(AIRSPEED_MPS), WindFilter(AIRSPEED_MPS)
+    found, twice = WindFilter(), WindFilter()
     for _ in range(10):
         observe(found, (20.0, 0.0), 0.0, 1.0)
         for _ in range(10):
@@ -262,7 +262,7 @@ def test_a_reading_at_once_after_another_counts_for_little(monkeypatch):
 
 
 def test_standing_in_the_air_tells_nothing_without_a_heading():
-    found = WindFilter(AIRSPEED_MPS)
+    found = WindFilter()
     before = found.covariance
     observe(found, (0.0, 0.0), None, 1.0)
     assert found.wind_mps == (0.0, 0.0)
@@ -273,14 +273,14 @@ def test_standing_in_the_air_tells_nothing_without_a_heading():
 @pytest.mark.parametrize("headings", [True, False])
 def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
     readings = list(flown(120, (3.0, -4.0), 0.5, 1, step_s=0.5))
-    found, together = filtered(readings, headings=headings, step_s=0.5), WindFilter(AIRSPEED_MPS)
+    found, together = filtered(readings, headings=headings, step_s=0.5), WindFilter()
     compiled.enable(on)
     try:
         for begin in range(0, len(readings), 7):
             some = readings[begin : begin + 7]
             (vx, vy), count = zip(*(velocity for velocity, _ in some), strict=True), len(some)
             directions = [heading if headings else math.nan for _, heading in some]
-            together.ingest(vx, vy, directions, [0.5] * count)
+            together.ingest(vx, vy, directions, [0.5] * count, [AIRSPEED_MPS] * count)
     finally:
         compiled.enable(False)
     assert together.wind_mps == pytest.approx(found.wind_mps, rel=NANO)
@@ -295,7 +295,7 @@ def test_readings_together_tell_what_they_tell_one_by_one(headings, on):
 def test_the_innovation_is_half_the_normalised_square_by_matrices(monkeypatch):
     """Of the error before a correction, with the wind's covariance and that of the gusts."""
     monkeypatch.setattr(wind, "_gusts_after", lambda gusts, *_: gusts)
-    found, mean = WindFilter(AIRSPEED_MPS), 1.0
+    found, mean = WindFilter(), 1.0
     for velocity, heading in flown(30, (3.0, -4.0), 0.5, 1):
         observe(found, velocity, None, 1.0)  # so that the components covary
         xx, yy, xy = found.covariance

@@ -55,7 +55,7 @@ def test_rows_stay_as_they_are_while_the_table_grows():
             assert table.rows.stages[: row + 1].tolist() == [stage for stage, *_ in expected]
     order = rng.integers(0, 60, 200)
     rows = table.rows
-    times, _ = leg_times_s(rows, order, AIRSPEED, WIND)
+    ((times,), _) = leg_times_s(rows, order, AIRSPEED, np.array([WIND]))
     stages, free, shares, seconds = (np.array(column)[order] for column in zip(*expected, strict=True))
     assert (rows.stages[order] == stages).all()
     assert (rows.free[order, 0] == free).all()
@@ -67,5 +67,5 @@ def test_a_leg_that_the_wind_forbids_takes_for_ever():
     table = LegTable(survey())
     upwind = Nodes(np.array([5.0]), np.array([-1.0]), np.array([0.0]), np.array([0.0]))
     row = table.row(survey().stages[0], (0.0, 10.0), upwind)
-    times, _ = leg_times_s(table.rows, np.array([row]), AIRSPEED, (AIRSPEED + 1, 0.0))
+    ((times,), _) = leg_times_s(table.rows, np.array([row]), AIRSPEED, np.array([(AIRSPEED + 1, 0.0)]))
     assert times.tolist() == [math.inf]
