@@ -219,6 +219,11 @@ class Evaluation:
             expected -= share * unflown * times_s
         return expected
 
+    def earliest_s(self, place: int, leg: int = 0) -> float:
+        """Time from the start of a leg of a place to the end, less a standard deviation [s]."""
+        std_s = math.sqrt(float(self.totals.time_var_s2[place]))
+        return float(self.expected_s(place)[leg:].sum()) - std_s
+
     def forecast(self, place: int, filling: Filling) -> Forecast:
         """Forecast at a place with computations as filled."""
         mine = self.legs.place == place

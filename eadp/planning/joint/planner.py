@@ -1,8 +1,9 @@
 """The joint planner: path and computations together, to the end of the mission.
 
-At each look the plan in force is forecast. While it goes as planned, it stays. Otherwise the planner re-plans: the path
-is searched where a change can take effect, or where the plan is short; OSQP decides the computations at the path found;
-the policy decides what of it to fly. See `search`, `program` and `policy`, and `eadp.planning.forecast` for the data.
+The planner re-plans at each stage from which the path can change, when charge was lost, and every `max_interval_s`: it
+forecasts the plan in force; it searches the path where that is short, or its value has changed; OSQP decides the
+computations at the path found; the policy decides what of it to fly. See `search`, `program` and `policy`, and
+`eadp.planning.forecast` for the data.
 
 The charge to spend excludes the reserve and a margin of z standard deviations of the forecast, so that the reserve is
 kept with a given probability.
@@ -36,7 +37,7 @@ from eadp.planning.base import (
     with_limit,
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Forecast, Objective
+from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
 from eadp.planning.forecast.knapsack import fill_greedy
@@ -47,14 +48,8 @@ from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
 from eadp.planning.state.known import Known
 
-LOOK_EVERY_S = 25.0
-"""Time between looks at the plan in force [s]."""
-
 WARM_UP_S = 5.0
 """No decision before this time [s]: the variance of wind and power is still large."""
-
-SAME_VALUE, SAME_SOC = 0.002, 0.002
-"""Change of the forecast U, and of the charge left over, within which a flight goes as planned."""
 
 TOLERATED = 0.04
 """Standard deviations of the final charge by which the plan in force may be short: 0.946 for a probability of 0.95."""
@@ -82,15 +77,6 @@ class Candidate(NamedTuple):
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
-class _Expected(NamedTuple):
-    """What a re-planning expects: U, charge left over, stages' sets; and when it was made [s]."""
-
-    value: float
-    over: float
-    sets: object
-    time_s: float
-
-
 class JointPlanner(TrackingPlanner):
     """One optimisation over path and computations to the end of the mission; see the module.
 
@@ -115,7 +101,6 @@ class JointPlanner(TrackingPlanner):
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
-        self._expected: _Expected | None = None
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._losses = 0
@@ -164,16 +149,12 @@ class JointPlanner(TrackingPlanner):
             self._next_s = starts_s
         elif jumped or entered or due:
             self._losses = state.losses
-            self._look(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
-            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), self._next_look_s(o.time_s))
+            self._replan(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
+            # a way home is looked at again and again, and so is what is shown
+            often = self._mission.live or self._home[0] is not None
+            interval_s = 0.0 if often else self._own.max_interval_s
+            self._next_s = max(next_multiple(o.time_s, self._settings.every_s), o.time_s + interval_s)
         return self._decision
-
-    def _next_look_s(self, time_s: float) -> float:
-        """When to look next at the latest [s]: a way home is looked at again and again, and so is what is shown."""
-        if self._mission.live or self._home[0] is not None:
-            return time_s
-        made_s = time_s if self._expected is None else self._expected.time_s
-        return min(time_s + LOOK_EVERY_S, made_s + self._own.max_interval_s)
 
     def hold(self, held: Mapping[int, float]) -> None:
         """Re-plan at the next update, with these parameters as they are."""
@@ -184,50 +165,44 @@ class JointPlanner(TrackingPlanner):
         self._evaluator = _evaluator(settings, self._mission, self._own)
         self._places = Places(self._mission, chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
-        self._next_s, self._expected, self._searched = WARM_UP_S + self._own.start_after_s, None, None
+        self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
 
-    # --- looks
-
-    def _look(self, o: Observation, known: Known, cause: str) -> None:
-        """Forecast the plan in force, and re-plan unless the flight goes as planned."""
+    def _replan(self, o: Observation, known: Known, cause: str) -> None:
+        """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
-        search = bool(self._places.open) and self._must_search(o, plan, cause)
-        if plan is not None and not search and self._goes_as_planned(o, plan):
-            return
-        found = self._searched_plan(known, plan) if search else plan
+        closes = plan is not None and self._closes(cause, plan.evaluation.earliest_s(0))
+        search = not closes and bool(self._places.open) and self._must_search(o, plan, cause)
+        found = self._searched_plan(known, plan, cause) if search else plan
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
-            self._decision, self._expected = self._decision._replace(reason=why), None
+            self._decision = self._decision._replace(reason=why)
         else:
             solution = self._program.solve(found.evaluation.knapsack)
-            self._decide(o, known, cause, found._replace(solution=solution), calls, searched=search)
+            found = found._replace(shares=self._places.settled(known, found.shares), solution=solution)
+            chosen = self._decision.parameters if closes else self._chosen(o, found)
+            self._decide(o, known, cause, found, chosen, calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
 
-    def _plan(self, known: Known, shares: Shares, tolerated: float = TOLERATED) -> Candidate | None:
+    def _closes(self, cause: str, remaining_s: float) -> bool:
+        """Whether the end is so near that nothing changes; the first decision always may."""
+        return self._decision.record is not None and self._policy.closes(cause, remaining_s)
+
+    def _plan(self, known: Known, shares: Shares) -> Candidate | None:
         """The plan at a place, computations in closed form; None where it cannot be flown."""
         _, evaluation = self._places.evaluate(self._evaluator, known, [shares])
         if evaluation is None:
             return None
         knapsack = evaluation.knapsack
-        if 0 < -float(knapsack.spare[0]) < tolerated * float(evaluation.std[0]):
+        if 0 < -float(knapsack.spare[0]) < TOLERATED * float(evaluation.std[0]):
             evaluation = evaluation.with_knapsack(knapsack._replace(available=knapsack.base_use))
         return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
 
-    def _goes_as_planned(self, o: Observation, plan: Candidate) -> bool:
-        """Whether the plan in force is still what was expected: another would gain nothing to speak of."""
-        expected = self._expected
-        if expected is None or self._mission.live or not plan.solution.feasible or self._home[0] is not None:
-            return False
-        if expected.sets != o.cursor.stage.sets or o.time_s - expected.time_s > self._own.max_interval_s:
-            return False
-        return abs(plan.solution.value - expected.value) < SAME_VALUE and abs(plan.over - expected.over) < SAME_SOC
-
-    def _searched_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
-        """The plan with the best path, or the one in force unless the gain is large enough."""
+    def _searched_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
+        """The plan with the best path; the one in force where the gain is small, or the change would come too late."""
         places = self._places
         flown = kept if kept is not None and kept.solution.feasible else None
 
@@ -246,6 +221,8 @@ class JointPlanner(TrackingPlanner):
             found = kept
         else:
             found = self._plan(known, best.shares) or kept
+        if found is not None and kept is not None and self._closes(cause, self._after_change_s(found)):
+            found = kept
         if found is not None:
             self._searched = found.solution.value, found.over
         return found
@@ -267,48 +244,41 @@ class JointPlanner(TrackingPlanner):
 
     # --- decisions
 
-    def _decide(self, o: Observation, known: Known, cause: str, plan: Candidate, calls: int, *, searched: bool) -> None:
-        """Decide what of a plan to fly."""
-        evaluation, solution = plan.evaluation, plan.solution
+    def _chosen(self, o: Observation, plan: Candidate) -> Vector:
+        """The parameters of a plan to fly with now."""
         rho, before = self._mission.plan.path_count, self._decision.parameters
-        forecast = evaluation.forecast(0, solution.filling)
-        settled = self._places.settled(known, plan.shares)
-        chosen = self._places.parameters(settled)
-        if self._expected is not None and self._policy.closes(cause, forecast.remaining_s - forecast.remaining_std_s):
-            settled, chosen = self._places.shares, before
-        elif any(not box.fixed for box in o.cursor.stage.sets[rho:]):
-            now_w = self._power_w(evaluation, before)
-            computations = self._policy.computations(o.time_s, before[rho:], now_w, evaluation, 0, solution)
+        chosen = self._places.parameters(plan.shares)
+        if any(not box.fixed for box in o.cursor.stage.sets[rho:]):
+            now_w = self._power_w(plan.evaluation, before)
+            computations = self._policy.computations(o.time_s, before[rho:], now_w, plan.evaluation, 0, plan.solution)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
-            if self._expected is not None and self._policy.closes(
-                cause, self._after_change_s(evaluation, chosen) - forecast.remaining_std_s
-            ):
-                settled, chosen = self._places.shares, (*before[:rho], *chosen[rho:])
-            else:
-                self._policy.path_changed()
-        if not solution.feasible:
-            self.report.infeasible += 1
-        limit = self._battery_limit(known, plan)
+            self._policy.path_changed()
+        return chosen
+
+    def _decide(
+        self, o: Observation, known: Known, cause: str, plan: Candidate, chosen: Vector, calls: int, *, searched: bool
+    ) -> None:
+        """Decide on a plan, and on the parameters of it to fly with now."""
+        solution, limit = plan.solution, self._battery_limit(known, plan)
+        self.report.infeasible += not solution.feasible
         reason = with_limit(self._reason(o, known, plan, chosen, searched=searched), limit)
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
         returns_home = self._must_turn_back(o.time_s, plan)
         if returns_home:
             reason = f"home: {reason}"
-        record = self._record(o, known, cause, chosen, plan, forecast, reason)
+        record = self._record(o, known, cause, chosen, plan, reason)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
-        self._expected = _Expected(solution.value, plan.over, o.cursor.stage.sets, o.time_s)
-        self._places.decide(settled, chosen)
+        self._places.decide(plan.shares, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
 
-    def _after_change_s(self, evaluation: Evaluation, parameters: Vector) -> float:
-        """Time that is left when path parameters take effect [s]; all of it where they never do."""
-        route, rho = evaluation.routes[0], self._mission.plan.path_count
+    def _after_change_s(self, plan: Candidate) -> float:
+        """Least time that is left when the path parameters of a plan take effect [s]; all of it where they never do."""
+        route, rho = plan.evaluation.routes[0], self._mission.plan.path_count
         start = route.parameters[0][:rho]
         changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
-        first = changed[0] if changed and start != parameters[:rho] else 0
-        return float(evaluation.expected_s(0)[first:].sum())
+        return plan.evaluation.earliest_s(0, changed[0] if changed else 0)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of parameters within the sets of the stage being flown [W]."""
@@ -369,9 +339,10 @@ class JointPlanner(TrackingPlanner):
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
 
     def _record(
-        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, forecast: Forecast, reason: str
+        self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
+        forecast = plan.evaluation.forecast(0, solution.filling)
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         spare, reached_s = self._home
         return DecisionRecord(

@@ -125,19 +125,19 @@ class Search:
         dimensions : int
             Number of path parameters; `start` has twice as many where later segments of laps have their own.
         """
-        found = self.look([start])
         twice = len(start) // dimensions
         if dimensions > max(POINTS):
+            found = self.look([start])
             for axis in [*range(dimensions)] * 2:
                 base = max(found, key=_rank).shares if found else start
                 found += self._along(base, [axis], POINTS[1])
         elif dimensions > 1:
             grid = np.linspace(0.0, 1.0, POINTS[dimensions]).tolist()
-            found += self.look(point * twice for point in itertools.product(grid, repeat=dimensions))
+            found = self.look([start, *(point * twice for point in itertools.product(grid, repeat=dimensions))])
             for place in sorted(found, key=_rank)[-SEARCHED:]:
                 found.append(self._pattern(place, dimensions, 0.5 / (POINTS[dimensions] - 1)))
         else:
-            found += self._along(start, range(twice), POINTS[1])
+            found = self._along(start, range(twice), POINTS[1])
             for axis in range(twice) if twice > 1 else ():
                 base = max(found, key=_rank).shares if found else start
                 found += self._along(base, [axis], POINTS[1])

@@ -61,9 +61,6 @@ def test_what_it_forecasts_to_see_it_has_seen_in_the_end(gusty):
         assert last.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
 
 
-@pytest.mark.xfail(
-    reason="where nothing may change any more, the record forecasts the path found and not the one flown"
-)
 def test_a_path_that_is_refused_is_not_what_is_forecast(gusty):
     for outcome in [outcome for outcome, *_ in gusty if outcome.completed]:
         last = outcome.records[-1]
