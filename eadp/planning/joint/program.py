@@ -24,7 +24,7 @@ from eadp.planning.forecast.knapsack import FULL, Filling, Knapsack, fill_greedy
 from eadp.planning.qp import UNBOUNDED, QuadraticProgram
 
 PROXIMAL, TOLERANCE = 1e-4, 1e-7
-"""Weight of the proximal term, for a gradient scaled to 1, and OSQP's tolerance."""
+"""Weight of the proximal term, for a gradient of median 1, and OSQP's tolerance."""
 
 OUTDONE = 1e-6
 """Gain of the closed form from which it is taken instead of the QP's solution."""
@@ -131,7 +131,7 @@ class ComputationProgram:
         column, slope, start = np.ones(count), np.zeros(count), np.zeros(count)
         column[:real] = np.maximum(use / mean_use, 1e-6)
         slope[:real], start[:real] = gain / column[:real], centre * column[:real]
-        largest = float(slope.max())
+        usual = float(np.median(slope[:real]))  # a lap's rest may be worth a hundred times as much
         if self._qp is None or count != self._size:
             filled = np.vstack([np.ones((1, count)), np.eye(count)]) > 0
             self._qp, self._size = QuadraticProgram(filled, PROXIMAL, self._report, TOLERANCE), count
@@ -141,8 +141,8 @@ class ComputationProgram:
         room = UNBOUNDED if spare >= float(use.sum()) else spare / mean_use
         lower, upper = np.zeros(count + 1), np.zeros(count + 1)
         lower[0], upper[0], upper[1 : real + 1] = -UNBOUNDED, room, column[:real]
-        solution = self._qp.solve(-slope / largest, matrix, lower, upper, start)
-        multiplier = max(float(solution.multipliers[0]), 0.0) * largest / mean_use
+        solution = self._qp.solve(-slope / usual, matrix, lower, upper, start)
+        multiplier = max(float(solution.multipliers[0]), 0.0) * usual / mean_use
         return (solution.x / column)[:real], multiplier, solution.iterations
 
 

@@ -47,21 +47,7 @@ def test_every_feasible_re_planning_states_the_probability_that_is_asked_for(gus
     assert min(record.reserve_probability for record in records) >= STATED
 
 
-def is_refused(record):
-    """Whether a path was searched and found, and not decided: the record then forecasts what is not flown."""
-    return record.reason.startswith("kept: no change gains enough")
-
-
 def test_what_it_forecasts_to_see_it_has_seen_in_the_end(gusty):
-    completed = [outcome for outcome, *_ in gusty if outcome.completed]
-    counted = [outcome for outcome in completed if not is_refused(outcome.records[-1])]
-    assert len(counted) > len(gusty) / 2
-    for outcome in counted:
-        last = outcome.records[-1]
-        assert last.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
-
-
-def test_a_path_that_is_refused_is_not_what_is_forecast(gusty):
     for outcome in [outcome for outcome, *_ in gusty if outcome.completed]:
         last = outcome.records[-1]
         assert last.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
@@ -88,7 +74,7 @@ def test_osqp_decides_and_certifies_itself(gusty):
         for record in outcome.records:
             assert record.gap is None or (record.gap > OUTDONE) == (record.status == CLOSED_FORM)
     reports = [planner.report for _, _, planner in gusty]
-    assert sum(report.outdone for report in reports) < 0.1 * sum(report.solved for report in reports)
+    assert sum(report.outdone for report in reports) < 0.01 * sum(report.solved for report in reports)
 
 
 @pytest.mark.parametrize(("at_s", "drop"), [(60.0, 0.08), (93.0, 0.06), (200.0, 0.1)])
