@@ -15,9 +15,11 @@ import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import numpy as np
 from measured import head, line
 
 from eadp.models.plan.cursor import PlanCursor
@@ -26,11 +28,39 @@ from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint import places, policy, search
-from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search
 from eadp.planning.joint.settings import JointSettings
+
+SEVERAL = """\
+%: computations fps
+%: trigger-radius 20
+init:
+n = 4
+left  = -115, 150 - 2*sqrt(4900 + c1)
+mid   = -40,  150 - 2*sqrt(4900 + c1)
+right = 35,   150 - 2*sqrt(4900 + c1)
+top   = 146,  (75 - sqrt(4900 + c1))/5
+turn  = 11,   (75 - sqrt(4900 + c1))/5
+low   = -11,  (75 - sqrt(4900 + c1))/5
+path:
+0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - top - c2)^2 - 4900 - c1
+left, top + c2
+SETS
+0.1; 270; x - left
+left, low - MORE
+SETS
+0.006; 90; (x - mid)^2 + (y - turn + MORE)^2 - 75^2
+right, low - MORE
+SETS
+0.1; 90; x - right
+right, top + c2
+SETS
+trig:
+175, 161 + c2
+"""
+"""The survey with more path parameters: c2 shortens its lines at the top, c3 at the bottom."""
 
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
 OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
@@ -58,6 +88,10 @@ def _without_gauge_gain(self: Evaluator, known: Any, totals: Any, soc: Any) -> A
     return charge_std(self, known._replace(charge=known.charge._replace(gain_std=0.0)), totals, soc)
 
 
+def _no_effect(times_s: Any) -> tuple[Any, Any]:
+    return np.ones(len(times_s)), np.zeros(len(times_s))
+
+
 def _closed_form(_: ComputationProgram, knapsack: Any) -> Solution:
     return Solution(fill_greedy(knapsack), SOLVED)
 
@@ -74,22 +108,28 @@ VARIANTS: Mapping[str, Variant] = {
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no pattern search": Variant(((Search, "_pattern", lambda _, start, *__: start),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
-    "changes without a margin (`MARGIN` = 0)": Variant(((policy, "MARGIN", 0.0),)),
-    "computations rounded down (no `RISE`, `FALL`)": Variant(
-        ((policy, "RISE", ALL), (policy, "FALL", ALL), (policy, "MAX_RISE", ALL))
-    ),
-    "rises for any gain (`RISE_GAIN` = 0)": Variant(((policy, "RISE_GAIN", 0.0),)),
+    "computations rise where they last to the end alone (`RISE` = 1)": Variant(((policy, "RISE", ALL),)),
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
     "changes to the end (`LAST_S` = 0)": Variant(((policy, "LAST_S", 0.0),)),
-    "no tolerance (`TOLERATED` = 0)": Variant(((JointPlanner._plan, "__defaults__", (0.0,)),)),
     "every end certain": Variant(
         ((evaluate, "_ends", lambda *_: CERTAIN), (places, "margin_m", lambda _: 0.0)),
     ),
-    "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", lambda *_: (1.0, 0.0)),)),
+    "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", _no_effect),)),
     "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
     **{f"{rate:g} expected losses an hour": _rated(rate) for rate in OTHER_RATES_PER_H},
 }
+
+
+def plans_of_several(folder: Path) -> dict[str, str]:
+    """Plans with two and with three path parameters."""
+    found = {}
+    for name, more, count in (("two", "0", 1), ("three", "c3", 2)):
+        sets = "\n".join(["[-1000, 0]", *["[-60, 0]"] * count, "[2, 10]"])
+        path = folder / f"{name}.plan"
+        path.write_text(SEVERAL.replace("SETS", sets).replace("MORE", more))
+        found[name] = str(path)
+    return found
 
 
 def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -145,7 +185,6 @@ def ablation_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
     yield head("planner `joint`", *TITLES)
     for name in VARIANTS:
         yield row(name, [mission[name] for mission in missions], beside)
-    yield "Pattern search is for two or three path parameters; these missions have one."
 
 
 def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:

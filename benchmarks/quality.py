@@ -42,7 +42,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ablation import ablated, ablation_table, losses, losses_table, value
+from ablation import ablated, ablation_table, losses, losses_table, plans_of_several, value
 from measured import head, line, recorded
 
 from eadp.core.compiled import enable
@@ -132,7 +132,6 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
         }
         share, drops = float(rng.uniform(0.5, 1.3)), int(rng.integers(0, 4))
         whens, sizes = rng.uniform(0, 1, drops), rng.uniform(0.02, 0.12, drops)
-        starts = rng.uniform(0, 1, 2)
         highest = flown(load(found[place], {**keys, "battery.capacity_ah": 50.0}, **{"planner.name": "static"}))
         need_ah = (1 - highest["soc"]) * 50.0 / (1 - RESERVE)
         duration = highest["time_s"]
@@ -142,11 +141,12 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
             for when, size in sorted(zip(whens, sizes, strict=True))
         ]
         plan = load(found[place], keys).mission.plan
-        boxes = [plan.hull(0), plan.hull(1)]
-        keys["parameters"] = {
-            "c1": boxes[0].lo + float(starts[0]) * (boxes[0].hi - boxes[0].lo),
-            "c2": float(round(boxes[1].lo + float(starts[1]) * (boxes[1].hi - boxes[1].lo))),
-        }
+        boxes = [plan.hull(i) for i in range(len(plan.names))]
+        starts = [
+            box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, rng.uniform(0, 1, len(boxes)), strict=True)
+        ]
+        starts[plan.path_count :] = [float(round(start)) for start in starts[plan.path_count :]]
+        keys["parameters"] = dict(zip(plan.names, starts, strict=True))
         made.append(Case(index, place, vehicle, keys))
     return made
 
@@ -874,7 +874,7 @@ def _print(given: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
         if given.ablate or given.losses:
-            variants(given, found)
+            variants(given, found | (plans_of_several(Path(folder)) if given.ablate else {}))
             return
         if given.schedules or given.batteries:
             missions = cases(given.schedules or given.batteries, given.seed, found)

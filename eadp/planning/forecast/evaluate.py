@@ -193,10 +193,6 @@ class Evaluation:
         """The optimal computations at each place, in closed form."""
         return fill_greedy(self.knapsack)
 
-    def with_knapsack(self, knapsack: Knapsack) -> Evaluation:
-        """The same with another knapsack."""
-        return replace(self, knapsack=knapsack)
-
     def shortfall(self, place: int) -> float:
         """State of charge missing for minimum power; 0 where it suffices."""
         return max(0.0, -float(self.knapsack.spare[place]))
@@ -206,10 +202,6 @@ class Evaluation:
         powers_w = self.evaluator.envelopes.table.powers_w[self.kinds]
         added: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
         return added
-
-    def ground_ahead(self, place: int) -> float:
-        """Weight of what is left in the objective: the share of the mission's ground for U."""
-        return float(self.weight[self.legs.place == place].sum())
 
     def expected_s(self, place: int) -> FloatArray:
         """Time on each leg of a place times the probability that it is flown [s]."""
@@ -232,11 +224,12 @@ class Evaluation:
         energies_j = powers_w * times_s
         energy_j, seconds = float(energies_j.sum()), float(totals.seconds[place])
         energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(totals.time_var_s2[place])
-        end_soc = self.known.soc - float(filling.use[place]) - self.evaluator.lost(seconds)
-        std = self.evaluator.charge_std(self.known, totals, end_soc)[place]
+        end_soc = self.known.soc - float(filling.use[place]) - float(self.evaluator.losses(seconds)) * LOSS
         time_mean, time_var = moments(ends.all_shares, ends.unspent(times_s))
         energy_mean, spread = moments(ends.all_shares, ends.unspent(energies_j))
-        means = tuple([end_soc + float(totals.soc_per_j[place]) * left for left in ends.unspent(energies_j)])
+        soc_per_j = float(totals.soc_per_j[place])
+        means = tuple([end_soc + soc_per_j * left for left in ends.unspent(energies_j)])
+        std = self.evaluator.charge_std(self.known, totals, end_soc + soc_per_j * energy_mean)[place]
         return Forecast(
             remaining_s=seconds - time_mean,
             remaining_std_s=math.sqrt(float(totals.time_var_s2[place]) + time_var),
@@ -278,16 +271,18 @@ class Evaluator:
         self._scale_s = 0.0
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
-    def lost(self, seconds: float) -> float:
-        """State of charge that sudden losses take over a time [s], on average."""
-        return self.objective.losses_per_s * seconds * LOSS
+    def losses(self, seconds: float | FloatArray) -> FloatArray:
+        """Sudden losses of charge to expect in a time [s]; none where even one is less likely than is accepted."""
+        count = self.objective.losses_per_s * np.asarray(seconds)
+        expected: FloatArray = np.where(count > 1 - self.objective.probability, count, 0.0)
+        return expected
 
     def charge_std(self, known: Known, totals: Totals, soc: float | FloatArray) -> FloatArray:
         """Standard deviation of the final state of charge, where its mean is `soc`, shape (routes,)."""
         # the energy of the motion, and that of a time that is off
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
         gain = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
-        losses = self.objective.losses_per_s * totals.seconds * LOSS_SQUARE
+        losses = self.losses(totals.seconds) * LOSS_SQUARE
         std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + totals.charge_var + gain**2 + losses)
         return std
 
@@ -460,7 +455,7 @@ class Evaluator:
         knapsack: Knapsack,
     ) -> FloatArray:
         """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
-        soc = known.soc - self.objective.losses_per_s * totals.seconds * LOSS
+        soc = known.soc - self.losses(totals.seconds) * LOSS
         level = soc - self._z * std
         for place, own in enumerate(ends):
             if own.shares:

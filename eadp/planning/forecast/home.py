@@ -45,7 +45,7 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
-    motion, losses = known.motion, objective.losses_per_s * seconds
+    motion, losses = known.motion, float(evaluator.losses(seconds))
     energy_var = seconds**2 * motion.var_level + motion.noise * seconds
     energy_var += power_w**2 * (seconds**2 * known.time.variance + known.time.noise_s * seconds)
     soc = then[0] - losses * LOSS

@@ -40,7 +40,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
-from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint.places import Places
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
@@ -50,9 +49,6 @@ from eadp.planning.state.known import Known
 
 WARM_UP_S = 5.0
 """No decision before this time [s]: the variance of wind and power is still large."""
-
-TOLERATED = 0.04
-"""Standard deviations of the final charge by which the plan in force may be short: 0.946 for a probability of 0.95."""
 
 BETTER = 0.1
 """Standard deviations of the final charge by which a plan has to be less short to be another one."""
@@ -149,11 +145,11 @@ class JointPlanner(TrackingPlanner):
             self._next_s = starts_s
         elif jumped or entered or due:
             self._losses = state.losses
-            self._replan(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
             # a way home is looked at again and again, and so is what is shown
-            often = self._mission.live or self._home[0] is not None
+            often = self._mission.live or self._mission.home_m is not None
             interval_s = 0.0 if often else self._own.max_interval_s
             self._next_s = max(next_multiple(o.time_s, self._settings.every_s), o.time_s + interval_s)
+            self._replan(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:
@@ -173,6 +169,8 @@ class JointPlanner(TrackingPlanner):
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
         closes = plan is not None and self._closes(cause, plan.evaluation.earliest_s(0))
+        if closes and self._mission.home_m is None:
+            return
         search = not closes and bool(self._places.open) and self._must_search(o, plan, cause)
         found = self._searched_plan(known, plan, cause) if search else plan
         if found is None:
@@ -183,6 +181,8 @@ class JointPlanner(TrackingPlanner):
             solution = self._program.solve(found.evaluation.knapsack)
             found = found._replace(shares=self._places.settled(known, found.shares), solution=solution)
             chosen = self._decision.parameters if closes else self._chosen(o, found)
+            if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
+                found = self._held(found, chosen)
             self._decide(o, known, cause, found, chosen, calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
@@ -196,10 +196,7 @@ class JointPlanner(TrackingPlanner):
         _, evaluation = self._places.evaluate(self._evaluator, known, [shares])
         if evaluation is None:
             return None
-        knapsack = evaluation.knapsack
-        if 0 < -float(knapsack.spare[0]) < TOLERATED * float(evaluation.std[0]):
-            evaluation = evaluation.with_knapsack(knapsack._replace(available=knapsack.base_use))
-        return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.knapsack), ""))
+        return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
 
     def _searched_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
         """The plan with the best path; the one in force where the gain is small, or the change would come too late."""
@@ -211,11 +208,11 @@ class JointPlanner(TrackingPlanner):
 
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
         slope = self._evaluator.path_weight
-        best = Search(evaluate, slope, threshold, self._policy.margin).best(places.shares, len(places.open))
+        best = Search(evaluate, slope, threshold).best(places.shares, len(places.open))
         if best is None:
             return kept
         found: Candidate | None
-        if flown is not None and (not best.sure or best.value <= threshold):
+        if flown is not None and best.value <= threshold:
             found = flown
         elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
             found = kept
@@ -248,13 +245,18 @@ class JointPlanner(TrackingPlanner):
         """The parameters of a plan to fly with now."""
         rho, before = self._mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
-        if any(not box.fixed for box in o.cursor.stage.sets[rho:]):
+        if self._is_free(o):
             now_w = self._power_w(plan.evaluation, before)
-            computations = self._policy.computations(o.time_s, before[rho:], now_w, plan.evaluation, 0, plan.solution)
+            computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
+            self._next_s = min(self._next_s, o.time_s + lasts_s)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
             self._policy.path_changed()
         return chosen
+
+    def _is_free(self, o: Observation) -> bool:
+        """Whether the stage leaves the computations a choice."""
+        return any(not box.fixed for box in o.cursor.stage.sets[self._mission.plan.path_count :])
 
     def _decide(
         self, o: Observation, known: Known, cause: str, plan: Candidate, chosen: Vector, calls: int, *, searched: bool
@@ -272,6 +274,14 @@ class JointPlanner(TrackingPlanner):
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._places.decide(plan.shares, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
+
+    def _held(self, plan: Candidate, chosen: Vector) -> Candidate:
+        """A plan with the computations as they are now to the end: they change no more."""
+        evaluation = plan.evaluation
+        powers_w = evaluation.evaluator.envelopes.table.powers_w[evaluation.kinds, 1:]
+        flown = np.where(powers_w <= self._power_w(evaluation, chosen) + 1e-9, 1.0, 0.0)
+        filling = evaluation.knapsack.filling(flown)
+        return plan._replace(solution=plan.solution._replace(filling=filling))
 
     def _after_change_s(self, plan: Candidate) -> float:
         """Least time that is left when the path parameters of a plan take effect [s]; all of it where they never do."""

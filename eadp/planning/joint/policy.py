@@ -1,10 +1,12 @@
 """When to change what: the hysteresis between a plan that is optimal now and the parameters that are flown.
 
 A pilot changes little. Path parameters change for a least gain, which grows with each change. Computations fall when
-the plan needs it, with some charge to spare so that they need not fall again soon, and rise when they can stay up.
+the plan needs it, stay down for a while, and rise when they can stay up. Near the end nothing changes.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -13,21 +15,14 @@ from eadp.planning.base import JUMPED
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.joint.program import Solution
 
-RISE, FALL, MAX_RISE = 0.25, 0.10, 0.97
-"""Of the two configurations around the sustained power, the upper one is flown first if it can be for more than this
-share of the remaining time: thresholds to rise to it, once more of it for each fall, to stay with it, and to rise at
-most. The variance of the forecast shrinks in flight, and its margin with it: charge saved at first is spent later."""
+RISE, HELD_S = 0.25, 5.0
+"""Of the two configurations around the sustained power, the upper one is flown first, and the lower one for the rest.
+It rises to the upper one if that can be flown for more than this share of the remaining time, and stays while it can be
+for more than this time [s]. The variance of the forecast shrinks in flight: charge saved at first is spent later."""
 
-RISE_GAIN = 0.002
-"""Least gain of U over what is left for which computations rise, times one more for each change."""
-
-SETTLED_S, LAST_S = 60.0, 40.0
+SETTLED_S, LAST_S = 60.0, 35.0
 """Time after a fall in which computations do not rise again; and time before the end in which nothing changes, unless
 charge was lost [s]."""
-
-MARGIN, MAX_MARGIN = 0.3, 1.5
-"""Standard deviations of the final charge that a change keeps to spare, half as much more for each change before it,
-and at most: a plan in force is left where it no longer keeps the reserve with its probability, and not before."""
 
 
 class Policy:
@@ -35,18 +30,13 @@ class Policy:
 
     def __init__(self, min_gain: float) -> None:
         self._min_gain = min_gain
-        self._falls = self._changes = self._path_changes = 0
+        self._path_changes = 0
         self._fell_s = -SETTLED_S
 
     @property
     def path_gain(self) -> float:
         """Gain of U for which a path parameter changes."""
         return self._min_gain * (1 + self._path_changes / 2)
-
-    @property
-    def margin(self) -> float:
-        """Standard deviations of the final charge that a change keeps to spare."""
-        return min(MARGIN * (1 + self._changes / 2), MAX_MARGIN)
 
     def closes(self, cause: str, remaining_s: float) -> bool:
         """Whether the flight is so near its end that nothing changes."""
@@ -55,50 +45,40 @@ class Policy:
     def path_changed(self) -> None:
         """A path parameter has changed."""
         self._path_changes += 1
-        self._changes += 1
 
     def computations(
-        self, time_s: float, now: Vector, now_w: float, evaluation: Evaluation, place: int, solution: Solution
-    ) -> Vector:
-        """The computations to fly with now: those sustained to the end.
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
+    ) -> tuple[Vector, float]:
+        """The computations to fly with now, and for how long [s]: those sustained to the end.
 
         Parameters
         ----------
         time_s : float
             [s].
-        now, now_w : tuple of float, float
-            Computations in force, and their power [W].
+        now_w : float
+            Power of the computations in force [W].
         evaluation : Evaluation
-        place : int
+            Of one place.
         solution : Solution
         """
-        legs = evaluation.legs
-        kind = int(evaluation.kinds[legs.first[place]])
+        kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
-        powers_w, values = envelope.powers_w, envelope.values
-        remaining_s = float(evaluation.totals.seconds[place])
+        powers_w = envelope.powers_w
         held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
-        if not solution.feasible:
-            return self._fly(time_s, held, 0, envelope.configurations)
-        target_w = sustained_w(evaluation, place, kind, solution)
-        per_w = max(float(evaluation.totals.soc_per_j[place]) * remaining_s, 1e-12)
-        sure, sure_share = _vertex(powers_w, target_w - self.margin * float(evaluation.std[place]) / per_w)
-        below, share = _vertex(powers_w, target_w)
-        rises = sure + (sure_share > min(RISE * (1 + self._falls), MAX_RISE))
-        if rises > held:
-            gain = (values[rises] - values[held]) * evaluation.ground_ahead(place)
-            on_vertex = tuple(envelope.configurations[held].tolist()) == now
-            waits = time_s - self._fell_s < SETTLED_S or (gain < RISE_GAIN * (1 + self._changes) and on_vertex)
-            return self._fly(time_s, held, held if waits else int(rises), envelope.configurations)
-        stays = held <= below + (share > FALL)
-        return self._fly(time_s, held, held if stays else min(sure, held), envelope.configurations)
-
-    def _fly(self, time_s: float, held: int, chosen: int, configurations: np.ndarray) -> Vector:
+        chosen, lasts_s = 0, math.inf
+        if solution.feasible:
+            below, share = _vertex(powers_w, sustained_w(evaluation, kind, solution))
+            if share < 1:  # the upper one falls before the end is so near that nothing changes
+                remaining_s = float(evaluation.totals.seconds[0])
+                lasts_s = min(share * remaining_s, evaluation.earliest_s(0) - LAST_S - HELD_S)
+            rises = below + (lasts_s > HELD_S and share > RISE)
+            stays = held <= below + (lasts_s > HELD_S)
+            waits = time_s - self._fell_s < SETTLED_S
+            chosen = (held if waits else rises) if rises > held else held if stays else below
+            lasts_s = lasts_s if chosen > below else math.inf
         if chosen < held:
-            self._falls += 1
             self._fell_s = time_s
-        self._changes += chosen != held
-        return tuple(configurations[chosen].tolist())
+        return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 
 def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
@@ -109,20 +89,18 @@ def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
     return below, float((target_w - powers_w[below]) / (powers_w[below + 1] - powers_w[below]))
 
 
-def sustained_w(evaluation: Evaluation, place: int, kind: int, solution: Solution) -> float:
+def sustained_w(evaluation: Evaluation, kind: int, solution: Solution) -> float:
     """Mean power of the computations over the legs of a kind, as allocated [W].
 
     Held constant, it uses as much charge as the optimal mix over time. Charge that is left over counts.
     """
     envelope = evaluation.evaluator.envelopes[kind]
-    mine = (evaluation.kinds == kind) & (evaluation.legs.place == place)
-    steps = len(envelope.powers_w) - 1
-    use = evaluation.knapsack.use[mine, :steps]
-    shares = solution.filling.shares[evaluation.kinds[evaluation.legs.place == place] == kind, :steps]
+    mine, steps = evaluation.kinds == kind, len(envelope.powers_w) - 1
+    use, shares = evaluation.knapsack.use[mine, :steps], solution.filling.shares[mine, :steps]
     whole = use.sum(axis=0)
     taken = (use * shares).sum(axis=0)
     mix = np.divide(taken, whole, out=np.zeros(steps), where=whole > 0)
     power_w = float(envelope.powers_w[0] + mix @ np.diff(envelope.powers_w))
-    over = float(evaluation.knapsack.available[place]) - float(solution.filling.use[0])
-    per_w = float(evaluation.totals.soc_per_j[place]) * float(evaluation.totals.seconds[place])
+    over = float(evaluation.knapsack.available[0] - solution.filling.use[0])
+    per_w = float(evaluation.totals.soc_per_j[0] * evaluation.totals.seconds[0])
     return power_w + max(over, 0.0) / max(per_w, 1e-12)

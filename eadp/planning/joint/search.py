@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.planning.forecast.evaluate import Evaluation
-from eadp.planning.forecast.knapsack import fill_greedy
 
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets; with later segments of laps, those for these follow."""
@@ -38,32 +37,31 @@ SAME = 1e-11
 
 
 class Place(NamedTuple):
-    """A place: what it keeps, its value, and the charge it is short of.
+    """A place: its value, and the charge it is short of.
 
     Attributes
     ----------
     shares : tuple of float
-    sure, feasible : bool
-        Whether the reserve is kept with its probability, with the search's margin and without.
+    feasible : bool
+        Whether the reserve is kept with its probability.
     value : float
-        Of the best computations, within the margin where it is kept.
+        Of the best computations.
     shortfall : float
-        State of charge missing without the margin; 0 where it suffices.
+        State of charge missing; 0 where it suffices.
     steps : int
         Number of legs: it identifies the step.
     """
 
     shares: Shares
-    sure: bool
     feasible: bool
     value: float
     shortfall: float
     steps: int
 
     @property
-    def rank(self) -> tuple[bool, bool, float]:
-        """Greater for the better place: a sure one, a feasible one, then the greater value or the smaller shortfall."""
-        return self.sure, self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
+    def rank(self) -> tuple[bool, float]:
+        """Greater for the better place: a feasible one, then the greater value or the smaller shortfall."""
+        return self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
 
 
 Evaluate = Callable[[list[Shares]], tuple[list[Shares], Evaluation | None]]
@@ -81,8 +79,6 @@ class Search:
         Greatest change of the objective for a share more: the weight of the path parameters.
     threshold : float
         Value that a place has to exceed to be of use.
-    margin : float
-        Standard deviations of the final charge to keep beyond what the reserve requires.
 
     Attributes
     ----------
@@ -93,7 +89,6 @@ class Search:
     evaluate: Evaluate
     slope: float = 1.0
     threshold: float = -math.inf
-    margin: float = 0.0
     known: dict[Shares, Place | None] = field(default_factory=dict)
 
     def look(self, places: Iterable[Shares]) -> list[Place]:
@@ -104,15 +99,11 @@ class Search:
             self.known.update(dict.fromkeys(new))
             flyable, found = self.evaluate(new)
             if found is not None:
-                knapsack, filling = found.knapsack, found.filled()
-                sure = fill_greedy(knapsack._replace(available=knapsack.available - self.margin * found.std))
-                value = np.where(sure.feasible, sure.value, filling.value)
-                counts, spare = found.legs.last - found.legs.first + 1, knapsack.spare
+                filling, spare = found.filled(), found.knapsack.spare
+                counts = found.legs.last - found.legs.first + 1
                 for i, shares in enumerate(flyable):
-                    kept, short = bool(filling.feasible[i]), max(0.0, -float(spare[i]))
-                    self.known[shares] = Place(
-                        shares, bool(sure.feasible[i]), kept, float(value[i]), short, int(counts[i])
-                    )
+                    feasible, value = bool(filling.feasible[i]), float(filling.value[i])
+                    self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(counts[i]))
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
     def best(self, start: Shares, dimensions: int) -> Place | None:
@@ -200,7 +191,7 @@ class Search:
         return own
 
 
-def _rank(place: Place) -> tuple[bool, bool, float]:
+def _rank(place: Place) -> tuple[bool, float]:
     return place.rank
 
 

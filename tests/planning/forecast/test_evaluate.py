@@ -292,7 +292,10 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
     assert ends[0].soc_end - ends[1].soc_end == pytest.approx(lost.mean(), rel=0.02)
     # the gauge's gain at a lower end is a trace more
     assert ends[1].ends.variance - ends[0].ends.variance == pytest.approx(lost.var(), rel=0.04)
-    assert losing.evaluator.lost(100.0) == pytest.approx(rate * 100 * LOSS)
+    assert losing.evaluator.losses(100.0) == pytest.approx(rate * 100)
+    # a loss that is less likely than the reserve's risk does not count
+    assert losing.evaluator.losses(0.049 / rate) == 0
+    assert losing.evaluator.losses(0.051 / rate) == pytest.approx(0.051)
     assert LOSS_SQUARE > LOSS**2
 
 
@@ -517,7 +520,6 @@ def test_the_gain_of_an_increment_is_the_difference_of_u(weights):
             assert values[-1] == pytest.approx(weights.get("c2", 1.0) / total)
         highest = found.knapsack.base_value[place] + found.knapsack.gain[mine].sum()
         assert highest == pytest.approx(quality_of(forecasting, found, place, none + 1, flown), abs=ALGEBRA)
-        assert found.ground_ahead(place) == pytest.approx(found.weight[mine].sum())
 
 
 def test_total_adds_up_the_computations_over_time():

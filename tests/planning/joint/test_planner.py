@@ -25,6 +25,7 @@ from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
+from eadp.planning.joint.policy import HELD_S, LAST_S
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -178,7 +179,8 @@ def test_the_objective_total_adds_up_computations(tight):
     def added(flight):
         return flight.mean(1) * flight.outcome.duration_s
 
-    assert added(total) >= added(tight) - 5 * 10
+    # near the end nothing changes: what has to fall falls before
+    assert added(total) >= added(tight) - 5 * 10 - (LAST_S + HELD_S) * 8
     assert all(record.quality_forecast is None for record in total.records)
 
 
@@ -236,7 +238,9 @@ def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capaci
     assert set(flown_with) == {2.0, 10.0}, "what lasts lies between"
     assert sum(a != b for a, b in itertools.pairwise(flown_with)) <= 6
     assert left >= RESERVE
-    assert left < RESERVE + 0.01 or decisions[-1].parameters == (10.0,)
+    # near the end nothing changes: what has to fall falls before
+    unused = (LAST_S + HELD_S) * 5.0 / (3600 * capacity_ah * 14.8)
+    assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 
 @pytest.mark.parametrize("capacity_ah", [0.255, 0.275, 0.3])
@@ -245,7 +249,9 @@ def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
     battery = Battery(14.8, 0.05, capacity_ah, letter_crate_per_h=1e3)
     decisions, left = north(planner_of(LINE, battery), battery, 300)
     assert left >= RESERVE
-    assert left < RESERVE + 0.01 or decisions[-1].parameters == (10.0,)
+    # near the end nothing changes: what has to fall falls before
+    unused = (LAST_S + HELD_S) * 5.0 / (3600 * capacity_ah * 14.8)
+    assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 
 def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_since_when_and_by_how_much():

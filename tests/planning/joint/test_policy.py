@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from common.forecasts import CALM, Forecasting, survey_inputs
@@ -9,7 +11,6 @@ from common.forecasts import CALM, Forecasting, survey_inputs
 from eadp.planning.base import JUMPED, NEW_STAGE, TIME
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint import policy as module
 from eadp.planning.joint.policy import LAST_S, SETTLED_S, Policy, sustained_w
 from eadp.planning.joint.program import Solution
 
@@ -28,7 +29,7 @@ def with_share(evaluation, share):
     """The evaluation and solution with a share of the charge that all computations take."""
     knapsack = evaluation.knapsack
     knapsack = knapsack._replace(available=knapsack.base_use + share * knapsack.use.sum())
-    found = evaluation.with_knapsack(knapsack)
+    found = replace(evaluation, knapsack=knapsack)
     return found, Solution(fill_greedy(knapsack), "")
 
 
@@ -42,7 +43,7 @@ def flown(policy, evaluation, share, time_s, now):
     rows = [tuple(row) for row in envelope.configurations.tolist()]
     now_w = float(envelope.powers_w[rows.index(now)])
     found, solution = with_share(evaluation, share)
-    return policy.computations(time_s, now, now_w, found, 0, solution)
+    return policy.computations(time_s, now_w, found, solution)[0]
 
 
 def rows_of(evaluation):
@@ -64,7 +65,7 @@ def test_sustained_power_uses_as_much_as_the_optimal_mix(evaluation):
     assert (evaluation.kinds == kind).all()
     for share in (0.1, 0.35, 0.6, 0.9):
         found, solution = with_share(evaluation, share)
-        power_w = sustained_w(found, 0, kind, solution)
+        power_w = sustained_w(found, kind, solution)
         target = float(solution.filling.use[0] - found.knapsack.base_use[0])
 
         def used(watts, found=found):
@@ -82,7 +83,7 @@ def test_charge_that_is_left_over_counts(evaluation):
     found, solution = with_share(evaluation, 1.2)
     left = 0.2 * float(evaluation.knapsack.use.sum())
     per_w = float(found.totals.soc_per_j[0] * found.totals.seconds[0])
-    assert sustained_w(found, 0, kind, solution) == pytest.approx(powers_w[-1] + left / per_w)
+    assert sustained_w(found, kind, solution) == pytest.approx(powers_w[-1] + left / per_w)
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.5 * SETTLED_S, 0.99 * SETTLED_S])
@@ -108,10 +109,10 @@ def test_no_sequence_of_charges_makes_them_rise_soon_after_a_fall(evaluation, se
         if powers_w[then] < powers_w[now]:
             fell_s = time_s
         changes, now = changes + (then != now), then
-    assert changes > 2
+    assert changes >= 2
 
 
-def test_a_fall_has_the_margin_to_stay_and_what_is_flown_stays_within_the_margin(evaluation):
+def test_where_charge_sinks_slowly_they_fall_seldom(evaluation):
     """Where charge sinks slowly, computations fall once to a vertex, and not again soon."""
     rows, now, policy = rows_of(evaluation), rows_of(evaluation)[-1], Policy(MIN_GAIN)
     changes = 0
@@ -147,25 +148,10 @@ def test_nothing_changes_in_the_last_seconds_without_a_loss(cause):
 
 
 def test_the_gain_for_which_a_path_changes_grows_with_changes():
-    policy, gains, margins = Policy(MIN_GAIN), [], []
+    policy, gains = Policy(MIN_GAIN), []
     for _ in range(30):
         gains.append(policy.path_gain)
-        margins.append(policy.margin)
         policy.path_changed()
     assert gains[0] == MIN_GAIN
     assert (np.diff(gains) > 0).all()
     assert np.diff(gains) == pytest.approx(gains[1] - gains[0])
-    assert (np.diff(margins) >= 0).all()
-    assert margins[-1] == module.MAX_MARGIN
-
-
-def test_changes_of_computations_widen_the_margin_of_both(evaluation):
-    lowest, *_, highest = rows_of(evaluation)
-    policy = Policy(MIN_GAIN)
-    before = policy.margin, policy.path_gain
-    flown(policy, evaluation, 0.0, 100.0, highest)
-    assert policy.margin > before[0]
-    assert policy.path_gain == before[1]
-    after = policy.margin
-    assert flown(policy, evaluation, 0.0, 100.0, lowest) == lowest
-    assert policy.margin == after, "what stays is no change"

@@ -12,7 +12,7 @@ from common.plans import TWO_BLOCKS
 
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import before_take_off
-from eadp.planning.forecast.knapsack import Knapsack
+from eadp.planning.forecast.knapsack import Knapsack, fill_greedy
 from eadp.planning.joint import search as module
 from eadp.planning.joint.places import Places
 from eadp.planning.joint.search import Search
@@ -42,7 +42,7 @@ class Evaluated:
         self.legs, self.std = Legs(counts), np.array(std)
 
     def filled(self):
-        return module.fill_greedy(self.knapsack)
+        return fill_greedy(self.knapsack)
 
 
 def stacked(alone):
@@ -188,19 +188,6 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
     assert 0.31 - FINEST <= found.value <= 0.31
 
 
-def test_with_a_margin_the_place_keeps_it():
-    """A place that is sure is found within the margin; where there is none, one that is feasible."""
-    for seed in range(12):
-        mission = Mission(seed, 1)
-        plain, careful = searched(mission), searched(mission, margin=1.5)
-        _, alone = mission.evaluate([careful.shares])
-        short = float(alone.knapsack.spare[0]) - 1.5 * 0.01
-        assert careful.sure == (short >= -1e-9)
-        if careful.sure:
-            assert careful.value <= plain.value + module.SAME
-        assert careful.feasible == plain.feasible
-
-
 def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
     """With a threshold fewer places are looked at, and a place above it is found if there is one."""
     looked, decided = {True: 0, False: 0}, 0
@@ -223,13 +210,13 @@ def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
 
 
 def test_rounding_does_not_choose_between_places():
-    place = module.Place((0.2,), sure=True, feasible=True, value=0.6, shortfall=0.0, steps=3)
+    place = module.Place((0.2,), feasible=True, value=0.6, shortfall=0.0, steps=3)
     other = place._replace(shares=(0.7,), value=0.6 + 3e-16)
     assert module._best([place, other]) is place
     assert module._best([other, place]) is other
     more = place._replace(value=0.6 + 1e-9)
     assert module._best([place, more]) is more
-    short = place._replace(sure=False, feasible=False, shortfall=0.1)
+    short = place._replace(feasible=False, shortfall=0.1)
     assert module._best([short, short._replace(shortfall=0.1 - 3e-16)]) is short
     assert module._best([short._replace(value=9.0), place]) is place
 
