@@ -229,11 +229,16 @@ class JointPlanner(TrackingPlanner):
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
-        """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to."""
+        """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to.
+
+        Before computations fall, too: a wider path, from the next stage that takes it, may give more.
+        """
         if kept is None or self._searched is None or cause == JUMPED:
             return True
         if not kept.solution.feasible:
             return self._infeasible_since_s is None or o.cursor.accepts_changes()
+        if self._is_free(o) and self._computations(o, kept)[2]:
+            return True
         if not o.cursor.accepts_changes():
             return False
         (value, over), was = (kept.solution.value, kept.over), self._searched
@@ -246,13 +251,22 @@ class JointPlanner(TrackingPlanner):
         rho, before = self._mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
         if self._is_free(o):
-            now_w = self._power_w(plan.evaluation, before)
-            computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
+            computations, lasts_s, falls = self._computations(o, plan)
             self._next_s = min(self._next_s, o.time_s + lasts_s)
+            if falls:
+                self._policy.fell(o.time_s)
             chosen = (*chosen[:rho], *computations)
         if chosen[:rho] != before[:rho]:
             self._policy.path_changed()
         return chosen
+
+    def _computations(self, o: Observation, plan: Candidate) -> tuple[Vector, float, bool]:
+        """The computations of a plan to fly with now, for how long [s], and whether they fall."""
+        before = self._decision.parameters
+        now_w = self._power_w(plan.evaluation, before)
+        computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
+        after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
+        return computations, lasts_s, after_w < now_w - 1e-9
 
     def _is_free(self, o: Observation) -> bool:
         """Whether the stage leaves the computations a choice."""

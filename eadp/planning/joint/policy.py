@@ -46,10 +46,14 @@ class Policy:
         """A path parameter has changed."""
         self._path_changes += 1
 
+    def fell(self, time_s: float) -> None:
+        """Computations have fallen at a time [s]."""
+        self._fell_s = time_s
+
     def computations(
         self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
     ) -> tuple[Vector, float]:
-        """The computations to fly with now, and for how long [s]: those sustained to the end.
+        """The computations to fly with now, and for how long [s]: those sustained to the end; asking changes nothing.
 
         Parameters
         ----------
@@ -76,8 +80,6 @@ class Policy:
             waits = time_s - self._fell_s < SETTLED_S
             chosen = (held if waits else rises) if rises > held else held if stays else below
             lasts_s = lasts_s if chosen > below else math.inf
-        if chosen < held:
-            self._fell_s = time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 

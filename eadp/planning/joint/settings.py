@@ -31,8 +31,8 @@ class JointSettings:
     """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
 
     max_interval_s: NotNegative = 30.0
-    """Longest time between re-plannings while the flight goes as forecast [s]; the shortest is `planner.every_s`, which
-    `eadp replan` keeps to."""
+    """Longest time between re-plannings [s]; the shortest is `planner.every_s`, which a flight with a home and
+    `eadp replan` keep to."""
 
     start_after_s: NotNegative = 0.0
     """Time before which nothing is re-planned [s]."""
