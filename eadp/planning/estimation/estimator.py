@@ -8,7 +8,6 @@ from __future__ import annotations
 import bisect
 import math
 from array import array
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
@@ -142,30 +141,6 @@ class PowerEstimate(NamedTuple):
         return self.power_rows(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
-class Estimates(NamedTuple):
-    """Estimates in a row: after readings, or at one moment.
-
-    Attributes
-    ----------
-    times_s : sequence of float
-        Time of the last reading [s].
-    periods_s : sequence of float or None
-        [s].
-    disturbance_s : float
-        Time constant of the disturbance [s].
-    forecasts_w : array, shape (n,)
-        Forecast of the last reading [W].
-    states : array, shape (n, 2r + 3)
-        As in `PowerEstimate`.
-    """
-
-    times_s: Sequence[float]
-    periods_s: Sequence[float | None]
-    disturbance_s: float
-    forecasts_w: FloatArray
-    states: FloatArray
-
-
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
@@ -247,60 +222,17 @@ class ExactEstimator:
         if self._time_s is None:
             self._time_s = time_s
             self._learn_from(time_s)
-        step_s, self._time_s = time_s - self._time_s, time_s
-        if motion_w is None:
-            if step_s > 0:
-                self._filter.predict(step_s)
-            return self._filter.expected_w()
-        if not self._started:
+        if motion_w is not None and not self._started:
             self._start(motion_w)
-        if step_s > 0 and not self._settings.gate_w:
-            expected = self._filter.follow(step_s, motion_w)
-        else:
-            expected = self._gated(step_s, motion_w)
-        if self._settings.learn_noise:
-            self._keep([time_s], [motion_w])
+        step_s, self._time_s = time_s - self._time_s, time_s
+        expected = self._filter.follow(step_s, motion_w, self._settings.gate_w)
+        if self._settings.learn_noise and motion_w is not None:
+            times, powers = self._readings
+            times.append(time_s)
+            powers.append(motion_w)
             if time_s >= self._learn_at_s:
                 self._learn(time_s)
         return expected
-
-    def observe_batch(
-        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
-    ) -> float:
-        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W].
-
-        None or NaN is no reading. The estimates after each are appended to `record`.
-        """
-        power_w = np.array(motion_w, dtype=float)
-        missing = [*np.flatnonzero(np.isnan(power_w)).tolist(), len(power_w)]
-        expected, n = 0.0, 0
-        while n < len(power_w):
-            # up to the next noise estimate, or the next reading that is missing
-            end = min(bisect.bisect_left(times_s, self._learn_at_s, n), missing[bisect.bisect_left(missing, n)])
-            if self._time_s is None or not self._started or self._settings.gate_w or end == n:
-                end = n + 1
-                expected = self.observe(times_s[n], None if np.isnan(power_w[n]) else float(power_w[n]))
-                if record is not None:
-                    record.append(self.estimates(expected))
-            else:
-                forecasts_w, states = self._filter.follow_batch(self._time_s, times_s[n:end], power_w[n:end])
-                expected = float(forecasts_w[-1])
-                self._time_s = times_s[end - 1]
-                if self._settings.learn_noise:
-                    self._keep(times_s[n:end], power_w[n:end].tolist())
-                if record is not None:
-                    periods_s = [self.period_s] * (end - n)
-                    record.append(Estimates(times_s[n:end], periods_s, self._noise[2], forecasts_w, states))
-            n = end
-        return expected
-
-    def _keep(self, times_s: Sequence[float], motion_w: Sequence[float]) -> None:
-        """Keep readings for the noise estimate."""
-        times, powers = self._readings
-        times.extend(times_s)
-        powers.extend(motion_w)
-        if len(times) > READINGS_KEPT:
-            del times[:-READINGS_KEPT], powers[:-READINGS_KEPT]
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading."""
@@ -308,15 +240,6 @@ class ExactEstimator:
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
         self._filter.restart(state, self._first_covariance(motion_w))
-
-    def _gated(self, step_s: float, motion_w: float) -> float:
-        if step_s > 0:
-            self._filter.predict(step_s)
-        expected = self._filter.expected_w()
-        # draft 002's ε: no update where |y − C q| ≤ ε
-        if not self._settings.gate_w or abs(motion_w - expected) > self._settings.gate_w:
-            self._filter.correct(motion_w)
-        return expected
 
     # --- laps
 
@@ -340,12 +263,8 @@ class ExactEstimator:
 
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
+        self._filter.state = self._filter.state.copy()  # estimates hold the one before
         self._filter.state[0] += by_w
-
-    def estimates(self, forecast_w: float) -> Estimates:
-        """The estimate after the last reading, whose forecast was `forecast_w` [W]."""
-        times_s, state = [self._time_s or 0.0], self._filter.state
-        return Estimates(times_s, [self.period_s], self._noise[2], np.array([forecast_w]), state[None].copy())
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
@@ -390,6 +309,8 @@ class ExactEstimator:
 
     def _learn(self, time_s: float) -> None:
         """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
+        for numbers in self._readings:
+            del numbers[:-READINGS_KEPT]
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
@@ -494,21 +415,6 @@ class PublishedEstimator:
         self._state = state
         return expected
 
-    def observe_batch(
-        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
-    ) -> float:
-        """One step each; see `ExactEstimator.observe_batch`."""
-        power_w = np.array(motion_w, dtype=float)
-        periods, forecasts, known = array("d"), array("d"), array("d")
-        for time_s, value in zip(times_s, power_w.tolist(), strict=True):
-            forecasts.append(self.observe(time_s, None if math.isnan(value) else value))
-            periods.append(self.period_s)
-            known.extend(self._state)
-        if record is not None:
-            states = np.pad(np.array(known).reshape(len(power_w), -1), ((0, 0), (0, 2)))
-            record.append(Estimates(times_s, periods.tolist(), 1.0, np.array(forecasts), states))
-        return forecasts[-1]
-
     def _published_gain(self, turn: float) -> list[float]:
         # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
         sums = np.array([1.0] + [sign for j in range(1, self._order + 1) for sign in (1 + turn * j, 1 - turn * j)])
@@ -528,11 +434,6 @@ class PublishedEstimator:
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W]."""
         self._state[0] += by_w
-
-    def estimates(self, forecast_w: float) -> Estimates:
-        """As `ExactEstimator.estimates`; there is no disturbance."""
-        state = np.array([[*self._state, 0.0, 0.0]])
-        return Estimates([self._time_s], [self.period_s], 1.0, np.array([forecast_w]), state)
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """As `ExactEstimator.estimate`; there is no disturbance."""
