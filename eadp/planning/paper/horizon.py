@@ -467,11 +467,11 @@ class Horizon:
         scaled = self._scaled(mixture, table)
         last = self._shifted(mixture)
         centre = np.zeros(size) if last is None else last / scaled.reach
-        x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
+        found = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
         return (
-            np.clip(x * scaled.reach, 0.0, 1.0),
-            np.maximum(y[size:], 0.0) * (scaled.largest / scaled.units),
-            iterations,
+            np.clip(found.x * scaled.reach, 0.0, 1.0),
+            np.maximum(found.multipliers[size:], 0.0) * (scaled.largest / scaled.units),
+            found.iterations,
         )
 
     def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
