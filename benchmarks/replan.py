@@ -231,7 +231,7 @@ OPTIONS = {
 PARTS = {
     "forecast": (PaperPlanner, "_horizon_forecast"),
     "table of levels": (Horizon, "table"),
-    "scaled QP": (Horizon, "_scaled"),
+    "data of the QP": (horizon._Mixture, "problem"),
     "checks of the data": (QuadraticProgram, "_check"),
     "update": (OsqpSolver, "update"),
     "warm start, solve, copies": (OsqpSolver, "run"),
