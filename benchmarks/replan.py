@@ -46,6 +46,7 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
+from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper import horizon
 from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
@@ -133,7 +134,7 @@ class Ours:
 
     def prepare(self, instance: Instance) -> Observation:
         """Make the planner's estimate that of an instance."""
-        self._planner._estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
+        self._planner._estimator = DeferredEstimator(ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w))
         return self._observation._replace(soc=instance.soc)
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:

@@ -369,10 +369,10 @@ def test_gains_step_the_level_when_the_path_changes():
     pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
     for k in range(1, 200):
         pilot.update(observation(0.1 * k))
-    before = pilot._estimator.state_w[0]
+    before = pilot._estimator.now.state_w[0]
     for k in (200, 201):
         pilot.update(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
-        assert pilot._estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
+        assert pilot._estimator.now.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
     longer = pilot._time_to_reserve_s(observation(20.2), (-1000.0, 10.0))
     assert longer > pilot._time_to_reserve_s(observation(20.2), (-500.0, 10.0))
 
@@ -407,7 +407,7 @@ def test_a_fit_is_what_the_estimator_starts_from():
     white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
     assert white._estimator.now.disturbance == (0.5, 5.0)
     mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
-    assert mean._estimator.state_w.tolist() == [31.0]
+    assert mean._estimator.now.state_w.tolist() == [31.0]
 
 
 def test_the_first_period_of_a_single_lap_is_the_lap():

@@ -59,15 +59,6 @@ class DeferredEstimator:
         self._process()
         return self._estimator
 
-    @property
-    def state_w(self) -> FloatArray:
-        """The energy state q [W]."""
-        return self.now.state_w
-
-    def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """See `ExactEstimator.forecast`."""
-        return self.now.forecast(ahead_s)
-
     def observe(self, times_s: Column, powers_w: Sequence[float | None] | FloatArray, beside_w: float) -> None:
         """Take readings [W] in order, None where there is none; `beside_w` of each is the computations' power."""
         motion_w = np.array(powers_w, dtype=float) - beside_w

@@ -159,6 +159,15 @@ class ExactEstimator:
     period_std_s : float, optional
         Standard deviation of `period_s` [s]. Default: `NOMINAL_PERIOD_SHARE` of it.
 
+    Attributes
+    ----------
+    period_s, period_std_s : float
+        T, None without a period, and its standard deviation [s].
+    noise_w : float
+        Standard deviation of the readings' white noise [W], as estimated so far.
+    disturbance : (float, float)
+        Standard deviation [W] and time constant [s] of the disturbance, as estimated so far.
+
     Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate; docs/estimator.md.
     """
 
@@ -173,14 +182,14 @@ class ExactEstimator:
         self._settings = settings
         self._order = settings.order if period_s else 0
         self.period_s = period_s
-        self._period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
-        noise_w = max(settings.noise_w, EXACT_SENSOR_W)
-        self._noise = (noise_w, settings.disturbance_std_w, settings.disturbance_time_s)
+        self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
+        self.noise_w = max(settings.noise_w, EXACT_SENSOR_W)
+        self.disturbance = settings.disturbance_std_w, settings.disturbance_time_s
         state = np.zeros(2 * self._order + 3)
         self._started = state_w is not None
         if state_w is not None:
             state[:-2] = state_w[: 2 * self._order + 1]
-        self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
+        self._filter = self._first_filter(state)
         self._time_s: float | None = None
         self._learn_from_s = 0.0
         self._lap_marks_s: list[float] = []
@@ -196,21 +205,6 @@ class ExactEstimator:
     def state_w(self) -> FloatArray:
         """The energy state q [W]."""
         return self._filter.state[:-2]
-
-    @property
-    def noise_w(self) -> float:
-        """Standard deviation of the readings' white noise [W], as estimated so far."""
-        return self._noise[0]
-
-    @property
-    def disturbance(self) -> tuple[float, float]:
-        """Standard deviation [W] and time constant [s] of the disturbance, as estimated so far."""
-        return self._noise[1], self._noise[2]
-
-    @property
-    def period_std_s(self) -> float:
-        """Standard deviation of the period [s]; 0 without a period."""
-        return self._period_std_s
 
     # --- readings
 
@@ -239,7 +233,7 @@ class ExactEstimator:
         self._started = True
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
-        self._filter.restart(state, self._first_covariance(motion_w))
+        self._filter = self._first_filter(state)
 
     # --- laps
 
@@ -251,7 +245,7 @@ class ExactEstimator:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
-            self._period_std_s = _lap_time_std_s(times)
+            self.period_std_s = _lap_time_std_s(times)
             self._filter.dynamics = self._dynamics(self._filter.state)
 
     def start_lap(self, time_s: float) -> None:
@@ -268,35 +262,31 @@ class ExactEstimator:
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
-        state, disturbance_s = self._filter.state, self._noise[2]
+        state, disturbance_s = self._filter.state, self.disturbance[1]
         return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
-        return self._rows(ahead_s) @ self._filter.state
-
-    def _rows(self, ahead_s: FloatArray) -> FloatArray:
-        moves = self._filter.dynamics
-        return _power_rows(moves.order, moves.period_s, moves.time_s, np.asarray(ahead_s, dtype=float).tobytes())
+        return self.estimate(0.0, 0.0).forecast_w(ahead_s)
 
     # --- the model
 
-    def _first_covariance(self, level_w: float) -> FloatArray:
+    def _first_filter(self, state: FloatArray) -> EnergyFilter:
         size = 2 * self._order + 1
         covariance = np.zeros((size + 2, size + 2))
-        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(level_w))
+        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
         covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
-        covariance[size:, size:] = stationary_covariance(*self._noise[1:])
-        return covariance
+        covariance[size:, size:] = stationary_covariance(*self.disturbance)
+        return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
         s, period_s = self._settings, self.period_s or 1.0
-        noise_w, std_w, time_s = self._noise
+        noise_w, (std_w, time_s) = self.noise_w, self.disturbance
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
         drift = np.full(self._order + 1, max(s.harmonic_drift_w_per_sqrt_s**2, least))
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
-        turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
+        turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
         squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
         drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
@@ -328,18 +318,16 @@ class ExactEstimator:
     def _relearn(self, found: DisturbanceFit) -> None:
         """Adopt a noise estimate, and widen the covariance if the noise is larger than assumed so far."""
         before = self._density_w2_s()
-        if found.std_w >= MIN_DISTURBANCE_W:
-            disturbance = (found.std_w, found.time_s)
-        else:
-            disturbance = (MIN_DISTURBANCE_W, self._noise[2])
-        self._noise = (max(found.noise_w, MIN_NOISE_W), *disturbance)
+        self.noise_w = max(found.noise_w, MIN_NOISE_W)
+        white = found.std_w < MIN_DISTURBANCE_W
+        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (found.std_w, found.time_s)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
         self._filter.dynamics = self._dynamics(self._filter.state)
 
     def _density_w2_s(self) -> float:
         """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
-        noise_w, std_w, time_s = self._noise
-        return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
+        std_w, time_s = self.disturbance
+        return self.noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
 def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:

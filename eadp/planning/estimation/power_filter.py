@@ -84,11 +84,6 @@ class EnergyFilter:
         self._dynamics = dynamics
         self._step_s = 0.0
 
-    def restart(self, state: FloatArray, covariance: FloatArray) -> None:
-        """Replace state and covariance."""
-        self._step_by_step()
-        self.state, self._covariance = state, covariance
-
     def widen(self, factor: float) -> None:
         """Scale the covariance by a factor."""
         self._step_by_step()
@@ -105,7 +100,9 @@ class EnergyFilter:
             return self._follow_held(measured_w)
         self._step_by_step()
         if step_s > 0:
-            self._prepare(step_s)
+            if not even:
+                self._step_s = step_s
+                self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
             self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
         expected = float(self._output @ self.state)
         # draft 002's ε: no update where |y − C q| ≤ ε
@@ -129,11 +126,6 @@ class EnergyFilter:
             self._covariance, self._held = applied(self._maps[-1], self._covariance), 0
             self._gain = self._gain_now()
         return float(expected)
-
-    def _prepare(self, step_s: float) -> None:
-        if abs(step_s - self._step_s) >= SAME_STEP_S:
-            self._step_s = step_s
-            self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
 
     def _gain_now(self) -> FloatArray:
         # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹

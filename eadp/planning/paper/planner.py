@@ -357,10 +357,10 @@ class PaperPlanner(TrackingPlanner):
         every_s = self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
-        motion = self._estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
+        motion = self._estimator.now.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if worst else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
-        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
+        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.now.state_w, self.period_s)
 
     # --- path
 
@@ -474,7 +474,7 @@ class PaperPlanner(TrackingPlanner):
         count = head + max(1, round((self.period_s or step_s) / step_s))
         of_step = np.arange(count) // max(1, round(every_s / step_s))
         of_step[head:] = len(computing_w) - 1
-        motion_w = self._estimator.forecast(np.arange(0.5, count) * step_s)
+        motion_w = self._estimator.now.forecast(np.arange(0.5, count) * step_s)
         gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
         power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[np.minimum(of_step, len(computing_w) - 1)]
         battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)

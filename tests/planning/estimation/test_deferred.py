@@ -74,9 +74,9 @@ def test_it_answers_as_one_that_does_not_wait(make, asked_every):
             assert waiting.period_s == pytest.approx(eager.period_s, abs=ROUNDING)
         if n % asked_every == asked_every - 1 and expected:
             ask()
-    assert waiting.state_w == pytest.approx(eager.state_w, abs=1e-6)
+    assert waiting.now.state_w == pytest.approx(eager.state_w, abs=1e-6)
     ahead_s = np.array([0.0, 3.0])
-    assert waiting.forecast(ahead_s) == pytest.approx(eager.forecast(ahead_s), abs=1e-6)
+    assert waiting.now.forecast(ahead_s) == pytest.approx(eager.forecast(ahead_s), abs=1e-6)
 
 
 @pytest.mark.parametrize("make", [exact, published])
@@ -92,7 +92,7 @@ def test_laps_and_steps_of_the_level_wait_for_their_turn(make, most_waiting, mon
             for estimator in (eager, waiting):
                 getattr(estimator, kind)(*([time_s] if value is None else [value]))
     assert len(waiting._waiting) <= most_waiting
-    assert waiting.state_w == pytest.approx(eager.state_w, abs=1e-6)
+    assert waiting.now.state_w == pytest.approx(eager.state_w, abs=1e-6)
     assert waiting.period_s == pytest.approx(eager.period_s, abs=ROUNDING)
 
 
@@ -112,7 +112,7 @@ def test_a_batch_is_its_readings_one_by_one(make):
         expected_w = apart.observe(time_s, reading)
     forecasts_w, _ = together.estimates([4.0], 0.0, lambda _: 0.0)
     assert forecasts_w == pytest.approx([expected_w], abs=ROUNDING)
-    assert together.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
+    assert together.now.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
 
 
 def test_an_instant_has_the_last_reading_before_it():

@@ -78,11 +78,8 @@ def test_another_model_within_a_block_keeps_the_state():
     assert tracker.covariance == pytest.approx(by_steps(by_steps(FIRST, count + 1), 1, other), abs=SAME)
 
 
-def test_wider_and_anew():
+def test_wider():
     tracker, _ = settled()
     before = tracker.covariance.copy()
     tracker.widen(4.0)
     assert tracker.covariance == pytest.approx(4 * before)
-    tracker.restart(np.ones(7), FIRST)
-    assert tracker.state.tolist() == [1.0] * 7
-    assert tracker.covariance == pytest.approx(FIRST)
