@@ -128,7 +128,7 @@ class Ours:
         self._planner = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission, settings)
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
-        self._horizon = self._planner._horizon(self._observation, [1], steps, (0.0,))
+        self._horizon = self._planner._horizon(self._observation, (0.0,))
         horizon.OPTIMAL = -np.inf  # nothing is kept
         self._steps = steps
 
@@ -139,7 +139,7 @@ class Ours:
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:
         """Re-plan: what is timed."""
-        forecast = self._planner._horizon_forecast(observation, self._steps)
+        forecast = self._planner._horizon_forecast(observation)
         return forecast, self._horizon.solve(forecast)
 
 

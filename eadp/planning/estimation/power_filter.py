@@ -118,8 +118,8 @@ class EnergyFilter:
 
     def _follow_held(self, measured_w: float) -> float:
         """`follow` with the gain held."""
-        state = self._transition @ self.state
-        expected = np.dot(self._output, state)
+        state = self._transition.dot(self.state)
+        expected = self._output.dot(state)
         self.state = state + self._gain * (measured_w - expected)
         self._held += 1
         if self._held == BLOCK:
