@@ -263,7 +263,7 @@ def speed(rng: np.random.Generator, count: int, steps: int, block: int) -> Speed
             started = time.perf_counter()
             _, plan = ours.solve(observation)
             ours_ms.append(1e3 * (time.perf_counter() - started))
-            active += bool(plan.power_w.min() < HIGH_W - 1e-6)
+            active += bool(plan.chosen_w.min() < HIGH_W - 1e-6)
         for instance in found[first : first + block]:
             start = peer.start(instance, c, last)
             started = time.perf_counter()

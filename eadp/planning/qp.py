@@ -116,14 +116,8 @@ class OsqpSolver:
         return QpSolution(np.array(found.x), np.array(found.y), info.status_val, info.status, info.iter)
 
 
-class QpData(NamedTuple):
-    """Data of one problem, see `QuadraticProgram.solve`."""
-
-    gradient: FloatArray
-    matrix: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    centre: FloatArray
+QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Gradient, matrix, lower and upper bounds, and centre of one problem, see `QuadraticProgram.solve`."""
 
 
 class QuadraticProgram:
@@ -175,7 +169,7 @@ class QuadraticProgram:
             On data that are not finite or do not fit, and if both runs end with any status but "solved", or with a
             solution that does not satisfy the optimality conditions.
         """
-        data = QpData(gradient, matrix, lower, upper, centre)
+        data = gradient, matrix, lower, upper, centre
         self._check(data)
         try:
             return self._run(data, self._proximal, SETTINGS)
@@ -189,13 +183,13 @@ class QuadraticProgram:
 
     def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
-        rows, columns = (self._rows,), (self._columns,)
+        rows, columns, (_, _, lower, upper, _) = (self._rows,), (self._columns,), data
         shapes = tuple(array.shape for array in data)
         if shapes != (columns, rows + columns, rows, rows, columns):
             raise SolverFailed(f"data of shapes {shapes} do not fit {self._rows} × {self._columns}")
         if not all(math.isfinite(np.vdot(array, array)) for array in data):
             raise SolverFailed("data that are not finite")
-        if (data.lower > data.upper).any():
+        if (lower > upper).any():
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:

@@ -22,7 +22,7 @@ from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
-EXACT, PUBLISHED = "exact", "published"
+PUBLISHED = "published"
 
 FIRST_STD_W, FIRST_SHARE = 10.0, 0.5
 """Initial standard deviation of the level [W], and as a share of the first reading; the larger counts. Harmonics have
@@ -353,6 +353,18 @@ def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> Flo
     return forecasting.power_rows(order, period_s, time_s, np.frombuffer(ahead))
 
 
+@lru_cache(maxsize=1)
+def _published_step(order: int, turn: float, steps: int) -> tuple[list[complex], list[float]]:
+    """The published filter's factor of each harmonic in some equal Euler steps of an angle, and its gain."""
+    # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
+    factors = [complex(1.0, -turn * j) ** steps for j in range(1, order + 1)]
+    # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
+    sums = np.array([1.0] + [sign for j in range(1, order + 1) for sign in (1 + turn * j, 1 - turn * j)])
+    output = output_row(order)
+    shared = sums * (sums @ output) + output.sum()
+    return factors, (shared / (output @ shared + 1.0)).tolist()
+
+
 class PublishedEstimator:
     """The filter as the published flights ran it.
 
@@ -367,9 +379,6 @@ class PublishedEstimator:
         self._order = settings.order
         self._state = [1.0] * (2 * settings.order + 1)
         self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
-        self._turned_by = (0.0, -1.0)
-        self._turns: list[complex] = []
-        self._gain: list[float] = []
         self.period_s = 1.0
 
     @property
@@ -383,33 +392,21 @@ class PublishedEstimator:
         period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
-        if (period_s, step_s) != self._turned_by:
-            self._turned_by = (period_s, step_s)
-            steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
-            turn = 2 * math.pi / period_s * (step_s / steps)
-            # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
-            self._turns = [complex(1.0, -turn * j) ** steps for j in range(1, self._order + 1)]
-            self._gain = self._published_gain(turn)
+        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+        turn = 2 * math.pi / period_s * (step_s / steps)
+        factors, gain = _published_step(self._order, turn, steps)
         old = self._state
         state = [old[0]]
         expected = old[0]
-        for j, factor in enumerate(self._turns, 1):
+        for j, factor in enumerate(factors, 1):
             wave = complex(old[2 * j - 1], old[2 * j]) * factor
             state += wave.real, wave.imag
             expected += wave.real
         if motion_w is not None:
             error = motion_w - expected
-            state = [q + k * error for q, k in zip(state, self._gain, strict=True)]
+            state = [q + k * error for q, k in zip(state, gain, strict=True)]
         self._state = state
         return expected
-
-    def _published_gain(self, turn: float) -> list[float]:
-        # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
-        sums = np.array([1.0] + [sign for j in range(1, self._order + 1) for sign in (1 + turn * j, 1 - turn * j)])
-        output = output_row(self._order)
-        shared = sums * (sums @ output) + output.sum()
-        gain: list[float] = (shared / (output @ shared + 1.0)).tolist()
-        return gain
 
     def lap(self, time_s: float) -> None:
         """Restart the clock."""

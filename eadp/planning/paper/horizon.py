@@ -32,7 +32,6 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
-from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.harmonics import output_row, rotated
 from eadp.core.signals.scaling import computation_scaling
 from eadp.errors import Infeasible, SolverFailed
@@ -142,8 +141,6 @@ class HorizonSolution(NamedTuple):
         Levels at each step.
     chosen_w : array, shape (M,)
         Their power [W].
-    power_w : array, shape (M,)
-        Power of the QP's solution at each step [W].
     objective, bound : float
         Value of the levels, and a bound that no feasible levels exceed.
     iterations : int
@@ -156,7 +153,6 @@ class HorizonSolution(NamedTuple):
 
     chosen: FloatArray
     chosen_w: FloatArray
-    power_w: FloatArray
     objective: float
     bound: float
     iterations: int
@@ -321,7 +317,7 @@ class Horizon:
         """Value, use of charge and limit of every choice at every step."""
         b, p = self._battery, self.powers_w
         power = forecast.mean_motion_w[:, None] + p
-        drop = drain_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
+        drop = b.drain_per_s(power, b.voltage_v) * forecast.step_s
         drop[power > self._delivered_w] = UNDELIVERABLE
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
         return _Table(self._values(forecast), drop, limit)
@@ -389,7 +385,7 @@ class Horizon:
         objective = float(table.value.take(self._at + made).sum())
         limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
         chosen, chosen_w = self.choices[made], self.powers_w[made]
-        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, found.iterations, kept, limit)
+        return HorizonSolution(chosen, chosen_w, objective, bound, found.iterations, kept, limit)
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """Limit of the battery's power that the levels of minimum power exceed."""

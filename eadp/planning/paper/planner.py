@@ -13,7 +13,6 @@ from annotated_types import Ge, Gt, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
-from eadp.core.flight.battery import drain_per_s
 from eadp.core.signals.scaling import path_scaling
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
@@ -418,10 +417,10 @@ class PaperPlanner(TrackingPlanner):
         every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
         head = max(1, round(len(computing_w) * every_s / step_s))
         count = head + max(1, round((self.period_s or step_s) / step_s))
-        of_step = np.arange(count) // max(1, round(every_s / step_s))
-        of_step[head:] = len(computing_w) - 1
-        motion_w = self._estimator.now.forecast(np.arange(0.5, count) * step_s)
-        power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[np.minimum(of_step, len(computing_w) - 1)]
+        at_s = np.arange(count, dtype=np.float64) * step_s
+        of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
+        motion_w = self._estimator.now.forecast(at_s + 0.5 * step_s)
+        power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
         battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)
 
@@ -449,8 +448,7 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
     """
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
-    currents_a = drain_per_s(power_w, battery.voltage_v, battery.resistance_ohm, 1.0)
-    drops = (currents_a * (battery.k_b_per_s * step_s / battery.capacity_ah)).cumsum()
+    drops = (battery.drain_per_s(power_w, battery.voltage_v) * step_s).cumsum()
     if drops[-1] >= spare:
         return _crossing_s(drops, spare, step_s)
     first = float(drops[head - 1])
