@@ -18,7 +18,7 @@ from annotated_types import Ge, Le
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
+from eadp.core.signals.disturbance import fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
@@ -298,7 +298,10 @@ class ExactEstimator:
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
-        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
+        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated.
+
+        Where the noise is larger than assumed so far, the covariance is widened.
+        """
         for numbers in self._readings:
             del numbers[:-READINGS_KEPT]
         unit_s = self.period_s or LEARN_FIRST_S
@@ -312,11 +315,8 @@ class ExactEstimator:
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
         found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
-        if math.isfinite(found.log_likelihood):
-            self._relearn(found)
-
-    def _relearn(self, found: DisturbanceFit) -> None:
-        """Adopt a noise estimate, and widen the covariance if the noise is larger than assumed so far."""
+        if not math.isfinite(found.log_likelihood):
+            return
         before = self._density_w2_s()
         self.noise_w = max(found.noise_w, MIN_NOISE_W)
         white = found.std_w < MIN_DISTURBANCE_W

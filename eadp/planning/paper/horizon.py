@@ -324,24 +324,21 @@ class Horizon:
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
         """l of each choice at each step, with l_f at the last."""
-        cost, p, values = self._cost, self.powers_w, self._control_values
+        cost, p = self._cost, self.powers_w
+        if cost.kind == CONTROL and not cost.terminal_weight:
+            return self._control_values
+        times_s = np.arange(self._steps + 1, dtype=np.float64) * forecast.step_s
+        states = rotated(forecast.state_w, forecast.period_s, times_s)
         output = np.diag(output_row(len(forecast.state_w) // 2))
+        values = self._control_values.copy()
         if cost.kind == OUTPUT:
             values = 0.5 * (forecast.limit_motion_w[:, None] + p) ** 2
         elif cost.kind == POWER:
-            values = _state_values(self._states(forecast, 0, self._steps), p, output)
+            values = _state_values(states[:-1], p, output)
         elif cost.kind == QUADRATIC:
-            weights = _square(cost.state_weights, len(output))
-            values = values + _state_values(self._states(forecast, 0, self._steps), p, weights)
-        if cost.terminal_weight:
-            values = values.copy()
-            values[-1] += cost.terminal_weight * _state_values(self._states(forecast, self._steps, 1), p, output)[0]
+            values += _state_values(states[:-1], p, _square(cost.state_weights, len(output)))
+        values[-1] += cost.terminal_weight * _state_values(states[-1:], p, output)[0]
         return values
-
-    def _states(self, forecast: HorizonForecast, first: int, count: int) -> FloatArray:
-        """Energy state of the motion [W] at the start of steps, shape (count, m)."""
-        times_s: FloatArray = (first + np.arange(count, dtype=np.float64)) * forecast.step_s
-        return rotated(forecast.state_w, forecast.period_s, times_s)
 
     def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
         """The first step whose choice, of one for each, requires more charge than is left; None if all are feasible."""
@@ -473,11 +470,8 @@ class Horizon:
         for loss, step, above, short in sorted(raises):
             losses = value[:step, None] - table.value[:step]
             enough = now[:step, None] - table.drop[:step] >= max(short, 1e-15)
-            places = np.flatnonzero(enough & (losses < -loss))
-            others = [
-                divmod(place, len(self.choices))
-                for place in places[np.argsort(losses.take(places), kind="stable")].tolist()
-            ]
+            places = zip(*np.nonzero(enough & (losses < -loss)), strict=True)
+            others = [place for _, place in sorted((losses[place], place) for place in places)]
             for other, choice in [(step, above), *others] if short <= 0 else others:
                 trial = made.copy()
                 trial[other] = choice
@@ -510,7 +504,10 @@ class Horizon:
         table = self.table(forecast)
         c = np.clip(now, self._c.low, self._c.high)
         while True:
-            values = [_round_down(levels, x) for levels, x in zip(self._c.levels, c, strict=True)]
+            values = [
+                max((level for level in levels if level <= x + 1e-9), default=levels[0])
+                for levels, x in zip(self._c.levels, c, strict=True)
+            ]
             found = np.flatnonzero((self.choices == values).all(axis=1))
             if len(found) and self._violated(np.full(self._steps, found[0]), table, forecast.soc) is None:
                 return np.tile(values, (self._steps, 1))
@@ -550,8 +547,3 @@ def _state_values(states_w: FloatArray, powers_w: FloatArray, weights: FloatArra
     fixed = (states_w * forces).sum(axis=1)[:, None]
     values: FloatArray = 0.5 * (fixed + powers_w * (2 * forces[:, :1] + weights[0, 0] * powers_w))
     return values
-
-
-def _round_down(levels: Sequence[float], value: float) -> float:
-    below = [level for level in levels if level <= value + 1e-9]
-    return below[-1] if below else levels[0]

@@ -189,7 +189,7 @@ class PaperPlanner(TrackingPlanner):
             self._flown_path = path
         jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
         self._soc = o.soc
-        if not self._started(o):
+        if not self._laps_known() or o.time_s < self._own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
             self._next_s = next_multiple(o.time_s, self._settings.every_s)
@@ -222,9 +222,6 @@ class PaperPlanner(TrackingPlanner):
     def _gained_w(self, path: Vector) -> float:
         """Change of the motion's power by another path than the one flown [W]: Ω (c − c⁻)."""
         return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, self._flown_path, strict=True))
-
-    def _started(self, o: Observation) -> bool:
-        return self._laps_known() and o.time_s >= self._own.start_after_s - 1e-9
 
     def _laps_known(self) -> bool:
         return self._mission.plan.primitive_stages is None or self._laps >= self._own.min_periods
@@ -449,16 +446,11 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
     drops = (battery.drain_per_s(power_w, battery.voltage_v) * step_s).cumsum()
-    if drops[-1] >= spare:
-        return _crossing_s(drops, spare, step_s)
-    first = float(drops[head - 1])
-    one_period = float(drops[-1]) - first
-    if one_period <= 0:
+    first, one_period = float(drops[head - 1]), float(drops[-1] - drops[head - 1])
+    if spare > drops[-1] and one_period <= 0:
         return math.inf
-    whole = float(np.floor((spare - first) / one_period))
-    rest = spare - first - whole * one_period
-    periods_s = whole * (len(power_w) - head) * step_s
-    return head * step_s + periods_s + _crossing_s(drops[head:] - first, rest, step_s)
+    whole = (spare - first) // one_period if spare > drops[-1] else 0.0
+    return whole * (len(power_w) - head) * step_s + _crossing_s(drops, spare - whole * one_period, step_s)
 
 
 def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
@@ -468,15 +460,11 @@ def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
 
 
 class _Coverage(NamedTuple):
-    """The whole coverage.
-
-    Its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], the sets of these, and ν and τ of each.
-    """
+    """The whole coverage: its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], and their sets."""
 
     shortest_s: float
     longest_s: float
     boxes: list[Box]
-    scalings: list[tuple[float, float]]
 
     @property
     def whole_s(self) -> float:
@@ -485,7 +473,9 @@ class _Coverage(NamedTuple):
 
     def controls_s(self, path: Vector) -> list[float]:
         """û = ν c + τ of each path parameter [s]."""
-        return [nu * value + tau for (nu, tau), value in zip(self.scalings, path, strict=False)]
+        times_s = self.shortest_s, self.longest_s, len(self.boxes)
+        scalings = [path_scaling(box.lo, box.hi, *times_s) for box in self.boxes]
+        return [nu * value + tau for (nu, tau), value in zip(scalings, path, strict=False)]
 
 
 def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
@@ -512,6 +502,4 @@ def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
             return None
         times.append(length / mission.cruise_mps)
     boxes = [plan.hull(i) for i in range(rho)]
-    shortest_s, longest_s = times
-    scalings = [path_scaling(box.lo, box.hi, shortest_s, longest_s, rho) for box in boxes]
-    return _Coverage(shortest_s, longest_s, boxes, scalings)
+    return _Coverage(times[0], times[1], boxes)
