@@ -33,7 +33,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
 from eadp.core.signals.harmonics import output_row, rotated
-from eadp.core.signals.scaling import computation_scaling
+from eadp.core.signals.scaling import scaling_factors
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
@@ -212,16 +212,23 @@ class _Mixture:
         rows[self.step, np.arange(self.size)] += limit
         return gain, rows
 
-    def shifted(self, last: _Relaxed) -> _Relaxed:
-        """A solution a step later."""
+    def shifted(self, last: _Relaxed) -> _Relaxed | None:
+        """A solution a step later; None where the steps mix other levels."""
         z, each = last.z, self.size // self.steps
+        if not self.shifts:
+            return None
         return _Relaxed(np.concatenate([z[each:], z[-each:]]), np.concatenate([last.multipliers[1:], [0.0]]), 0)
 
     def solved(self, gain: FloatArray, rows: FloatArray, spare: FloatArray, last: _Relaxed | None) -> _Relaxed:
-        """The solution of the QP: each variable is scaled by its reach, each row then by its largest entry."""
+        """The solution of the QP, near the last: each variable is scaled by its reach, each row by its largest.
+
+        The reach is how far a variable could rise if it alone used the slack of the rows. With little charge it is
+        small; without this scaling OSQP stalls.
+        """
         if self.program is None:
             return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
-        reach = _reach(rows, spare)
+        shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
+        reach = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
         rows, gain = rows * reach, gain * reach
         units, largest = rows.max(axis=1) + 1e-300, float(gain.max())
         matrix = np.vstack([np.eye(self.size), rows / units[:, None]])
@@ -231,11 +238,6 @@ class _Mixture:
         found = self.program.solve(gain / -largest, matrix, lower, upper, centre)
         multipliers = np.maximum(found.multipliers[self.size :], 0.0) * (largest / units)
         return _Relaxed(np.clip(found.x * reach, 0.0, 1.0), multipliers, found.iterations)
-
-    def power_w(self, z: FloatArray) -> FloatArray:
-        """What mixtures add to the minimum power at each step [W]."""
-        added: FloatArray = np.bincount(self.step, z * self.rises_w, self.steps).astype(np.float64)
-        return added
 
 
 class Horizon:
@@ -307,7 +309,7 @@ class Horizon:
             raised = c.low.copy()
             raised[k] = c.high[k]
             share_w = base_w / count
-            nu, tau = computation_scaling(c.low[k], c.high[k], share_w, share_w + c.power(raised.tolist()) - base_w)
+            nu, tau = scaling_factors(c.low[k], c.high[k], share_w, share_w + c.power(raised.tolist()) - base_w)
             controls[:, k] = nu * self.choices[:, k] + tau
         return controls
 
@@ -370,14 +372,14 @@ class Horizon:
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
         mixture = self._mixture(table)
         gain, rows = mixture.problem(table)
-        found = last = self._shifted(mixture)
+        found = last = mixture.shifted(self._last[1]) if self._last and self._last[0] is mixture else None
         bound = None if last is None else self._proof(last, gain, rows, spare, table, soc)
         kept = bound is not None
         if found is None or bound is None:
             found = mixture.solved(gain, rows, spare, last)
             bound = _bound(found.multipliers, table, soc)
         self._last = mixture, found
-        power_w = self.powers_w[0] + mixture.power_w(found.z)
+        power_w = self.powers_w[0] + np.bincount(mixture.step, found.z * mixture.rises_w, self._steps)
         made = self._rounded(power_w, table, soc)
         objective = float(table.value.take(self._at + made).sum())
         limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
@@ -415,12 +417,6 @@ class Horizon:
         if vertices not in self._mixtures:
             self._mixtures[vertices] = _Mixture(vertices, self.powers_w, self._report)
         return self._mixtures[vertices]
-
-    def _shifted(self, mixture: _Mixture) -> _Relaxed | None:
-        """The last solution, a step later; None if it mixed other levels."""
-        if self._last is None or self._last[0] is not mixture or not mixture.shifts:
-            return None
-        return mixture.shifted(self._last[1])
 
     def _proof(
         self, last: _Relaxed, gain: FloatArray, rows: FloatArray, spare: FloatArray, table: _Table, soc: float
@@ -514,16 +510,6 @@ class Horizon:
             if (c <= self._c.low).all():
                 raise Infeasible("even the minimum parameters are infeasible")
             c = np.maximum(c - deltas, self._c.low)
-
-
-def _reach(rows: FloatArray, spare: FloatArray) -> FloatArray:
-    """Reach of each variable: how far it could rise if it alone used the slack of the rows.
-
-    With little charge the reach is small; without this scaling OSQP stalls.
-    """
-    shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
-    reach: FloatArray = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
-    return reach
 
 
 def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
-from eadp.core.signals.scaling import path_scaling
+from eadp.core.signals.scaling import scaling_factors
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
@@ -472,9 +472,10 @@ class _Coverage(NamedTuple):
         return max(self.shortest_s, self.longest_s)
 
     def controls_s(self, path: Vector) -> list[float]:
-        """û = ν c + τ of each path parameter [s]."""
-        times_s = self.shortest_s, self.longest_s, len(self.boxes)
-        scalings = [path_scaling(box.lo, box.hi, *times_s) for box in self.boxes]
+        """û = ν c + τ of each path parameter [s], with an equal share of the time. Source: letter, Eq. 10."""
+        rho = len(self.boxes)
+        ends_s = self.shortest_s / rho, self.longest_s / rho
+        scalings = [scaling_factors(box.lo, box.hi, *ends_s) for box in self.boxes]
         return [nu * value + tau for (nu, tau), value in zip(scalings, path, strict=False)]
 
 
