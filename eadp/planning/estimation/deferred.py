@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import Column, FloatArray
-from eadp.planning.estimation.estimator import Estimator, ExactEstimator, PowerEstimate
+from eadp.planning.estimation.estimator import Estimator, PowerEstimate
 
 MOST_WAITING = 10_000
 """Most batches of readings, laps and steps of the level that wait."""
@@ -44,14 +44,13 @@ class DeferredEstimator:
         self._estimator = estimator
         self._waiting: deque[_Readings | Callable[[], None]] = deque()
         self._forecast_w = 0.0
-        # the exact estimator's period is that of the last lap, which does not wait
-        self._follows_laps = isinstance(estimator, ExactEstimator) and estimator.follows_laps
         self._period_s, self._lap_from_s = estimator.period_s, math.inf
 
     @property
     def period_s(self) -> float | None:
         """The estimator's period [s]."""
-        return self._period_s if self._follows_laps else self.now.period_s
+        # that of the last lap does not wait
+        return self._period_s if self._estimator.follows_laps else self.now.period_s
 
     @property
     def now(self) -> Estimator:

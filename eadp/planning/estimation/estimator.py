@@ -161,6 +161,8 @@ class ExactEstimator:
 
     Attributes
     ----------
+    follows_laps : bool
+        Whether laps change the period.
     period_s, period_std_s : float
         T, None without a period, and its standard deviation [s].
     noise_w : float
@@ -181,6 +183,7 @@ class ExactEstimator:
     ) -> None:
         self._settings = settings
         self._order = settings.order if period_s else 0
+        self.follows_laps = self._order > 0
         self.period_s = period_s
         self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
         self.noise_w = max(settings.noise_w, EXACT_SENSOR_W)
@@ -195,11 +198,6 @@ class ExactEstimator:
         self._lap_marks_s: list[float] = []
         self._readings = array("d"), array("d")  # times [s] and powers [W]
         self._learn_at_s = math.inf
-
-    @property
-    def follows_laps(self) -> bool:
-        """Whether laps change the period."""
-        return self._order > 0
 
     @property
     def state_w(self) -> FloatArray:
@@ -374,6 +372,9 @@ class PublishedEstimator:
 
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """
+
+    follows_laps = False
+    """Its period is that of the running lap where that is longer."""
 
     def __init__(self, settings: EstimatorSettings) -> None:
         self._order = settings.order

@@ -485,22 +485,19 @@ def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
     From the settings, else nominal at cruise speed without wind. None if no path parameter is free, or the nominal path
     is undefined.
     """
-    plan = mission.plan
-    rho = plan.path_count
-    if not rho or all(plan.hull(i).fixed for i in range(rho)):
+    boxes = [mission.plan.hull(i) for i in range(mission.plan.path_count)]
+    if all(box.fixed for box in boxes):
         return None
-    times = []
-    for given, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
-        if given is not None:
-            times.append(given)
-            continue
-        corner = (*(getattr(plan.hull(i), end) for i in range(rho)), *mission.parameters[rho:])
-        try:
-            length = sum(leg.distance_m for leg in nominal_legs(plan, corner, mission.start_m))
-        except PathUndefined:
+    times_s = []
+    for time_s, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
+        if time_s is None:
+            corner = (*(getattr(box, end) for box in boxes), *mission.parameters[len(boxes) :])
+            try:
+                length = sum(leg.distance_m for leg in nominal_legs(mission.plan, corner, mission.start_m))
+            except PathUndefined:
+                return None
+            time_s = length / mission.cruise_mps
+        if not math.isfinite(time_s):
             return None
-        if not math.isfinite(length):
-            return None
-        times.append(length / mission.cruise_mps)
-    boxes = [plan.hull(i) for i in range(rho)]
-    return _Coverage(times[0], times[1], boxes)
+        times_s.append(time_s)
+    return _Coverage(times_s[0], times_s[1], boxes)
