@@ -123,9 +123,7 @@ def test_records_are_in_the_order_of_time_and_written_as_json(dropped):
     times = [record.time_s for record in dropped.records]
     assert times == sorted(set(times))
     assert times[0] == pytest.approx(WARM_UP_S, abs=2 * STEP_S)
-    assert max(later - now for now, later in itertools.pairwise(times)) < 30.0 + 1.0 + 2 * STEP_S, (
-        "at whole multiples of planner.every_s"
-    )
+    assert max(later - now for now, later in itertools.pairwise(times)) < 30.0 + 1.0 + 2 * STEP_S, "at whole multiples of planner.every_s"
     for record in dropped.records:
         row = json.loads(json.dumps(record_row(record, ("c1", "c2")), allow_nan=False))
         assert set(row["parameters"]) == {"c1", "c2"}
