@@ -46,6 +46,7 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
+from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper import horizon
 from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
@@ -127,18 +128,18 @@ class Ours:
         self._planner = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission, settings)
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
-        self._horizon = self._planner._horizon(self._observation, [1], steps, (0.0,))
+        self._horizon = self._planner._horizon(self._observation, (0.0,))
         horizon.OPTIMAL = -np.inf  # nothing is kept
         self._steps = steps
 
     def prepare(self, instance: Instance) -> Observation:
         """Make the planner's estimate that of an instance."""
-        self._planner._estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
+        self._planner._estimator = DeferredEstimator(ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w))
         return self._observation._replace(soc=instance.soc)
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:
         """Re-plan: what is timed."""
-        forecast = self._planner._horizon_forecast(observation, self._steps)
+        forecast = self._planner._horizon_forecast(observation)
         return forecast, self._horizon.solve(forecast)
 
 
@@ -231,7 +232,7 @@ OPTIONS = {
 PARTS = {
     "forecast": (PaperPlanner, "_horizon_forecast"),
     "table of levels": (Horizon, "table"),
-    "scaled QP": (Horizon, "_scaled"),
+    "data of the QP": (horizon._Mixture, "problem"),
     "checks of the data": (QuadraticProgram, "_check"),
     "update": (OsqpSolver, "update"),
     "warm start, solve, copies": (OsqpSolver, "run"),
@@ -262,7 +263,7 @@ def speed(rng: np.random.Generator, count: int, steps: int, block: int) -> Speed
             started = time.perf_counter()
             _, plan = ours.solve(observation)
             ours_ms.append(1e3 * (time.perf_counter() - started))
-            active += bool(plan.power_w.min() < HIGH_W - 1e-6)
+            active += bool(plan.chosen_w.min() < HIGH_W - 1e-6)
         for instance in found[first : first + block]:
             start = peer.start(instance, c, last)
             started = time.perf_counter()

@@ -234,7 +234,7 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
         "inner loop": [(InnerLoop, "run")],
         "stages": [(PlanExecutor, "handle"), (PlanExecutor, "decide"), (InnerLoop, "start_stage")],
         "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "ingest") if name in vars(owner)],
-        "estimator": [(ExactEstimator, name) for name in ("observe", "observe_batch", "lap", "start_lap", "forecast")],
+        "estimator": [(ExactEstimator, name) for name in ("observe", "lap", "start_lap", "forecast")],
         "inputs": [(Files, "load"), (FlightInputs, "planner")],
     }
     print("  where it goes, ms a flight:", end="")

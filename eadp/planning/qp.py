@@ -48,12 +48,9 @@ ROOM = 1e3
 SOLVED, UNVERIFIED = "solved", "solved, not verified"
 SILENT = {"verbose": False, "polishing": False, "warm_starting": True}
 
-NOT_FINITE, CROSSED = 1, 2
-FAULTS = {NOT_FINITE: "data that are not finite", CROSSED: "a row whose lower bound is above its upper bound"}
-
 
 class QpSolution(NamedTuple):
-    """A verified solution.
+    """A solution, verified where `QuadraticProgram.solve` returns it.
 
     Attributes
     ----------
@@ -61,20 +58,14 @@ class QpSolution(NamedTuple):
         The minimiser.
     multipliers : array, shape (rows,)
         Lagrange multipliers of the rows, positive at upper bounds.
+    status, name : int and str
+        OSQP's status.
     iterations : int
         Iterations of the run.
     """
 
     x: FloatArray
     multipliers: FloatArray
-    iterations: int
-
-
-class OsqpRun(NamedTuple):
-    """What OSQP returns: solution, multipliers, status and its name, iterations."""
-
-    x: FloatArray
-    y: FloatArray
     status: int
     name: str
     iterations: int
@@ -102,39 +93,31 @@ class OsqpSolver:
         settings: dict[str, Any],
     ) -> None:
         import osqp
-        from scipy.sparse import csc_matrix
+        from scipy.sparse import identity
 
         self.rows, self.columns = rows.shape
-        places = np.arange(self.columns + 1)
-        identity = csc_matrix((np.full(self.columns, diagonal), places[:-1], places), shape=(self.columns,) * 2)
         self._owner = osqp.OSQP()
-        self._owner.setup(identity, linear, rows, lower, upper, **settings)
+        self._owner.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
         self._extension = self._owner._solver
 
-    def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray | None) -> None:
-        """Set the vectors, and the entries of A if they are given."""
+    def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
+        """Set the vectors and the entries of A."""
         fault = self._extension.update_data_vec(q=linear, l=lower, u=upper)
-        if entries is not None:
-            fault = fault or self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
+        fault = fault or self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
         if fault:
             raise SolverFailed(f"OSQP refused the data: {fault}")
 
-    def run(self, start: FloatArray) -> OsqpRun:
+    def run(self, start: FloatArray) -> QpSolution:
         """Solve, from an x."""
         self._extension.warm_start(start, None)
         self._extension.solve()
-        info, solution = self._extension.info, self._extension.solution
-        return OsqpRun(solution.x, solution.y, info.status_val, info.status, info.iter)
+        info, found = self._extension.info, self._extension.solution
+        # OSQP may write its next solution into the same memory
+        return QpSolution(np.array(found.x), np.array(found.y), info.status_val, info.status, info.iter)
 
 
-class QpData(NamedTuple):
-    """Data of one problem, see `QuadraticProgram.solve`."""
-
-    gradient: FloatArray
-    matrix: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    centre: FloatArray
+QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Gradient, matrix, lower and upper bounds, and centre of one problem, see `QuadraticProgram.solve`."""
 
 
 class QuadraticProgram:
@@ -163,7 +146,6 @@ class QuadraticProgram:
         self._proximal, self._retry_proximal = proximal, max(RETRY_PROXIMAL[0] * proximal, RETRY_PROXIMAL[1])
         self._report, self._tolerance = report, tolerance
         self._solver: OsqpSolver | None = None
-        self._entries = b""
 
     def solve(
         self, gradient: FloatArray, matrix: FloatArray, lower: FloatArray, upper: FloatArray, centre: FloatArray
@@ -187,7 +169,7 @@ class QuadraticProgram:
             On data that are not finite or do not fit, and if both runs end with any status but "solved", or with a
             solution that does not satisfy the optimality conditions.
         """
-        data = QpData(gradient, matrix, lower, upper, centre)
+        data = gradient, matrix, lower, upper, centre
         self._check(data)
         try:
             return self._run(data, self._proximal, SETTINGS)
@@ -201,13 +183,14 @@ class QuadraticProgram:
 
     def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
-        rows, columns = (self._rows,), (self._columns,)
+        rows, columns, (_, _, lower, upper, _) = (self._rows,), (self._columns,), data
         shapes = tuple(array.shape for array in data)
         if shapes != (columns, rows + columns, rows, rows, columns):
             raise SolverFailed(f"data of shapes {shapes} do not fit {self._rows} × {self._columns}")
-        fault = _fault(data)
-        if fault:
-            raise SolverFailed(FAULTS[fault])
+        if not all(math.isfinite(np.vdot(array, array)) for array in data):
+            raise SolverFailed("data that are not finite")
+        if (lower > upper).any():
+            raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
@@ -215,30 +198,26 @@ class QuadraticProgram:
 
         report = self._report
         report.calls += 1
-        status, solution = SOLVED, None
         try:
-            run = self._result(data, proximal, settings)
-            # OSQP may write its next solution into the same memory
-            solution = QpSolution(np.array(run.x), np.array(run.y), run.iterations)
-            if run.status != osqp.SolverStatus.OSQP_SOLVED:
+            solution = self._result(data, proximal, settings)
+            if solution.status != osqp.SolverStatus.OSQP_SOLVED:
                 # inaccurate, infeasible, iteration or time limit, non-convex, interrupted, unsolved
-                status = run.name
-            elif not _is_optimal(data, proximal, run.x, run.y):
-                status = UNVERIFIED
+                status = solution.name
+            else:
+                status = SOLVED if _is_optimal(data, proximal, solution) else UNVERIFIED
         except Exception as error:  # whatever the extension raises is a failed run
             status = type(error).__name__
         report.by_status[status] = report.by_status.get(status, 0) + 1
-        if status != SOLVED or solution is None:
+        if status != SOLVED:
             report.failed += 1
             raise SolverFailed(f"OSQP: {status}")
         report.solved += 1
         return solution
 
-    def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> OsqpRun:
+    def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
-        before, self._entries = self._entries, entries.tobytes()
         if self._solver is None:
             from scipy.sparse import csc_matrix
 
@@ -246,20 +225,14 @@ class QuadraticProgram:
             tolerance = {"eps_abs": self._tolerance, "eps_rel": self._tolerance}
             self._solver = OsqpSolver(proximal, linear, rows, lower, upper, SILENT | tolerance | settings)
         else:
-            self._solver.update(linear, lower, upper, None if self._entries == before else entries)
+            self._solver.update(linear, lower, upper, entries)
         return self._solver.run(centre)
 
 
-def _fault(data: QpData) -> int:
-    """What is wrong with data, in `FAULTS`; 0 for nothing."""
-    if not all(math.isfinite(np.vdot(array, array)) for array in data):
-        return NOT_FINITE
-    return CROSSED if (data.lower > data.upper).any() else 0
-
-
-def _is_optimal(data: QpData, proximal: float, x: FloatArray, y: FloatArray) -> bool:
+def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
     gradient, matrix, lower, upper, centre = data
+    x, y = solution.x, solution.multipliers
     values = matrix @ x
     below, above = upper - values, values - lower
     forces = gradient + proximal * (x - centre) + y @ matrix

@@ -198,7 +198,7 @@ def test_only_solved_is_a_solution(status, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     good = program.solve(*box_data())
-    run = qp.OsqpRun(good.x, good.multipliers, status, status.name, 1)
+    run = qp.QpSolution(good.x, good.multipliers, status, status.name, 1)
     monkeypatch.setattr(qp.OsqpSolver, "run", lambda solver, start: run)
     if status.name == "OSQP_SOLVED":
         assert program.solve(*box_data()).x == pytest.approx(good.x)

@@ -160,8 +160,8 @@ def test_time_to_an_empty_battery_is_the_integral_of_the_model():
 
     empty.terminal = True
     solved = solve_ivp(rate, (0, 5000), [0.8], events=empty, rtol=1e-10, atol=1e-12)
-    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(solved.t_events[0][0], rel=2e-3)
-    assert pilot._time_to_reserve_s(o._replace(soc=0.1), o.parameters) == 0.0
+    assert pilot._time_to_reserve_s(o, 0.0) == pytest.approx(solved.t_events[0][0], rel=2e-3)
+    assert pilot._time_to_reserve_s(o._replace(soc=0.1), 0.0) == 0.0
 
 
 def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
@@ -172,7 +172,7 @@ def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
     # ∫ V db = (12.8 · 0.6 + 2 (0.9² − 0.3²)) V of 3.2 Ah, at 36 W
     expected_s = (12.8 * 0.6 + 2 * (0.81 - 0.09)) * 3.2 * 3600 / 36.0
     o = observation(20.0, soc=0.9)
-    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(expected_s, rel=0.01)
+    assert pilot._time_to_reserve_s(o, 0.0) == pytest.approx(expected_s, rel=0.01)
 
 
 def test_time_to_an_empty_battery_follows_a_periodic_power():
@@ -188,7 +188,7 @@ def test_time_to_an_empty_battery_follows_a_periodic_power():
         y = power(t + 0.005) + pilot._computing_plan_w[-1]
         soc -= BATTERY.k_b_per_s * BATTERY.current_a(float(y)) / BATTERY.capacity_ah * 0.01
         t += 0.01
-    assert pilot._time_to_reserve_s(o, o.parameters) == pytest.approx(t - 199.9, rel=0.005)
+    assert pilot._time_to_reserve_s(o, 0.0) == pytest.approx(t - 199.9, rel=0.005)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_the_largest_path_that_fits_just_fits():
         decision = pilot.update(observation(0.1 * k, soc=0.8))
     o = observation(10.0, soc=0.8)
     decision = pilot.update(o)
-    t_b = pilot._time_to_reserve_s(o, decision.parameters)
+    t_b = pilot._time_to_reserve_s(o, 0.0)
     assert -1000 < decision.parameters[0] < 0
     assert pilot._remaining_s(decision.parameters, 10.0, pilot._coverage) == pytest.approx(t_b, abs=0.01)
 
@@ -357,9 +357,7 @@ def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
     o, chosen = observation(10.0, soc=0.8), decision.parameters
     ladder = [-100.0 * k for k in range(11)]
     enough = [
-        c1
-        for c1 in ladder
-        if pilot._remaining_s((c1, 10.0), 10.0, pilot._coverage) <= pilot._time_to_reserve_s(o, (c1, 10.0))
+        c1 for c1 in ladder if pilot._remaining_s((c1, 10.0), 10.0, pilot._coverage) <= pilot._time_to_reserve_s(o, 0.0)
     ]
     assert 0 > chosen[0] == max(enough) > -1000
 
@@ -369,12 +367,12 @@ def test_gains_step_the_level_when_the_path_changes():
     pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
     for k in range(1, 200):
         pilot.update(observation(0.1 * k))
-    before = pilot._estimator.state_w[0]
+    before = pilot._estimator.now.state_w[0]
     for k in (200, 201):
         pilot.update(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
-        assert pilot._estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
-    longer = pilot._time_to_reserve_s(observation(20.2), (-1000.0, 10.0))
-    assert longer > pilot._time_to_reserve_s(observation(20.2), (-500.0, 10.0))
+        assert pilot._estimator.now.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
+    longer = pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-1000.0,)))
+    assert longer > pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-500.0,)))
 
 
 def test_a_sensor_without_readings_is_lived_with():
@@ -407,7 +405,7 @@ def test_a_fit_is_what_the_estimator_starts_from():
     white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
     assert white._estimator.now.disturbance == (0.5, 5.0)
     mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
-    assert mean._estimator.state_w.tolist() == [31.0]
+    assert mean._estimator.now.state_w.tolist() == [31.0]
 
 
 def test_the_first_period_of_a_single_lap_is_the_lap():

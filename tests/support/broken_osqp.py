@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import osqp
 
-from eadp.planning.qp import OsqpRun, OsqpSolver
+from eadp.planning.qp import OsqpSolver, QpSolution
 
 TRUE_RUN = OsqpSolver.run
 
@@ -13,11 +13,11 @@ TRUE_RUN = OsqpSolver.run
 def failing(solver, start):
     """The iteration limit."""
     limit = osqp.SolverStatus.OSQP_MAX_ITER_REACHED
-    return OsqpRun(np.full(solver.columns, 2.1e9), np.zeros(solver.rows), limit, "maximum iterations reached", 1)
+    return QpSolution(np.full(solver.columns, 2.1e9), np.zeros(solver.rows), limit, "maximum iterations reached", 1)
 
 
 def _called_solved(x, y):
-    return OsqpRun(x, y, osqp.SolverStatus.OSQP_SOLVED, "solved", 1)
+    return QpSolution(x, y, osqp.SolverStatus.OSQP_SOLVED, "solved", 1)
 
 
 def start(solver, start):
@@ -36,7 +36,7 @@ def spoilt(solver, start):
     run = TRUE_RUN(solver, start)
     x = np.array(run.x)
     x[-1] += 0.1
-    return _called_solved(x, run.y)
+    return _called_solved(x, run.multipliers)
 
 
 def not_finite(solver, start):

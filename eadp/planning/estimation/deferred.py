@@ -7,20 +7,28 @@ it is asked.
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import Column, FloatArray
-from eadp.planning.estimation.estimator import Estimates, Estimator, ExactEstimator, PowerEstimate
+from eadp.planning.estimation.estimator import Estimator, PowerEstimate
 
-MOST_WAITING = 100_000
-"""Most readings that wait."""
+MOST_WAITING = 10_000
+"""Most batches of readings, laps and steps of the level that wait."""
 
 SAME_INSTANT_S = 1e-9
+
+
+class _Readings(NamedTuple):
+    """A batch of readings of the motion [W], NaN where there is none, beside one power of the computations [W]."""
+
+    times_s: FloatArray
+    motion_w: FloatArray
+    beside_w: float
 
 
 class DeferredEstimator:
@@ -34,18 +42,15 @@ class DeferredEstimator:
 
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator
-        self._times_s, self._motion_w = array("d"), array("d")
-        self._beside: list[tuple[int, float]] = []
-        self._events: list[tuple[int, Callable[[], None]]] = []
+        self._waiting: deque[_Readings | Callable[[], None]] = deque()
         self._forecast_w = 0.0
-        # the exact estimator's period is that of the last lap, which does not wait
-        self._follows_laps = isinstance(estimator, ExactEstimator) and estimator.follows_laps
         self._period_s, self._lap_from_s = estimator.period_s, math.inf
 
     @property
     def period_s(self) -> float | None:
         """The estimator's period [s]."""
-        return self._period_s if self._follows_laps else self.now.period_s
+        # that of the last lap does not wait
+        return self._period_s if self._estimator.follows_laps else self.now.period_s
 
     @property
     def now(self) -> Estimator:
@@ -53,26 +58,10 @@ class DeferredEstimator:
         self._process()
         return self._estimator
 
-    @property
-    def state_w(self) -> FloatArray:
-        """The energy state q [W]."""
-        return self.now.state_w
-
-    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
-        """See `ExactEstimator.estimate`."""
-        return self.now.estimate(computing_w, horizon_s)
-
-    def forecast(self, ahead_s: FloatArray) -> FloatArray:
-        """See `ExactEstimator.forecast`."""
-        return self.now.forecast(ahead_s)
-
     def observe(self, times_s: Column, powers_w: Sequence[float | None] | FloatArray, beside_w: float) -> None:
         """Take readings [W] in order, None where there is none; `beside_w` of each is the computations' power."""
-        if len(self._times_s) + len(times_s) > MOST_WAITING:
-            self._process()  # before: the next instants that are asked for may lie among the new ones
-        self._times_s.frombytes(np.array(times_s, dtype=float).tobytes())
-        self._motion_w.frombytes((np.array(powers_w, dtype=float) - beside_w).tobytes())
-        self._beside.append((len(times_s), beside_w))
+        motion_w = np.array(powers_w, dtype=float) - beside_w
+        self._wait(_Readings(np.array(times_s, dtype=float), motion_w, beside_w))
 
     def lap(self, time_s: float) -> None:
         """See `ExactEstimator.lap`."""
@@ -104,54 +93,29 @@ class DeferredEstimator:
         horizon_s : function
             How far the planner looks ahead, by the period [s].
         """
-        record: list[Estimates] = []
-        self._process(record)
-        known_s = np.concatenate([each.times_s for each in record])
-        at = np.maximum(np.searchsorted(known_s, np.array(times_s) + SAME_INSTANT_S, "right") - 1, 0)
-        forecasts_w, states = (np.concatenate([each[i] for each in record])[at] for i in (3, 4))
-        periods_s = list(chain.from_iterable(each.periods_s for each in record))
-        disturbances_s = np.repeat([each.disturbance_s for each in record], [len(each.times_s) for each in record])
-        estimates = [
-            PowerEstimate(time_s, periods_s[i], state, disturbance_s, computing_w, horizon_s(periods_s[i]))
-            for i, time_s, disturbance_s, state in zip(
-                at.tolist(), known_s[at].tolist(), disturbances_s[at].tolist(), states, strict=True
-            )
-        ]
-        return forecasts_w.tolist(), estimates
+        forecasts_w, estimates = [], []
+        for time_s in times_s:
+            self._process(time_s + SAME_INSTANT_S)
+            forecasts_w.append(self._forecast_w)
+            estimates.append(self._estimator.estimate(computing_w, horizon_s(self._estimator.period_s)))
+        return forecasts_w, estimates
 
-    def _wait(self, event: Callable[[], None]) -> None:
-        self._events.append((len(self._times_s), event))
+    def _wait(self, item: _Readings | Callable[[], None]) -> None:
+        if len(self._waiting) >= MOST_WAITING:
+            self._process()  # without this one: the next instants that are asked for may lie in it
+        self._waiting.append(item)
 
-    def _process(self, record: list[Estimates] | None = None) -> None:
-        """Process what waits, in order; record the estimates before it, and after each reading and each event."""
-        times_s, motion_w, beside, events = self._times_s, self._motion_w, self._beside, self._events
-        if record is None and not times_s and not events:
-            return
-        self._times_s, self._motion_w, self._beside, self._events = array("d"), array("d"), [], []
-        if record is not None:
-            beside_w = np.repeat([power_w for _, power_w in beside], [count for count, _ in beside])
-        done = 0
-        for end, event in ((0, None), *events, (len(times_s), None)):
-            if end > done:
-                readings = times_s[done:end], motion_w[done:end]
-                if record is None:
-                    self._forecast_w = self._estimator.observe_batch(*readings) + beside[-1][1]
-                else:
-                    found: list[Estimates] = []
-                    self._estimator.observe_batch(*readings, found)
-                    record += _beside(found, beside_w[done:end])
-                    self._forecast_w = float(record[-1].forecasts_w[-1])
-                done = end
-            if event is not None:
-                event()
-            if record is not None:
-                record.append(self._estimator.estimates(self._forecast_w))
-
-
-def _beside(estimates: list[Estimates], beside_w: FloatArray) -> Iterator[Estimates]:
-    """Estimates with the power of the computations at each [W] in their forecasts."""
-    n = 0
-    for each in estimates:
-        end = n + len(each.times_s)
-        yield each._replace(forecasts_w=each.forecasts_w + beside_w[n:end])
-        n = end
+    def _process(self, until_s: float = math.inf) -> None:
+        """Process what waits up to a time, in order."""
+        while self._waiting:
+            item = self._waiting.popleft()
+            if not isinstance(item, _Readings):
+                item()
+                continue
+            times_s, motion_w, beside_w = item
+            end = int(np.searchsorted(times_s, until_s, "right"))
+            for time_s, value in zip(times_s[:end].tolist(), motion_w[:end].tolist(), strict=True):
+                self._forecast_w = self._estimator.observe(time_s, None if math.isnan(value) else value) + beside_w
+            if end < len(times_s):
+                self._waiting.appendleft(_Readings(times_s[end:], motion_w[end:], beside_w))
+                return

@@ -8,7 +8,6 @@ from __future__ import annotations
 import bisect
 import math
 from array import array
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
@@ -19,11 +18,11 @@ from annotated_types import Ge, Le
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
 from eadp.core.signals import forecasting
-from eadp.core.signals.disturbance import DisturbanceFit, fit_disturbance, rate_per_s, stationary_covariance, subsampled
+from eadp.core.signals.disturbance import fit_disturbance, rate_per_s, stationary_covariance, subsampled
 from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation.power_filter import EnergyDynamics, EnergyFilter
 
-EXACT, PUBLISHED = "exact", "published"
+PUBLISHED = "published"
 
 FIRST_STD_W, FIRST_SHARE = 10.0, 0.5
 """Initial standard deviation of the level [W], and as a share of the first reading; the larger counts. Harmonics have
@@ -142,30 +141,6 @@ class PowerEstimate(NamedTuple):
         return self.power_rows(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
 
 
-class Estimates(NamedTuple):
-    """Estimates in a row: after readings, or at one moment.
-
-    Attributes
-    ----------
-    times_s : sequence of float
-        Time of the last reading [s].
-    periods_s : sequence of float or None
-        [s].
-    disturbance_s : float
-        Time constant of the disturbance [s].
-    forecasts_w : array, shape (n,)
-        Forecast of the last reading [W].
-    states : array, shape (n, 2r + 3)
-        As in `PowerEstimate`.
-    """
-
-    times_s: Sequence[float]
-    periods_s: Sequence[float | None]
-    disturbance_s: float
-    forecasts_w: FloatArray
-    states: FloatArray
-
-
 class ExactEstimator:
     """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
 
@@ -184,6 +159,17 @@ class ExactEstimator:
     period_std_s : float, optional
         Standard deviation of `period_s` [s]. Default: `NOMINAL_PERIOD_SHARE` of it.
 
+    Attributes
+    ----------
+    follows_laps : bool
+        Whether laps change the period.
+    period_s, period_std_s : float
+        T, None without a period, and its standard deviation [s].
+    noise_w : float
+        Standard deviation of the readings' white noise [W], as estimated so far.
+    disturbance : (float, float)
+        Standard deviation [W] and time constant [s] of the disturbance, as estimated so far.
+
     Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate; docs/estimator.md.
     """
 
@@ -197,15 +183,16 @@ class ExactEstimator:
     ) -> None:
         self._settings = settings
         self._order = settings.order if period_s else 0
+        self.follows_laps = self._order > 0
         self.period_s = period_s
-        self._period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
-        noise_w = max(settings.noise_w, EXACT_SENSOR_W)
-        self._noise = (noise_w, settings.disturbance_std_w, settings.disturbance_time_s)
+        self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
+        self.noise_w = max(settings.noise_w, EXACT_SENSOR_W)
+        self.disturbance = settings.disturbance_std_w, settings.disturbance_time_s
         state = np.zeros(2 * self._order + 3)
         self._started = state_w is not None
         if state_w is not None:
             state[:-2] = state_w[: 2 * self._order + 1]
-        self._filter = EnergyFilter(state, self._first_covariance(state[0]), self._dynamics(state))
+        self._filter = self._first_filter(state)
         self._time_s: float | None = None
         self._learn_from_s = 0.0
         self._lap_marks_s: list[float] = []
@@ -213,29 +200,9 @@ class ExactEstimator:
         self._learn_at_s = math.inf
 
     @property
-    def follows_laps(self) -> bool:
-        """Whether laps change the period."""
-        return self._order > 0
-
-    @property
     def state_w(self) -> FloatArray:
         """The energy state q [W]."""
         return self._filter.state[:-2]
-
-    @property
-    def noise_w(self) -> float:
-        """Standard deviation of the readings' white noise [W], as estimated so far."""
-        return self._noise[0]
-
-    @property
-    def disturbance(self) -> tuple[float, float]:
-        """Standard deviation [W] and time constant [s] of the disturbance, as estimated so far."""
-        return self._noise[1], self._noise[2]
-
-    @property
-    def period_std_s(self) -> float:
-        """Standard deviation of the period [s]; 0 without a period."""
-        return self._period_std_s
 
     # --- readings
 
@@ -247,76 +214,24 @@ class ExactEstimator:
         if self._time_s is None:
             self._time_s = time_s
             self._learn_from(time_s)
-        step_s, self._time_s = time_s - self._time_s, time_s
-        if motion_w is None:
-            if step_s > 0:
-                self._filter.predict(step_s)
-            return self._filter.expected_w()
-        if not self._started:
+        if motion_w is not None and not self._started:
             self._start(motion_w)
-        if step_s > 0 and not self._settings.gate_w:
-            expected = self._filter.follow(step_s, motion_w)
-        else:
-            expected = self._gated(step_s, motion_w)
-        if self._settings.learn_noise:
-            self._keep([time_s], [motion_w])
+        step_s, self._time_s = time_s - self._time_s, time_s
+        expected = self._filter.follow(step_s, motion_w, self._settings.gate_w)
+        if self._settings.learn_noise and motion_w is not None:
+            times, powers = self._readings
+            times.append(time_s)
+            powers.append(motion_w)
             if time_s >= self._learn_at_s:
                 self._learn(time_s)
         return expected
-
-    def observe_batch(
-        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
-    ) -> float:
-        """Take one or more readings in order, in batches between noise estimates; return the last forecast [W].
-
-        None or NaN is no reading. The estimates after each are appended to `record`.
-        """
-        power_w = np.array(motion_w, dtype=float)
-        missing = [*np.flatnonzero(np.isnan(power_w)).tolist(), len(power_w)]
-        expected, n = 0.0, 0
-        while n < len(power_w):
-            # up to the next noise estimate, or the next reading that is missing
-            end = min(bisect.bisect_left(times_s, self._learn_at_s, n), missing[bisect.bisect_left(missing, n)])
-            if self._time_s is None or not self._started or self._settings.gate_w or end == n:
-                end = n + 1
-                expected = self.observe(times_s[n], None if np.isnan(power_w[n]) else float(power_w[n]))
-                if record is not None:
-                    record.append(self.estimates(expected))
-            else:
-                forecasts_w, states = self._filter.follow_batch(self._time_s, times_s[n:end], power_w[n:end])
-                expected = float(forecasts_w[-1])
-                self._time_s = times_s[end - 1]
-                if self._settings.learn_noise:
-                    self._keep(times_s[n:end], power_w[n:end].tolist())
-                if record is not None:
-                    periods_s = [self.period_s] * (end - n)
-                    record.append(Estimates(times_s[n:end], periods_s, self._noise[2], forecasts_w, states))
-            n = end
-        return expected
-
-    def _keep(self, times_s: Sequence[float], motion_w: Sequence[float]) -> None:
-        """Keep readings for the noise estimate."""
-        times, powers = self._readings
-        times.extend(times_s)
-        powers.extend(motion_w)
-        if len(times) > READINGS_KEPT:
-            del times[:-READINGS_KEPT], powers[:-READINGS_KEPT]
 
     def _start(self, motion_w: float) -> None:
         """Initialise the level with the first reading."""
         self._started = True
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
-        self._filter.restart(state, self._first_covariance(motion_w))
-
-    def _gated(self, step_s: float, motion_w: float) -> float:
-        if step_s > 0:
-            self._filter.predict(step_s)
-        expected = self._filter.expected_w()
-        # draft 002's ε: no update where |y − C q| ≤ ε
-        if not self._settings.gate_w or abs(motion_w - expected) > self._settings.gate_w:
-            self._filter.correct(motion_w)
-        return expected
+        self._filter = self._first_filter(state)
 
     # --- laps
 
@@ -328,7 +243,7 @@ class ExactEstimator:
             self._learn_from(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
-            self._period_std_s = _lap_time_std_s(times)
+            self.period_std_s = _lap_time_std_s(times)
             self._filter.dynamics = self._dynamics(self._filter.state)
 
     def start_lap(self, time_s: float) -> None:
@@ -340,44 +255,36 @@ class ExactEstimator:
 
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
+        self._filter.state = self._filter.state.copy()  # estimates hold the one before
         self._filter.state[0] += by_w
-
-    def estimates(self, forecast_w: float) -> Estimates:
-        """The estimate after the last reading, whose forecast was `forecast_w` [W]."""
-        times_s, state = [self._time_s or 0.0], self._filter.state
-        return Estimates(times_s, [self.period_s], self._noise[2], np.array([forecast_w]), state[None].copy())
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
-        state, disturbance_s = self._filter.state, self._noise[2]
+        state, disturbance_s = self._filter.state, self.disturbance[1]
         return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
 
     def forecast(self, ahead_s: FloatArray) -> FloatArray:
         """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
-        return self._rows(ahead_s) @ self._filter.state
-
-    def _rows(self, ahead_s: FloatArray) -> FloatArray:
-        moves = self._filter.dynamics
-        return _power_rows(moves.order, moves.period_s, moves.time_s, np.asarray(ahead_s, dtype=float).tobytes())
+        return self.estimate(0.0, 0.0).forecast_w(ahead_s)
 
     # --- the model
 
-    def _first_covariance(self, level_w: float) -> FloatArray:
+    def _first_filter(self, state: FloatArray) -> EnergyFilter:
         size = 2 * self._order + 1
         covariance = np.zeros((size + 2, size + 2))
-        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(level_w))
+        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
         covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
-        covariance[size:, size:] = stationary_covariance(*self._noise[1:])
-        return covariance
+        covariance[size:, size:] = stationary_covariance(*self.disturbance)
+        return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
         s, period_s = self._settings, self.period_s or 1.0
-        noise_w, std_w, time_s = self._noise
+        noise_w, (std_w, time_s) = self.noise_w, self.disturbance
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
         drift = np.full(self._order + 1, max(s.harmonic_drift_w_per_sqrt_s**2, least))
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
-        turned = 2 * math.pi * np.arange(1, self._order + 1) * self._period_std_s / period_s
+        turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
         squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
         drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
@@ -389,7 +296,12 @@ class ExactEstimator:
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
-        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated."""
+        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated.
+
+        Where the noise is larger than assumed so far, the covariance is widened.
+        """
+        for numbers in self._readings:
+            del numbers[:-READINGS_KEPT]
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
@@ -401,24 +313,19 @@ class ExactEstimator:
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
         found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
-        if math.isfinite(found.log_likelihood):
-            self._relearn(found)
-
-    def _relearn(self, found: DisturbanceFit) -> None:
-        """Adopt a noise estimate, and widen the covariance if the noise is larger than assumed so far."""
+        if not math.isfinite(found.log_likelihood):
+            return
         before = self._density_w2_s()
-        if found.std_w >= MIN_DISTURBANCE_W:
-            disturbance = (found.std_w, found.time_s)
-        else:
-            disturbance = (MIN_DISTURBANCE_W, self._noise[2])
-        self._noise = (max(found.noise_w, MIN_NOISE_W), *disturbance)
+        self.noise_w = max(found.noise_w, MIN_NOISE_W)
+        white = found.std_w < MIN_DISTURBANCE_W
+        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (found.std_w, found.time_s)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
         self._filter.dynamics = self._dynamics(self._filter.state)
 
     def _density_w2_s(self) -> float:
         """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
-        noise_w, std_w, time_s = self._noise
-        return noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
+        std_w, time_s = self.disturbance
+        return self.noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
 
 
 def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
@@ -444,6 +351,18 @@ def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> Flo
     return forecasting.power_rows(order, period_s, time_s, np.frombuffer(ahead))
 
 
+@lru_cache(maxsize=1)
+def _published_step(order: int, turn: float, steps: int) -> tuple[list[complex], list[float]]:
+    """The published filter's factor of each harmonic in some equal Euler steps of an angle, and its gain."""
+    # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
+    factors = [complex(1.0, -turn * j) ** steps for j in range(1, order + 1)]
+    # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
+    sums = np.array([1.0] + [sign for j in range(1, order + 1) for sign in (1 + turn * j, 1 - turn * j)])
+    output = output_row(order)
+    shared = sums * (sums @ output) + output.sum()
+    return factors, (shared / (output @ shared + 1.0)).tolist()
+
+
 class PublishedEstimator:
     """The filter as the published flights ran it.
 
@@ -454,13 +373,13 @@ class PublishedEstimator:
     Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
     """
 
+    follows_laps = False
+    """Its period is that of the running lap where that is longer."""
+
     def __init__(self, settings: EstimatorSettings) -> None:
         self._order = settings.order
         self._state = [1.0] * (2 * settings.order + 1)
         self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
-        self._turned_by = (0.0, -1.0)
-        self._turns: list[complex] = []
-        self._gain: list[float] = []
         self.period_s = 1.0
 
     @property
@@ -474,48 +393,21 @@ class PublishedEstimator:
         period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
-        if (period_s, step_s) != self._turned_by:
-            self._turned_by = (period_s, step_s)
-            steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
-            turn = 2 * math.pi / period_s * (step_s / steps)
-            # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
-            self._turns = [complex(1.0, -turn * j) ** steps for j in range(1, self._order + 1)]
-            self._gain = self._published_gain(turn)
+        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+        turn = 2 * math.pi / period_s * (step_s / steps)
+        factors, gain = _published_step(self._order, turn, steps)
         old = self._state
         state = [old[0]]
         expected = old[0]
-        for j, factor in enumerate(self._turns, 1):
+        for j, factor in enumerate(factors, 1):
             wave = complex(old[2 * j - 1], old[2 * j]) * factor
             state += wave.real, wave.imag
             expected += wave.real
         if motion_w is not None:
             error = motion_w - expected
-            state = [q + k * error for q, k in zip(state, self._gain, strict=True)]
+            state = [q + k * error for q, k in zip(state, gain, strict=True)]
         self._state = state
         return expected
-
-    def observe_batch(
-        self, times_s: Sequence[float], motion_w: Sequence[float | None], record: list[Estimates] | None = None
-    ) -> float:
-        """One step each; see `ExactEstimator.observe_batch`."""
-        power_w = np.array(motion_w, dtype=float)
-        periods, forecasts, known = array("d"), array("d"), array("d")
-        for time_s, value in zip(times_s, power_w.tolist(), strict=True):
-            forecasts.append(self.observe(time_s, None if math.isnan(value) else value))
-            periods.append(self.period_s)
-            known.extend(self._state)
-        if record is not None:
-            states = np.pad(np.array(known).reshape(len(power_w), -1), ((0, 0), (0, 2)))
-            record.append(Estimates(times_s, periods.tolist(), 1.0, np.array(forecasts), states))
-        return forecasts[-1]
-
-    def _published_gain(self, turn: float) -> list[float]:
-        # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
-        sums = np.array([1.0] + [sign for j in range(1, self._order + 1) for sign in (1 + turn * j, 1 - turn * j)])
-        output = output_row(self._order)
-        shared = sums * (sums @ output) + output.sum()
-        gain: list[float] = (shared / (output @ shared + 1.0)).tolist()
-        return gain
 
     def lap(self, time_s: float) -> None:
         """Restart the clock."""
@@ -528,11 +420,6 @@ class PublishedEstimator:
     def shift_level(self, by_w: float) -> None:
         """Step α0 by a known change of power [W]."""
         self._state[0] += by_w
-
-    def estimates(self, forecast_w: float) -> Estimates:
-        """As `ExactEstimator.estimates`; there is no disturbance."""
-        state = np.array([[*self._state, 0.0, 0.0]])
-        return Estimates([self._time_s], [self.period_s], 1.0, np.array([forecast_w]), state)
 
     def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
         """As `ExactEstimator.estimate`; there is no disturbance."""

@@ -8,11 +8,9 @@ processed step by step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 from eadp.core.signals import forecasting
@@ -86,99 +84,48 @@ class EnergyFilter:
         self._dynamics = dynamics
         self._step_s = 0.0
 
-    def restart(self, state: FloatArray, covariance: FloatArray) -> None:
-        """Replace state and covariance."""
-        self._step_by_step()
-        self.state, self._covariance = state, covariance
-
     def widen(self, factor: float) -> None:
         """Scale the covariance by a factor."""
         self._step_by_step()
         self._covariance = factor * self._covariance
 
-    def expected_w(self) -> float:
-        """The power now [W]."""
-        return float(self._output @ self.state)
+    def follow(self, step_s: float, measured_w: float | None, gate_w: float = 0.0) -> float:
+        """Predict over a step, update with a reading, and return its forecast [W].
 
-    def predict(self, step_s: float) -> None:
-        """Predict over a step without a reading."""
+        None is no reading, and one no farther than `gate_w` from its forecast corrects nothing. A step of 0 s is a
+        second reading at one time.
+        """
+        even = abs(step_s - self._step_s) < SAME_STEP_S
+        if even and self._held != STEPPING and measured_w is not None:
+            return self._follow_held(measured_w)
         self._step_by_step()
-        self._prepare(step_s)
-        self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
-
-    def correct(self, measured_w: float) -> None:
-        """Update with a reading."""
-        self._step_by_step()
+        if step_s > 0:
+            if not even:
+                self._step_s = step_s
+                self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
+            self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
+        expected = float(self._output @ self.state)
+        # draft 002's ε: no update where |y − C q| ≤ ε
+        if measured_w is None or (gate_w and abs(measured_w - expected) <= gate_w):
+            return expected
         variance = self._dynamics.noise_w**2
         self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
-
-    def follow(self, step_s: float, measured_w: float) -> float:
-        """Predict over a step, update with a reading, and return its forecast [W]."""
-        return float(self.follow_batch(0.0, [step_s], [measured_w])[0][0])
-
-    def follow_batch(
-        self, before_s: float, times_s: Sequence[float], measured_w: ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """`follow` readings at some times [s], the first after `before_s`.
-
-        Returns
-        -------
-        forecasts_w, states : array, shapes (n,) and (n, m)
-            Forecast of each reading [W], and the state after it.
-        """
-        steps, measured = np.diff(np.array([before_s, *times_s])), np.asarray(measured_w, dtype=float)
-        n, count = 0, len(steps)
-        forecasts_w, states = np.empty(count), np.empty((count, len(self.state)))
-        while n < count:
-            other = abs(steps[n] - self._step_s) >= SAME_STEP_S
-            if other:
-                self._step_by_step()
-                self._prepare(float(steps[n]))
-            irregular = np.flatnonzero(np.abs(steps[n:] - self._step_s) >= SAME_STEP_S)
-            end = n + int(irregular[0]) if len(irregular) else count
-            self._follow_evenly(measured[n:end], forecasts_w[n:end], states[n:end], settling=not other)
-            n = end
-        return forecasts_w, states
-
-    def _follow_evenly(
-        self, measured_w: FloatArray, forecasts_w: FloatArray, states: FloatArray, *, settling: bool
-    ) -> None:
-        """Take evenly spaced readings, the first of them as far from the one before it if `settling`."""
-        n = 0
-        while self._held == STEPPING and n < len(measured_w):
-            forecasts_w[n] = self._take(float(measured_w[n]))
-            states[n] = self.state
-            n += 1
+        if step_s > 0 and not gate_w:
             before, self._gain = self._gain, self._gain_now()
-            if (settling or n > 1) and self._change(before) < SETTLED:
+            if even and self._change(before) < SETTLED:
                 self._hold()
-        while n < len(measured_w):
-            end = min(len(measured_w), n + BLOCK - self._held)
-            self._follow_held(measured_w[n:end], forecasts_w[n:end], states[n:end])
-            n = end
+        return expected
 
-    def _follow_held(self, measured_w: FloatArray, forecasts_w: FloatArray, states: FloatArray) -> None:
-        """Take readings with the gain held, up to the end of its block."""
-        for n, value in enumerate(measured_w):
-            state = self._transition @ self.state
-            forecasts_w[n] = expected = np.dot(self._output, state)
-            states[n] = self.state = state + self._gain * (value - expected)
-        self._held += len(measured_w)
+    def _follow_held(self, measured_w: float) -> float:
+        """`follow` with the gain held."""
+        state = self._transition.dot(self.state)
+        expected = self._output.dot(state)
+        self.state = state + self._gain * (measured_w - expected)
+        self._held += 1
         if self._held == BLOCK:
             self._covariance, self._held = applied(self._maps[-1], self._covariance), 0
             self._gain = self._gain_now()
-
-    def _take(self, measured_w: float) -> float:
-        """Predict and correct with a reading; return its forecast [W]."""
-        self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
-        expected = self.expected_w()
-        self.correct(measured_w)
-        return expected
-
-    def _prepare(self, step_s: float) -> None:
-        if abs(step_s - self._step_s) >= SAME_STEP_S:
-            self._step_s = step_s
-            self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
+        return float(expected)
 
     def _gain_now(self) -> FloatArray:
         # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹

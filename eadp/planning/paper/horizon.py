@@ -32,9 +32,8 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.envelope import upper_envelope
-from eadp.core.flight.battery import drain_per_s
-from eadp.core.signals.harmonics import rotated
-from eadp.core.signals.scaling import computation_scaling
+from eadp.core.signals.harmonics import output_row, rotated
+from eadp.core.signals.scaling import scaling_factors
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
 from eadp.planning.base import SolverReport, thinned
@@ -47,9 +46,6 @@ PROXIMAL = 1e-5
 
 OPTIMAL = 1e-6
 """Relative distance to the bound below which the last solution is proven to be optimal still."""
-
-LAST_MULTIPLIER = np.zeros(1)
-"""Multiplier of the step that a horizon gains at its end."""
 
 FEASIBLE_W = 1e-6
 """Excess of power that counts as rounding [W]."""
@@ -145,8 +141,6 @@ class HorizonSolution(NamedTuple):
         Levels at each step.
     chosen_w : array, shape (M,)
         Their power [W].
-    power_w : array, shape (M,)
-        Power of the QP's solution at each step [W].
     objective, bound : float
         Value of the levels, and a bound that no feasible levels exceed.
     iterations : int
@@ -159,7 +153,6 @@ class HorizonSolution(NamedTuple):
 
     chosen: FloatArray
     chosen_w: FloatArray
-    power_w: FloatArray
     objective: float
     bound: float
     iterations: int
@@ -173,43 +166,19 @@ class HorizonSolution(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """Every choice at every step: value, charge that it takes, and power limit; arrays of shape (M, J).
-
-    `limit` is the state of charge that the power of a choice requires. `deliverable`: the battery delivers all powers.
-    `spare`, of shape (M,), is the charge that minimum power leaves above its limit, `least` its minimum: NaN if any of
-    this is not finite.
-    """
+    """Every choice at every step: value, charge that it takes, and charge that its power requires; shape (M, J)."""
 
     value: FloatArray
     drop: FloatArray
     limit: FloatArray
-    deliverable: bool
-    spare: FloatArray
-    least: float
 
 
-class _Shape(NamedTuple):
-    """Whether values rise with every choice, and whether the chord from first to last is their concave envelope."""
+class _Relaxed(NamedTuple):
+    """A solution of the QP: the mixtures, the multipliers of its power rows, and the iterations."""
 
-    rising: bool
-    straight: bool
-
-
-class _Problem(NamedTuple):
-    """The QP's data before scaling: an entry for each variable, and the power rows, shape (M, variables)."""
-
-    gain: FloatArray
-    rows: FloatArray
-
-
-class _Scaled(NamedTuple):
-    """The QP's data, and its scaling; the rows are in the mixture's matrix."""
-
-    gradient: FloatArray
-    upper: FloatArray
-    reach: FloatArray
-    units: FloatArray
-    largest: float
+    z: FloatArray
+    multipliers: FloatArray
+    iterations: int
 
 
 class _Mixture:
@@ -217,43 +186,58 @@ class _Mixture:
 
     Parameters
     ----------
-    vertices : sequence of M lists
+    vertices : sequence of M tuples
         Choices on the envelope at each step, in ascending order of power.
     powers_w : array, shape (J,)
     report : SolverReport
     """
 
-    def __init__(self, vertices: Sequence[Sequence[int]], powers_w: FloatArray, report: SolverReport) -> None:
-        steps = len(vertices)
+    def __init__(self, vertices: Sequence[tuple[int, ...]], powers_w: FloatArray, report: SolverReport) -> None:
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
-        variables: IntArray = np.ascontiguousarray(np.array(pairs, dtype=np.intp).reshape(-1, 3).T)
+        variables: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 3).T
         self.step, low, high = variables
-        self.size, each = len(pairs), np.arange(len(pairs))
-        # entries of the table and of the rows, by their places
-        self.below, self.above = (self.step * len(powers_w) + end for end in (low, high))
-        self.own = self.step * len(pairs) + each
+        # places in the table
+        self.below, self.above = self.step * len(powers_w) + low, self.step * len(powers_w) + high
         self.rises_w = powers_w[high] - powers_w[low]
-        self.until = (self.step <= np.arange(steps)[:, None]).astype(float)
+        self.steps, self.size = len(vertices), len(pairs)
+        self.until = (self.step <= np.arange(self.steps)[:, None]).astype(float)
         filled = np.vstack([np.eye(self.size), self.until]) > 0
         self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
-        self.matrix = np.vstack([np.eye(self.size), np.zeros((steps, self.size))])
-        self.lower = np.concatenate([np.zeros(self.size), np.full(steps, -UNBOUNDED)])
-        # the same variables a step later
-        self.shifts = all(list(own) == list(vertices[0]) for own in vertices)
-        per_step = self.size // steps
-        self.later = np.minimum(each + per_step, each % max(per_step, 1) + self.size - per_step)
+        self.shifts = len(set(vertices)) == 1
 
-    def problem(self, table: _Table) -> _Problem:
-        """The data of the QP."""
-        gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table[:3])
+    def problem(self, table: _Table) -> tuple[FloatArray, FloatArray]:
+        """What each variable gains, and the power rows, shape (M, variables)."""
+        gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table)
         rows = self.until * drop
-        rows.ravel()[self.own] += limit
-        return _Problem(gain, rows)
+        rows[self.step, np.arange(self.size)] += limit
+        return gain, rows
 
-    def power_w(self, z: FloatArray) -> FloatArray:
-        """What mixtures add to the minimum power at each step [W]."""
-        added: FloatArray = np.bincount(self.step, z * self.rises_w, len(self.until)).astype(np.float64)
-        return added
+    def shifted(self, last: _Relaxed) -> _Relaxed | None:
+        """A solution a step later; None where the steps mix other levels."""
+        z, each = last.z, self.size // self.steps
+        if not self.shifts:
+            return None
+        return _Relaxed(np.concatenate([z[each:], z[-each:]]), np.concatenate([last.multipliers[1:], [0.0]]), 0)
+
+    def solved(self, gain: FloatArray, rows: FloatArray, spare: FloatArray, last: _Relaxed | None) -> _Relaxed:
+        """The solution of the QP, near the last: each variable is scaled by its reach, each row by its largest.
+
+        The reach is how far a variable could rise if it alone used the slack of the rows. With little charge it is
+        small; without this scaling OSQP stalls.
+        """
+        if self.program is None:
+            return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
+        shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
+        reach = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
+        rows, gain = rows * reach, gain * reach
+        units, largest = rows.max(axis=1) + 1e-300, float(gain.max())
+        matrix = np.vstack([np.eye(self.size), rows / units[:, None]])
+        lower = np.concatenate([np.zeros(self.size), np.full(self.steps, -UNBOUNDED)])
+        upper = np.concatenate([1.0 / reach, spare / units])
+        centre = np.zeros(self.size) if last is None else last.z / reach
+        found = self.program.solve(gain / -largest, matrix, lower, upper, centre)
+        multipliers = np.maximum(found.multipliers[self.size :], 0.0) * (largest / units)
+        return _Relaxed(np.clip(found.x * reach, 0.0, 1.0), multipliers, found.iterations)
 
 
 class Horizon:
@@ -293,17 +277,15 @@ class Horizon:
         r = _square(self._cost.control_weights, u.shape[1])
         # l of the controls alone: Σû², or ½ ûᵀ R û
         if self._cost.kind == QUADRATIC:
-            self._control_values = 0.5 * np.einsum("ji,ik,jk->j", u, r, u) + u @ np.broadcast_to(
-                np.asarray(self._cost.control_offsets, dtype=float), u.shape[1]
-            )
+            values = 0.5 * np.einsum("ji,ik,jk->j", u, r, u) + (u * self._cost.control_offsets).sum(axis=1)
         else:
-            self._control_values = (u * u).sum(axis=1)
+            values = (u * u).sum(axis=1)
+        self._control_values = np.repeat(values[None], steps, axis=0)
         # places of the steps' rows in the table
         self._at = np.arange(steps) * len(self.choices)
-        self._constant = np.repeat(self._control_values[None], steps, axis=0)
-        self._constant_shape = self._shape_of(self._constant) if len(self.choices) else _Shape(True, True)
-        self._mixtures: dict[tuple[tuple[int, ...], ...] | None, _Mixture] = {}
-        self._last: tuple[_Mixture, FloatArray, FloatArray] | None = None
+        self._vertices = (self._envelope(values),) * steps
+        self._mixtures: dict[tuple[tuple[int, ...], ...], _Mixture] = {}
+        self._last: tuple[_Mixture, _Relaxed] | None = None
 
     def _listed(self, trade_offs: Sequence[tuple[Sequence[float], float]]) -> tuple[FloatArray, FloatArray]:
         """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
@@ -327,7 +309,7 @@ class Horizon:
             raised = c.low.copy()
             raised[k] = c.high[k]
             share_w = base_w / count
-            nu, tau = computation_scaling(c.low[k], c.high[k], share_w, share_w + c.power(raised.tolist()) - base_w)
+            nu, tau = scaling_factors(c.low[k], c.high[k], share_w, share_w + c.power(raised.tolist()) - base_w)
             controls[:, k] = nu * self.choices[:, k] + tau
         return controls
 
@@ -335,51 +317,33 @@ class Horizon:
 
     def table(self, forecast: HorizonForecast) -> _Table:
         """Value, use of charge and limit of every choice at every step."""
-        b, p, values = self._battery, self.powers_w, self._values(forecast)
+        b, p = self._battery, self.powers_w
         power = forecast.mean_motion_w[:, None] + p
-        drop = drain_per_s(power, b.voltage_v, b.resistance_ohm, b.drain_per_as) * forecast.step_s
-        deliverable = bool(power.max(initial=0.0) <= self._delivered_w)
-        if not deliverable:
-            drop[power > self._delivered_w] = UNDELIVERABLE
+        drop = b.drain_per_s(power, b.voltage_v) * forecast.step_s
+        drop[power > self._delivered_w] = UNDELIVERABLE
         limit = (forecast.limit_motion_w[:, None] + (p - FEASIBLE_W)) / b.power_per_soc_w
-        spare = forecast.soc - drop[:, 0].cumsum() - limit[:, 0]
-        finite = math.isfinite(forecast.soc + limit.sum() + drop.sum())
-        return _Table(values, drop, limit, deliverable, spare, float(spare.min()) if finite else math.nan)
+        return _Table(self._values(forecast), drop, limit)
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
         """l of each choice at each step, with l_f at the last."""
         cost, p = self._cost, self.powers_w
-        values: FloatArray
+        if cost.kind == CONTROL and not cost.terminal_weight:
+            return self._control_values
+        times_s = np.arange(self._steps + 1, dtype=np.float64) * forecast.step_s
+        states = rotated(forecast.state_w, forecast.period_s, times_s)
+        output = np.diag(output_row(len(forecast.state_w) // 2))
+        values = self._control_values.copy()
         if cost.kind == OUTPUT:
             values = 0.5 * (forecast.limit_motion_w[:, None] + p) ** 2
-        elif cost.kind == CONTROL:
-            values = self._constant
-        else:
-            q = self._states(forecast, 0, self._steps)
-            if cost.kind == POWER:
-                values = _output_value(q, p)
-            else:
-                # ½ (q + e₁ g)ᵀ Q (q + e₁ g) + ½ ûᵀ R û
-                weights = _square(cost.state_weights, q.shape[1])
-                forces = q @ weights
-                values = 0.5 * ((q * forces).sum(axis=1)[:, None] + p * (2 * forces[:, :1] + weights[0, 0] * p))
-                values += self._control_values
-        if cost.terminal_weight:
-            values = values.copy()
-            values[-1] += cost.terminal_weight * _output_value(self._states(forecast, self._steps, 1), p)[0]
+        elif cost.kind == POWER:
+            values = _state_values(states[:-1], p, output)
+        elif cost.kind == QUADRATIC:
+            values += _state_values(states[:-1], p, _square(cost.state_weights, len(output)))
+        values[-1] += cost.terminal_weight * _state_values(states[-1:], p, output)[0]
         return values
 
-    def _states(self, forecast: HorizonForecast, first: int, count: int) -> FloatArray:
-        """Energy state of the motion [W] at the start of steps, shape (count, m)."""
-        times_s: FloatArray = (first + np.arange(count, dtype=np.float64)) * forecast.step_s
-        return rotated(forecast.state_w, forecast.period_s, times_s)
-
-    def feasible(self, made: IntArray, table: _Table, soc: float) -> bool:
-        """Whether a choice for each step, shape (M,), keeps to the constraints."""
-        return self._violated(made, table, soc) is None
-
     def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
-        """The first step whose power requires more charge than is left."""
+        """The first step whose choice, of one for each, requires more charge than is left; None if all are feasible."""
         at = self._at + made
         short = ~(table.limit.take(at) <= soc - table.drop.take(at).cumsum())
         step = int(short.argmax())
@@ -399,27 +363,28 @@ class Horizon:
         """
         if not len(self.choices):
             raise Infeasible("no values of the computations satisfy the trade-offs")
-        table = self.table(forecast)
-        _require(table.least)
-        shape = self._constant_shape if table.value is self._constant else self._shape_of(table.value)
-        mixture = self._mixture(table, shape.straight)
-        iterations, kept = 0, self._kept(mixture, table, forecast.soc)
-        if kept is not None:
-            z, multipliers = kept
-        else:
-            z, multipliers, iterations = self._solved(mixture, table)
-        self._last = mixture, z, multipliers
-        power_w = self.powers_w[0] + mixture.power_w(z)
-        made = self._rounded(power_w, table, shape.rising, forecast.soc)
+        table, soc = self.table(forecast), forecast.soc
+        if not math.isfinite(soc + table.limit.sum() + table.drop.sum()):
+            raise SolverFailed("a forecast that is not finite")
+        # what minimum power leaves of the charge
+        spare = soc - table.drop[:, 0].cumsum() - table.limit[:, 0]
+        if spare.min() < 0:
+            raise Infeasible("even the computations of minimum power exceed what the battery allows")
+        mixture = self._mixture(table)
+        gain, rows = mixture.problem(table)
+        found = last = mixture.shifted(self._last[1]) if self._last and self._last[0] is mixture else None
+        bound = None if last is None else self._proof(last, gain, rows, spare, table, soc)
+        kept = bound is not None
+        if found is None or bound is None:
+            found = mixture.solved(gain, rows, spare, last)
+            bound = _bound(found.multipliers, table, soc)
+        self._last = mixture, found
+        power_w = self.powers_w[0] + np.bincount(mixture.step, found.z * mixture.rises_w, self._steps)
+        made = self._rounded(power_w, table, soc)
         objective = float(table.value.take(self._at + made).sum())
-        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, forecast.soc)
-        bound = _bound(multipliers, table, forecast.soc)
+        limit = self._battery_limit(np.minimum(made + 1, len(self.choices) - 1), made, table, soc)
         chosen, chosen_w = self.choices[made], self.powers_w[made]
-        return HorizonSolution(chosen, chosen_w, power_w, objective, bound, iterations, kept is not None, limit)
-
-    def _follows(self, mixture: _Mixture) -> bool:
-        """Whether the last solution mixed the same levels, and may be shifted by a step."""
-        return self._last is not None and self._last[0] is mixture and mixture.shifts
+        return HorizonSolution(chosen, chosen_w, objective, bound, found.iterations, kept, limit)
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
         """Limit of the battery's power that the levels of minimum power exceed."""
@@ -430,7 +395,7 @@ class Horizon:
         """Limit that choices exceed at some step, each alone in place of those made."""
         at = self._at + above
         drop = table.drop.take(at)
-        if not table.deliverable and (drop >= UNDELIVERABLE).any():
+        if (drop >= UNDELIVERABLE).any():
             return self._battery.limit_at(self._battery.voltage_v)
         if self._battery.letter_crate_per_h is None:
             return None
@@ -438,82 +403,40 @@ class Horizon:
         short = table.limit.take(at) > soc - (taken.cumsum() - taken + drop)
         return LETTER if short.any() else None
 
-    def _shape_of(self, value: FloatArray) -> _Shape:
-        p = self.powers_w
-        rises = value[:, -1:] - value[:, :1]
-        chord = value[:, :1] + rises * ((p - p[0]) / max(self._span_w, 1e-12))
-        straight = len(p) > 1 and rises.min() > 0 and (value - chord).max() <= 1e-12 * chord.max()
-        return _Shape(bool((value[:, 1:] > value[:, :-1]).all()), bool(straight))
+    def _envelope(self, values: FloatArray) -> tuple[int, ...]:
+        """Choices on the concave envelope of value over power, of the first choices, as many as there are values."""
+        tolerance = 1e-12 * abs(float(values[0])) if len(values) else 0.0
+        return tuple(upper_envelope(self.powers_w[: len(values)], values, tolerance))
 
-    def _mixture(self, table: _Table, straight: bool) -> _Mixture:
-        """The mixtures of the choices on the concave envelope of value over power at each step."""
-        p, value, key = self.powers_w, table.value, None
-        vertices: Sequence[Sequence[int]] = [[0, len(p) - 1]] * self._steps
-        if not (straight and table.deliverable):
-            vertices = [
-                upper_envelope(p[:count], row[:count], 1e-12 * abs(float(row[0])))
-                for row, count in zip(value, (table.drop < UNDELIVERABLE).sum(axis=1).tolist(), strict=True)
-            ]
-            key = tuple(map(tuple, vertices))
-        if key not in self._mixtures:
-            self._mixtures[key] = _Mixture(vertices, p, self._report)
-        return self._mixtures[key]
+    def _mixture(self, table: _Table) -> _Mixture:
+        """The mixtures of the choices on the concave envelope at each step; of those that can be delivered."""
+        vertices, delivered = self._vertices, table.drop < UNDELIVERABLE
+        if table.value is not self._control_values or not delivered.all():
+            counts = delivered.sum(axis=1).tolist()
+            vertices = tuple(self._envelope(row[:count]) for row, count in zip(table.value, counts, strict=True))
+        if vertices not in self._mixtures:
+            self._mixtures[vertices] = _Mixture(vertices, self.powers_w, self._report)
+        return self._mixtures[vertices]
 
-    def _solved(self, mixture: _Mixture, table: _Table) -> tuple[FloatArray, FloatArray, int]:
-        """The mixtures z of the QP, the multipliers of the power rows, and the iterations."""
-        size = mixture.size
-        if mixture.program is None:
-            return np.zeros(0), np.zeros(self._steps), 0
-        scaled = self._scaled(mixture, table)
-        last = self._shifted(mixture)
-        centre = np.zeros(size) if last is None else last / scaled.reach
-        x, y, iterations = mixture.program.solve(scaled.gradient, mixture.matrix, mixture.lower, scaled.upper, centre)
-        return (
-            np.clip(x * scaled.reach, 0.0, 1.0),
-            np.maximum(y[size:], 0.0) * (scaled.largest / scaled.units),
-            iterations,
-        )
-
-    def _scaled(self, mixture: _Mixture, table: _Table) -> _Scaled:
-        """The data of the QP: each variable is scaled by its reach, each row then by its largest entry."""
-        problem = mixture.problem(table)
-        reach = _reach(problem.rows, table.spare)
-        rows = problem.rows * reach
-        units = rows.max(axis=1) + 1e-300
-        gain = problem.gain * reach
-        largest = float(gain.max())
-        mixture.matrix[mixture.size :] = rows / units[:, None]
-        upper = np.concatenate([1.0 / reach, table.spare / units])
-        return _Scaled(gain / -largest, upper, reach, units, largest)
-
-    def _shifted(self, mixture: _Mixture) -> FloatArray | None:
-        """The last solution, a step later; None if it mixed other levels."""
-        return self._last[1].take(mixture.later) if self._last and self._follows(mixture) else None
-
-    def _kept(self, mixture: _Mixture, table: _Table, soc: float) -> tuple[FloatArray, FloatArray] | None:
-        """The last solution, if it satisfies the new constraints and its multipliers prove that it is optimal."""
-        z = self._shifted(mixture)
-        if z is None or self._last is None:
+    def _proof(
+        self, last: _Relaxed, gain: FloatArray, rows: FloatArray, spare: FloatArray, table: _Table, soc: float
+    ) -> float | None:
+        """The bound that proves that a solution is optimal still; None if it does not, or violates a constraint."""
+        if (rows @ last.z > spare).any():
             return None
-        multipliers = np.concatenate([self._last[2][1:], LAST_MULTIPLIER])
-        problem = mixture.problem(table)
-        if (problem.rows @ z > table.spare).any():
-            return None
-        value = float(table.value[:, 0].sum()) + float(problem.gain @ z)
-        bound = _bound(multipliers, table, soc)
-        return (z, multipliers) if bound - value <= OPTIMAL * abs(bound) else None
+        value = float(table.value[:, 0].sum()) + float(gain @ last.z)
+        bound = _bound(last.multipliers, table, soc)
+        return bound if bound - value <= OPTIMAL * abs(bound) else None
 
-    def _rounded(self, power_w: FloatArray, table: _Table, rising: bool, soc: float) -> IntArray:
+    def _rounded(self, power_w: FloatArray, table: _Table, soc: float) -> IntArray:
         """The best choice of each step within the QP's power, verified.
 
         Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps that the QP
         mixed.
         """
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
-            made: IntArray = np.maximum(self.powers_w.searchsorted(power_w + slack, "right") - 1, 0)
-            if not rising:
-                within = np.arange(len(self.choices)) <= made[:, None]
-                made = np.where(within, table.value, -math.inf).argmax(axis=1)
+            within = self.powers_w <= np.maximum(power_w + slack, self.powers_w[0])[:, None]
+            made: IntArray = np.where(within, table.value, -math.inf).argmax(axis=1)
             violated = self._violated(made, table, soc)
             if violated is None:
                 break
@@ -533,28 +456,23 @@ class Horizon:
         """
         at = self._at + made
         now, value = table.drop.take(at), table.value.take(at)
-        left, most = soc - now.cumsum() + now, np.maximum.accumulate(now - table.drop[:, 0])
-        raises = []
+        left, raises = soc - now.cumsum() + now, []
         for step in np.flatnonzero(mixed).tolist():
             better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
             if len(better):
                 above = made[step] + 1 + better[0]
                 short = table.limit[step, above] - (left[step] - table.drop[step, above])
-                if short <= most[step]:
-                    raises.append((value[step] - table.value[step, above], step, above, short))
+                raises.append((value[step] - table.value[step, above], step, above, short))
         for loss, step, above, short in sorted(raises):
             losses = value[:step, None] - table.value[:step]
             enough = now[:step, None] - table.drop[:step] >= max(short, 1e-15)
-            places = np.flatnonzero(enough & (losses < -loss))
-            others = [
-                divmod(place, len(self.choices))
-                for place in places[np.argsort(losses.take(places), kind="stable")].tolist()
-            ]
+            places = zip(*np.nonzero(enough & (losses < -loss)), strict=True)
+            others = [place for _, place in sorted((losses[place], place) for place in places)]
             for other, choice in [(step, above), *others] if short <= 0 else others:
                 trial = made.copy()
                 trial[other] = choice
                 trial[step] = above
-                if self.feasible(trial, table, soc):
+                if self._violated(trial, table, soc) is None:
                     return trial
         return None
 
@@ -582,31 +500,16 @@ class Horizon:
         table = self.table(forecast)
         c = np.clip(now, self._c.low, self._c.high)
         while True:
-            values = [_round_down(levels, x) for levels, x in zip(self._c.levels, c, strict=True)]
+            values = [
+                max((level for level in levels if level <= x + 1e-9), default=levels[0])
+                for levels, x in zip(self._c.levels, c, strict=True)
+            ]
             found = np.flatnonzero((self.choices == values).all(axis=1))
-            if len(found) and self.feasible(np.full(self._steps, found[0]), table, forecast.soc):
+            if len(found) and self._violated(np.full(self._steps, found[0]), table, forecast.soc) is None:
                 return np.tile(values, (self._steps, 1))
             if (c <= self._c.low).all():
                 raise Infeasible("even the minimum parameters are infeasible")
             c = np.maximum(c - deltas, self._c.low)
-
-
-def _require(least: float) -> None:
-    """Refuse a forecast that is not finite, or whose lowest powers leave less charge than their limits require."""
-    if math.isnan(least):
-        raise SolverFailed("a forecast that is not finite")
-    if least < 0:
-        raise Infeasible("even the computations of minimum power exceed what the battery allows")
-
-
-def _reach(rows: FloatArray, spare: FloatArray) -> FloatArray:
-    """Reach of each variable: how far it could rise if it alone used the slack of the rows.
-
-    With little charge the reach is small; without this scaling OSQP stalls.
-    """
-    shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
-    reach: FloatArray = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
-    return reach
 
 
 def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
@@ -614,8 +517,6 @@ def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
 
     A choice at step m requires its limit at m, and takes its drop off the charge at m and at every later step.
     """
-    if not multipliers.any():
-        return float(table.value.max(axis=1).sum())
     later = np.cumsum(multipliers[::-1])[::-1]
     net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
     return float(net.max(axis=1).sum() + multipliers.sum() * soc)
@@ -626,13 +527,9 @@ def _square(weights: FloatArray | float, size: int) -> FloatArray:
     return weights if isinstance(weights, np.ndarray) else weights * np.eye(size)
 
 
-def _output_value(states_w: FloatArray, powers_w: FloatArray) -> FloatArray:
-    """½ (q + Bu)ᵀ diag(C) (q + Bu) [W²], of states of shape (n, m) and powers of shape (J,): shape (n, J)."""
-    alphas = states_w[:, 1::2]
-    values: FloatArray = 0.5 * ((states_w[:, :1] + powers_w) ** 2 + (alphas * alphas).sum(axis=1)[:, None])
+def _state_values(states_w: FloatArray, powers_w: FloatArray, weights: FloatArray) -> FloatArray:
+    """½ (q + e₁ g)ᵀ Q (q + e₁ g), of states of shape (n, m) and powers of shape (J,) [W]: shape (n, J)."""
+    forces = states_w @ weights
+    fixed = (states_w * forces).sum(axis=1)[:, None]
+    values: FloatArray = 0.5 * (fixed + powers_w * (2 * forces[:, :1] + weights[0, 0] * powers_w))
     return values
-
-
-def _round_down(levels: Sequence[float], value: float) -> float:
-    below = [level for level in levels if level <= value + 1e-9]
-    return below[-1] if below else levels[0]

@@ -13,8 +13,7 @@ from annotated_types import Ge, Gt, Le
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import Finite, NotNegative, Positive
-from eadp.core.flight.battery import drain_per_s
-from eadp.core.signals.scaling import path_scaling
+from eadp.core.signals.scaling import scaling_factors
 from eadp.errors import Infeasible, PathUndefined, SolverFailed
 from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
@@ -114,16 +113,6 @@ class PaperSettings:
     """Rows R c − r ≥ 0 that the parameters keep to."""
 
 
-class _Outcome(NamedTuple):
-    """How the computations of a re-planning were found, see `DecisionRecord`."""
-
-    status: str
-    reason: str
-    iterations: int = 0
-    gap: float | None = None
-    battery_limit: str | None = None
-
-
 class PaperPlanner(TrackingPlanner):
     """The letter's Algorithm 2: computations by a receding horizon, then the path by the remaining time.
 
@@ -149,16 +138,12 @@ class PaperPlanner(TrackingPlanner):
         self._soc: float | None = None
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._coverage = _coverage(own, mission)
-        self._deltas: dict[int, float] = {}
+        hulls = [mission.plan.hull(i) for i in range(self._rho)]
+        steps = [(box.hi - box.lo) / 10 for box in hulls] + [1.0] * (len(mission.plan.names) - self._rho)
+        self._deltas = [own.delta.get(name, step) for name, step in zip(mission.plan.names, steps, strict=True)]
         self._gains = [own.gains.get(name, 0.0) for name in mission.plan.names[: self._rho]]
         self._flown_path = mission.parameters[: self._rho]
         self._computing_plan_w: FloatArray = np.zeros(0)
-        stages = mission.plan.stages
-        # a number for the computations' sets of each stage: equal sets have one horizon
-        numbers: dict[tuple[Box, ...], int] = {}
-        self._computation_sets = [numbers.setdefault(x.sets[self._rho :], len(numbers)) for x in stages]
-        self._free = [[i for i in range(self._rho, len(x.sets)) if not x.sets[i].fixed] for x in stages]
-        self._lasting_s: dict[float, float] = {}
 
     @classmethod
     def faults(
@@ -197,10 +182,14 @@ class PaperPlanner(TrackingPlanner):
         """Update with an observation; re-plan when due, and at once when the state of charge jumps."""
         o = observation
         self._track(o)
-        self._apply_gains(o.parameters[: self._rho])
+        path = o.parameters[: self._rho]
+        if path != self._flown_path:
+            # α0 steps by Ω (c − c⁻): 002, Eq. 7
+            self._estimator.shift_level(self._gained_w(path))
+            self._flown_path = path
         jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
         self._soc = o.soc
-        if not self._started(o):
+        if not self._laps_known() or o.time_s < self._own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
             self._next_s = next_multiple(o.time_s, self._settings.every_s)
@@ -210,110 +199,92 @@ class PaperPlanner(TrackingPlanner):
     def _replan(self, o: Observation, *, jumped: bool) -> None:
         report, decided = self.report, self._decision.parameters
         calls, started = report.calls, time.perf_counter()
-        parameters, outcome = self._computations(o, decided)
+        parameters, record = self._computations(o, decided)
         if jumped or o.time_s >= self._next_path_s - 1e-9:
             every_s = self._own.path_every_s or self._settings.every_s
             self._next_path_s = next_multiple(o.time_s, every_s)
-            chosen = self._path(o, parameters)
-            if self._own.trade_offs and chosen[: self._rho] != decided[: self._rho]:
+            parameters = self._path(o, parameters)
+            if self._own.trade_offs and parameters[: self._rho] != decided[: self._rho]:
                 # the computations keep to the rows with the new path, too
-                chosen, outcome = self._computations(o, chosen)
-            parameters = chosen
-        ran = report.calls > calls
-        report.replans += ran
-        report.skipped += outcome.status == KEPT and not ran
-        report.infeasible += outcome.status == INFEASIBLE
-        report.fallbacks += outcome.status == FALLBACK
-        if outcome.gap is not None:
-            report.gaps.append(outcome.gap)
+                parameters, record = self._computations(o, parameters)
+        ran = report.calls - calls
+        report.replans += ran > 0
+        report.skipped += record.status == KEPT and not ran
+        report.infeasible += record.status == INFEASIBLE
+        report.fallbacks += record.status == FALLBACK
+        if record.gap is not None:
+            report.gaps.append(record.gap)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
-        reason = with_limit(outcome.reason, outcome.battery_limit)
-        record = DecisionRecord(
-            time_s=o.time_s,
-            cause=JUMPED if jumped else TIME,
-            stage=o.stage,
-            lap=o.cursor.lap,
-            parameters=parameters,
-            status=outcome.status,
-            calls=report.calls - calls,
-            iterations=outcome.iterations,
-            gap=outcome.gap,
-            reason=reason,
-            battery_limit=outcome.battery_limit,
-        )
+        cause, reason = JUMPED if jumped else TIME, with_limit(record.reason, record.battery_limit)
+        record = record._replace(cause=cause, parameters=parameters, calls=ran, reason=reason)
         self._decision = Decision(parameters, reason, record)
 
-    def _apply_gains(self, path: Vector) -> None:
-        """Step the estimator's level by Ω (c − c⁻) where the path parameters have changed. Source: 002, Eq. 7."""
-        if path != self._flown_path:
-            self._estimator.shift_level(self._gained_w(path, self._flown_path))
-            self._flown_path = path
-
-    def _gained_w(self, path: Vector, before: Vector) -> float:
-        if path == before or not any(self._gains):
-            return 0.0
-        return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, before, strict=False))
-
-    def _started(self, o: Observation) -> bool:
-        return self._laps_known() and o.time_s >= self._own.start_after_s - 1e-9
+    def _gained_w(self, path: Vector) -> float:
+        """Change of the motion's power by another path than the one flown [W]: Ω (c − c⁻)."""
+        return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, self._flown_path, strict=True))
 
     def _laps_known(self) -> bool:
         return self._mission.plan.primitive_stages is None or self._laps >= self._own.min_periods
 
     # --- computations
 
-    def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, _Outcome]:
-        """Parameters with new computations, and the outcome; sets their power over the horizon."""
-        sets = self._mission.plan.stages[o.stage - 1].sets
-        free, steps = self._free[o.stage - 1], self._steps()
+    def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, DecisionRecord]:
+        """Parameters with new computations, and how they were found; sets their power over the horizon."""
+        sets, free = self._mission.plan.stages[o.stage - 1].sets, self._free(o)
+        nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
+        record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
         if not free:
-            self._computing_plan_w = np.full(steps, self._computing_w)
-            return decided, _Outcome(NOTHING_TO_CHOOSE, "nothing to choose")
-        horizon = self._horizon(o, free, steps, decided[: self._rho])
-        forecast = self._horizon_forecast(o, steps)
-        values, powers, outcome = self._solved(horizon, forecast, [decided[i] for i in free], free)
-        chosen = list(decided)
-        for i, value in zip(free, values or [sets[i].lo for i in free], strict=True):
-            chosen[i] = value
-        if powers is None:
-            powers = np.full(steps, self._mission.computing.power_w(chosen, sets))
-        self._computing_plan_w = powers
-        return tuple(chosen), outcome
-
-    def _solved(
-        self, horizon: Horizon, forecast: HorizonForecast, now: list[float], free: list[int]
-    ) -> tuple[list[float] | None, FloatArray | None, _Outcome]:
-        """Computations of the first step, None for their minimum, power of each step [W], None if equal; outcome."""
+            self._computing_plan_w = np.full(self._steps(), self._computing_w)
+            return decided, record
+        horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
+        values, powers_w = [sets[i].lo for i in free], None
         try:
             solution = horizon.solve(forecast)
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
-            outcome = _Outcome(INFEASIBLE, f"infeasible: {error}", battery_limit=limit)
+            record = record._replace(status=INFEASIBLE, reason=f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
-            deltas = np.array([self._delta(i) for i in free])
+            now, deltas = np.array([[decided[i], self._deltas[i]] for i in free]).T
+            how = "lowered by δ"
             try:
-                values = horizon.lowered(np.array(now), deltas, forecast)[0].tolist()
+                values = horizon.lowered(now, deltas, forecast)[0].tolist()
             except Infeasible:
-                outcome = _Outcome(FALLBACK, f"fallback, minimum: {error}")
-            else:
-                return values, None, _Outcome(FALLBACK, f"fallback, lowered by δ: {error}")
+                how = "minimum"
+            record = record._replace(status=FALLBACK, reason=f"fallback, {how}: {error}")
         else:
-            status = KEPT if solution.kept else SOLVED
-            outcome = _Outcome(status, "planned", solution.iterations, solution.gap, solution.battery_limit)
-            return solution.chosen[0].tolist(), solution.chosen_w, outcome
-        return None, None, outcome
+            values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
+            record = record._replace(
+                status=KEPT if solution.kept else SOLVED,
+                reason="planned",
+                iterations=solution.iterations,
+                gap=solution.gap,
+                battery_limit=solution.battery_limit,
+            )
+        chosen = list(decided)
+        for i, value in zip(free, values, strict=True):
+            chosen[i] = value
+        if powers_w is None:
+            powers_w = np.full(self._steps(), self._mission.computing.power_w(chosen, sets))
+        self._computing_plan_w = powers_w
+        return tuple(chosen), record
+
+    def _free(self, o: Observation) -> list[int]:
+        """Computations of the stage that have more than one value."""
+        sets = self._mission.plan.stages[o.stage - 1].sets
+        return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
 
     def _steps(self) -> int:
         return min(max(1, round(self.horizon_s / self._settings.every_s)), MAX_STEPS)
 
-    def _horizon(self, o: Observation, free: list[int], steps: int, path: Vector) -> Horizon:
+    def _horizon(self, o: Observation, path: Vector) -> Horizon:
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
-        plan, own = self._mission.plan, self._own
+        plan, own, steps = self._mission.plan, self._own, self._steps()
         sets = plan.stages[o.stage - 1].sets
         paths = frozenset({o.parameters[: self._rho], path} if own.trade_offs else ())
         battery = self._mission.battery.near(o.soc)
-        key = (steps, battery.voltage_v, paths, self._computation_sets[o.stage - 1])
+        key = (steps, battery.voltage_v, paths, sets[self._rho :])
         if key not in self._horizons:
+            free = self._free(o)
             base = [*o.parameters[: self._rho], *(box.lo for box in sets[self._rho :])]
 
             def power(values: Sequence[float]) -> float:
@@ -342,25 +313,18 @@ class PaperPlanner(TrackingPlanner):
         offsets: FloatArray | float = 0.0
         if isinstance(r, np.ndarray):
             fixed = range(self._rho)
-            u = [self._path_control_s(i, parameters[i]) for i in fixed]
+            u = self._coverage.controls_s(parameters) if self._coverage else np.zeros(self._rho)
             offsets, r = r[np.ix_(free, fixed)] @ np.array(u), r[np.ix_(free, free)]
         return HorizonCost(own.cost, q, r, offsets, own.terminal_weight)
 
-    def _path_control_s(self, index: int, value: float) -> float:
-        """û = ν c + τ of a path parameter [s]; 0 if no path parameter is free."""
-        if self._coverage is None:
-            return 0.0
-        nu, tau = self._coverage.scalings[index]
-        return nu * value + tau
-
-    def _horizon_forecast(self, o: Observation, steps: int) -> HorizonForecast:
-        every_s = self._settings.every_s
+    def _horizon_forecast(self, o: Observation) -> HorizonForecast:
+        steps, every_s = self._steps(), self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
-        motion = self._estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
+        motion = self._estimator.now.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if worst else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
-        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.state_w, self.period_s)
+        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.now.state_w, self.period_s)
 
     # --- path
 
@@ -369,75 +333,60 @@ class PaperPlanner(TrackingPlanner):
         coverage = self._coverage
         if coverage is None:
             return parameters
-        self._lasting_s.clear()
-        chosen = self._ruled(o, parameters, coverage)
-        rows = self._own.trade_offs
-        if not rows or chosen[: self._rho] == parameters[: self._rho]:
-            return chosen
-        # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
-        for tenths in range(10, 0, -1):
-            share = tenths / 10
-            moved = tuple(
-                old + share * (new - old) for old, new in zip(parameters[: self._rho], chosen[: self._rho], strict=True)
+        path = parameters[: self._rho]
+        chosen = self._ruled(o, path, coverage)
+        if self._own.trade_offs and chosen != path:
+            # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
+            ways = (
+                tuple(old + tenths / 10 * (new - old) for old, new in zip(path, chosen, strict=True))
+                for tenths in range(10, 0, -1)
             )
-            if len(self._horizon(o, self._free[o.stage - 1], self._steps(), moved).choices):
-                return (*moved, *parameters[self._rho :])
-        return parameters
+            chosen = next((way for way in ways if len(self._horizon(o, way).choices)), path)
+        return (*chosen, *parameters[self._rho :])
 
-    def _ruled(self, o: Observation, parameters: Vector, coverage: _Coverage) -> Vector:
+    def _ruled(self, o: Observation, path: Vector, coverage: _Coverage) -> Vector:
         """Path parameters by the rule of the settings."""
-        last_s, boxes = self._lasts_s(o, parameters), coverage.boxes
+        own, boxes = self._own, coverage.boxes
         down = -1 if coverage.longest_s >= coverage.shortest_s else 1
-        if self._own.path_rule == "largest":
-            share = self._largest_share(o.time_s, last_s, coverage)
-            chosen = (*(box.lo + share * (box.hi - box.lo) for box in boxes), *parameters[self._rho :])
-            longer = self._coverage_s(chosen) >= self._coverage_s(parameters)
-            return parameters if longer and not self._own.raise_path else chosen
-        if self._own.path_rule == "subroutine":
-            first = parameters
-            if self._own.raise_path:
-                first = (*(box.hi if down < 0 else box.lo for box in boxes), *parameters[self._rho :])
-            return self._lowered_path(o, first, down, coverage)
-        if self._remaining_s(parameters, o.time_s, coverage) > last_s:
-            return self._moved(parameters, down, coverage)
-        if self._own.raise_path:
-            raised = self._moved(parameters, -down, coverage)
-            if raised != parameters and self._remaining_s(raised, o.time_s, coverage) <= self._lasts_s(o, raised):
-                return raised
-        return parameters
+        found_s: dict[float, float] = {}
 
-    def _lowered_path(self, o: Observation, parameters: Vector, down: int, coverage: _Coverage) -> Vector:
-        """Path parameters lowered by δ until the time suffices. Source: drafts 003 and 004, their subroutine."""
-        for _ in range(MAX_LOWERED):
-            lowered = self._moved(parameters, down, coverage)
-            enough = self._remaining_s(parameters, o.time_s, coverage) <= self._lasts_s(o, parameters)
-            if enough or lowered == parameters:
-                break
-            parameters = lowered
-        return parameters
+        def lasts_s(path: Vector) -> float:
+            gained_w = self._gained_w(path)
+            if gained_w not in found_s:
+                found_s[gained_w] = self._time_to_reserve_s(o, gained_w)
+            return found_s[gained_w]
 
-    def _moved(self, parameters: Vector, direction: int, coverage: _Coverage) -> Vector:
-        moved = [
-            box.clip(value + direction * self._delta(i))
-            for i, (value, box) in enumerate(zip(parameters[: self._rho], coverage.boxes, strict=True))
-        ]
-        return (*moved, *parameters[self._rho :])
+        def suffices(path: Vector) -> bool:
+            return self._remaining_s(path, o.time_s, coverage) <= lasts_s(path)
 
-    def _delta(self, index: int) -> float:
-        """δ of a parameter: the settings', else a tenth of its set (a path) or one step (a computation)."""
-        if index not in self._deltas:
-            box = self._mission.plan.hull(index)
-            default = (box.hi - box.lo) / 10 if index < self._rho else 1.0
-            self._deltas[index] = self._own.delta.get(self._mission.plan.names[index], default)
-        return self._deltas[index]
+        if own.path_rule == "largest":
+            share = self._largest_share(o.time_s, lasts_s(path), coverage)
+            chosen = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
+            longer = sum(coverage.controls_s(chosen)) >= sum(coverage.controls_s(path))
+            return path if longer and not own.raise_path else chosen
+        if own.path_rule == "subroutine":
+            # drafts 003 and 004: lowered by δ until the time suffices
+            if own.raise_path:
+                path = tuple(box.hi if down < 0 else box.lo for box in boxes)
+            for _ in range(MAX_LOWERED):
+                lowered = self._moved(path, down, coverage)
+                if lowered == path or suffices(path):
+                    break
+                path = lowered
+            return path
+        if not suffices(path):
+            return self._moved(path, down, coverage)
+        raised = self._moved(path, -down, coverage)
+        return raised if own.raise_path and raised != path and suffices(raised) else path
 
-    def _coverage_s(self, parameters: Vector) -> float:
-        """t_s = Σ(ν c + τ) over the path parameters. Source: letter, Alg. 2 l. 24."""
-        return sum(self._path_control_s(i, parameters[i]) for i in range(self._rho))
+    def _moved(self, path: Vector, direction: int, coverage: _Coverage) -> Vector:
+        boxes = enumerate(zip(path, coverage.boxes, strict=True))
+        return tuple(box.clip(value + direction * self._deltas[i]) for i, (value, box) in boxes)
 
-    def _remaining_s(self, parameters: Vector, time_s: float, coverage: _Coverage) -> float:
+    def _remaining_s(self, path: Vector, time_s: float, coverage: _Coverage) -> float:
         """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
-        total_s = self._coverage_s(parameters)
+        # t_s = Σ(ν c + τ): l. 24
+        total_s = sum(coverage.controls_s(path))
         if self._own.remaining_time == "published":
             return total_s / coverage.whole_s * (coverage.whole_s - time_s)
         return total_s - time_s
@@ -453,15 +402,8 @@ class PaperPlanner(TrackingPlanner):
             return 1.0 if longest >= shortest else 0.0
         return min(1.0, max(0.0, (limit_s - shortest) / (longest - shortest)))
 
-    def _lasts_s(self, o: Observation, parameters: Vector) -> float:
-        """`_time_to_reserve_s`, once for all path parameters of the same power."""
-        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
-        if gained_w not in self._lasting_s:
-            self._lasting_s[gained_w] = self._time_to_reserve_s(o, parameters)
-        return self._lasting_s[gained_w]
-
-    def _time_to_reserve_s(self, o: Observation, parameters: Vector) -> float:
-        """t_b: time until the predicted battery reaches the reserve with path parameters [s].
+    def _time_to_reserve_s(self, o: Observation, gained_w: float) -> float:
+        """t_b: time until the predicted battery reaches the reserve with so much more power of the motion [s].
 
         The horizon's computations, then its last one held. The motion is periodic: whole periods are divided out, and
         one period is predicted. A voltage that falls with the charge is taken half way.
@@ -472,11 +414,10 @@ class PaperPlanner(TrackingPlanner):
         every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
         head = max(1, round(len(computing_w) * every_s / step_s))
         count = head + max(1, round((self.period_s or step_s) / step_s))
-        of_step = np.arange(count) // max(1, round(every_s / step_s))
-        of_step[head:] = len(computing_w) - 1
-        motion_w = self._estimator.forecast(np.arange(0.5, count) * step_s)
-        gained_w = self._gained_w(parameters[: self._rho], self._flown_path)
-        power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[np.minimum(of_step, len(computing_w) - 1)]
+        at_s = np.arange(count, dtype=np.float64) * step_s
+        of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
+        motion_w = self._estimator.now.forecast(at_s + 0.5 * step_s)
+        power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
         battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)
 
@@ -504,44 +445,38 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
     """
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
-    currents_a = drain_per_s(power_w, battery.voltage_v, battery.resistance_ohm, 1.0)
-    drops = (currents_a * (battery.k_b_per_s * step_s / battery.capacity_ah)).cumsum()
-    if drops[-1] >= spare:
-        return _crossing_s(drops, spare, step_s)
-    first = float(drops[head - 1])
-    one_period = float(drops[-1]) - first
-    if one_period <= 0:
+    drops = (battery.drain_per_s(power_w, battery.voltage_v) * step_s).cumsum()
+    first, one_period = float(drops[head - 1]), float(drops[-1] - drops[head - 1])
+    if spare > drops[-1] and one_period <= 0:
         return math.inf
-    whole = float(np.floor((spare - first) / one_period))
-    rest = spare - first - whole * one_period
-    periods_s = whole * (len(power_w) - head) * step_s
-    return head * step_s + periods_s + _crossing_s(drops[head:] - first, rest, step_s)
+    whole = (spare - first) // one_period if spare > drops[-1] else 0.0
+    return whole * (len(power_w) - head) * step_s + _crossing_s(drops, spare - whole * one_period, step_s)
 
 
 def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
     """Time at which a growing sum, that at the end of each step, reaches a value: linear within the step [s]."""
-    k = int(np.searchsorted(sums, value))
-    if k == len(sums):
-        return len(sums) * step_s
-    before = float(sums[k - 1]) if k else 0.0
-    return (k + (value - before) / (float(sums[k]) - before)) * step_s
+    ends_s = np.arange(len(sums) + 1) * step_s
+    return float(np.interp(value, np.concatenate([[0.0], sums]), ends_s))
 
 
 class _Coverage(NamedTuple):
-    """The whole coverage.
-
-    Its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], the sets of these, and ν and τ of each.
-    """
+    """The whole coverage: its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], and their sets."""
 
     shortest_s: float
     longest_s: float
     boxes: list[Box]
-    scalings: list[tuple[float, float]]
 
     @property
     def whole_s(self) -> float:
         """The longer one of its times [s]."""
         return max(self.shortest_s, self.longest_s)
+
+    def controls_s(self, path: Vector) -> list[float]:
+        """û = ν c + τ of each path parameter [s], with an equal share of the time. Source: letter, Eq. 10."""
+        rho = len(self.boxes)
+        ends_s = self.shortest_s / rho, self.longest_s / rho
+        scalings = [scaling_factors(box.lo, box.hi, *ends_s) for box in self.boxes]
+        return [nu * value + tau for (nu, tau), value in zip(scalings, path, strict=False)]
 
 
 def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
@@ -550,24 +485,19 @@ def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
     From the settings, else nominal at cruise speed without wind. None if no path parameter is free, or the nominal path
     is undefined.
     """
-    plan = mission.plan
-    rho = plan.path_count
-    if not rho or all(plan.hull(i).fixed for i in range(rho)):
+    boxes = [mission.plan.hull(i) for i in range(mission.plan.path_count)]
+    if all(box.fixed for box in boxes):
         return None
-    times = []
-    for given, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
-        if given is not None:
-            times.append(given)
-            continue
-        corner = (*(getattr(plan.hull(i), end) for i in range(rho)), *mission.parameters[rho:])
-        try:
-            length = sum(leg.distance_m for leg in nominal_legs(plan, corner, mission.start_m))
-        except PathUndefined:
+    times_s = []
+    for time_s, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
+        if time_s is None:
+            corner = (*(getattr(box, end) for box in boxes), *mission.parameters[len(boxes) :])
+            try:
+                length = sum(leg.distance_m for leg in nominal_legs(mission.plan, corner, mission.start_m))
+            except PathUndefined:
+                return None
+            time_s = length / mission.cruise_mps
+        if not math.isfinite(time_s):
             return None
-        if not math.isfinite(length):
-            return None
-        times.append(length / mission.cruise_mps)
-    boxes = [plan.hull(i) for i in range(rho)]
-    shortest_s, longest_s = times
-    scalings = [path_scaling(box.lo, box.hi, shortest_s, longest_s, rho) for box in boxes]
-    return _Coverage(shortest_s, longest_s, boxes, scalings)
+        times_s.append(time_s)
+    return _Coverage(times_s[0], times_s[1], boxes)

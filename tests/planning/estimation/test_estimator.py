@@ -551,17 +551,6 @@ def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
     assert at_once.state_w == pytest.approx(by_steps.state_w, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("make", [PublishedEstimator, lambda settings: ExactEstimator(settings, PERIOD_S)])
-def test_a_batch_is_its_readings_one_by_one(make):
-    times = np.arange(0.1, 4.0, 0.1)
-    readings = [None if k in (0, 7, 8) else float(signal_w(time_s)) for k, time_s in enumerate(times)]
-    together, apart = make(NOISES), make(NOISES)
-    for time_s, reading in zip(times.tolist(), readings, strict=True):
-        expected = apart.observe(time_s, reading)
-    assert together.observe_batch(times.tolist(), readings) == pytest.approx(expected, abs=ROUNDING)
-    assert together.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
-
-
 # --- estimates
 
 

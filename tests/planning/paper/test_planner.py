@@ -136,7 +136,7 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
         mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
         pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission)
         stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
-        first, second = (pilot._horizon(o, [0], 6, ()) for o in stages)
+        first, second = (pilot._horizon(o, ()) for o in stages)
         assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])
         assert [second.powers_w[0], second.powers_w[-1]] == pytest.approx([14.0, 22.0])
         assert (first is second) == (fixed == 5)
