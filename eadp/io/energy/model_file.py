@@ -129,11 +129,9 @@ def energy_yaml(model: EnergyModel) -> str:
 def _lines(key: str, value: Any) -> str:
     if key == "schema":
         return f"{key}: {value}\n"
-    if not value or not isinstance(value, dict | list):
-        return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
     if isinstance(value, dict):
         return f"{key}:\n" + "".join(f"  {name}: {json.dumps(item)}\n" for name, item in value.items())
-    if not isinstance(value[0], dict):
-        return f"{key}: {json.dumps(value)}\n"
-    items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
-    return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)
+    if key == "harmonics" and value:
+        items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
+        return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)
+    return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
