@@ -372,15 +372,15 @@ class FreeSpace:
 
     def has(self, path_m: ArrayLike) -> bool:
         """Whether a polyline, shape (n, 2), lies in it."""
-        line = shapely.LineString(path_m)
-        inside = self._outer is None or bool(shapely.covers(self._outer, line))
-        return inside and not bool(shapely.intersects(self._inner, line))
+        return self._holds(shapely.LineString(path_m))
 
     def has_hull(self, points_m: ArrayLike) -> bool:
         """Whether the convex hull of points, shape (n, 2), lies in it."""
-        hull = shapely.MultiPoint(points_m).convex_hull
-        inside = self._outer is None or bool(shapely.covers(self._outer, hull))
-        return inside and not bool(shapely.intersects(self._inner, hull))
+        return self._holds(shapely.MultiPoint(points_m).convex_hull)
+
+    def _holds(self, geometry: shapely.Geometry) -> bool:
+        inside = self._outer is None or bool(shapely.covers(self._outer, geometry))
+        return inside and not bool(shapely.intersects(self._inner, geometry))
 
     def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
         """The parts of a straight line that lie in it, as intervals along the line [m]."""

@@ -9,6 +9,7 @@ from itertools import zip_longest
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_jsonable_python
 
 from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.schema_faults import STRICT, validated
@@ -106,23 +107,8 @@ def _agree(given: tuple[float, ...], expected: tuple[float, ...], tolerance: flo
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:
     """An energy model as the JSON-ready document of its schema, every key written out."""
-    return {
-        "schema": SCHEMA,
-        "periodic": model.periodic,
-        "period_s": model.period_s,
-        "period_std_s": model.period_std_s,
-        "order": model.order,
-        "mean_w": model.mean_w,
-        "mean_std_w": model.mean_std_w,
-        "harmonics": [asdict(harmonic) for harmonic in model.harmonics],
-        "amplitude_std_w": list(model.amplitude_std_w),
-        "coefficients": {key: list(values) for key, values in asdict(model.coefficients).items()},
-        "noise_std_w": model.noise_std_w,
-        "disturbance": model.disturbance and asdict(model.disturbance),
-        "cv_r2": model.cv_r2,
-        "samples": model.samples,
-        "span_s": model.span_s,
-    }
+    keys = [key for key in EnergyFile.model_fields if key != "schema_"]
+    return {"schema": SCHEMA, **to_jsonable_python({key: getattr(model, key) for key in keys})}
 
 
 def energy_yaml(model: EnergyModel) -> str:
@@ -143,11 +129,9 @@ def energy_yaml(model: EnergyModel) -> str:
 def _lines(key: str, value: Any) -> str:
     if key == "schema":
         return f"{key}: {value}\n"
-    if not value or not isinstance(value, dict | list):
-        return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
     if isinstance(value, dict):
         return f"{key}:\n" + "".join(f"  {name}: {json.dumps(item)}\n" for name, item in value.items())
-    if not isinstance(value[0], dict):
-        return f"{key}: {json.dumps(value)}\n"
-    items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
-    return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)
+    if key == "harmonics" and value:
+        items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
+        return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)
+    return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes

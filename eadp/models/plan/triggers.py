@@ -113,8 +113,6 @@ class TriggerWatch:
         What `watched` reads and updates; may be replaced by an array of the same numbers.
     curve : CurveProgress or None
         Progress along a general curve.
-    ends_here : bool
-        Whether the plan ends at this lap's last trigger.
     """
 
     def __init__(
@@ -132,7 +130,6 @@ class TriggerWatch:
         w = self.numbers = [0.0] * WATCHED
         self.curve: CurveProgress | None = None
         end = cursor.end()
-        self.ends_here = end is not None and end.at_trigger
         if end is not None and not end.at_trigger:
             w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *_signs(end.shift_m), plan.final_radius_m]
         w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
