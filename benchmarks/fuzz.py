@@ -130,7 +130,8 @@ def flown(text: Text, texts: dict[str, Text]) -> None:
     files._contents.update(KNOWN._contents)
     inputs = load_flight(PLAN, scenario_path=text.name, files=files)
     world = inputs.world
-    limited = replace(world, time_limit_s=min(world.time_limit_s, 20 * world.step_s))
+    clock = world.clock
+    limited = replace(world, clock=clock._replace(time_limit_s=min(clock.time_limit_s, 20 * clock.step_s)))
     for _ in itertools.islice(fly(limited, inputs.planner(), Outcome()), 20):
         pass
 

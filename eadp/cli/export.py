@@ -93,7 +93,7 @@ def command(
         if forecast is None:
             message = "the forecast before take-off finds no parameters"
             raise usage_fault("--scenario", scenario, message, "a battery that is drained, or --set without --scenario")
-        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start_m
+        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start.position_m
         parameters = [forecast.parameters[each] for each in flown.names]
         airframe = inputs.world.vehicle
     if flown.origin_deg is not None and "--origin" in points:

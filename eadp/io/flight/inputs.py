@@ -32,7 +32,7 @@ from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
-from eadp.simulation.loop import World
+from eadp.simulation.loop import Clock, Start, World
 from eadp.simulation.sweep.design import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -191,6 +191,7 @@ def _world(
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
     vehicle, rates = keys.vehicle.airframe, keys.computations
+    limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
     return World(
         plan=plan,
         computing=computing,
@@ -199,14 +200,10 @@ def _world(
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start_m=start_m,
-        heading_rad=heading_rad,
-        altitude_m=_altitude_m(plan, scenario, vehicle),
+        start=Start(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
         parameters=parameters,
         rules=scenario.rules,
-        step_s=keys.step_s,
-        log_every_s=keys.log_every_s,
-        time_limit_s=keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps),
+        clock=Clock(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
@@ -223,7 +220,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         battery=world.battery,
         cruise_mps=vehicle.airspeed_mps,
         parameters=world.parameters,
-        start_m=world.start_m,
+        start_m=world.start.position_m,
         energy=energy,
         motion_w=vehicle.cruise_power_w,
         home_m=world.home_m,
@@ -233,7 +230,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         turn_radius_m=vehicle.turn_radius_m,
         returns_home=scenario.keys.on_infeasible == RETURN_HOME,
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
-        altitude_m=world.altitude_m,
+        altitude_m=world.start.altitude_m,
     )
 
 
