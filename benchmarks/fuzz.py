@@ -68,6 +68,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.text.streams import Text
     from eadp.models.energy_fit import fit_energy
     from eadp.models.plan.trace import nominal_legs
+    from eadp.models.plan.plan import Site
     from eadp.simulation.loop import Outcome, fly
     from eadp.simulation.sweep.design import Result, Run
     from eadp.validation.check import check_plan
@@ -173,7 +174,7 @@ def field(data: bytes) -> None:
     read, _ = read_field(text_of(data), metres=zlib.crc32(data) % 2 == 0)
     if zlib.crc32(data) % 16 < 2 and len(read.outline) < 50:
         solution = cover(CoverageRequest(read, MotionLimits(60.0, 30.0, 45.0, 30.0)))
-        plan_text(build_plan(solution, origin_deg=read.origin_deg))
+        plan_text(build_plan(solution, site=Site(read.origin_deg)))
 
 
 def scratch(data: bytes) -> str:

@@ -22,7 +22,7 @@ from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -240,17 +240,16 @@ def plan_coverage(
     solution = cover(request)
     parts = [tuple(tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in part) for part in field.parts]
     name = printable(" ".join(field.name.split()), NAME_LIMIT)
+    covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
     plan = build_plan(
         solution,
         name=text.name,
         computations=computations,
         min_radius_m=motion.min_radius_m,
-        origin_deg=field.origin_deg,
-        field=Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:])),
+        site=Site(field.origin_deg, None, covered, motion.swath_m),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
-    plan = replace(plan, swath_m=motion.swath_m)
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))

@@ -207,7 +207,7 @@ def _world(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.origin_deg),
+        home_m=scenario.position_m("home", plan.site.origin_deg),
     )
 
 
@@ -276,7 +276,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
     commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    if commanded_m and plan.start_m is not None and scenario.position_m("start", plan.origin_deg) is None:
+    if commanded_m and plan.site.start_m is not None and scenario.position_m("start", plan.site.origin_deg) is None:
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m
@@ -429,7 +429,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
-    start, heading = scenario.position_m("start", plan.origin_deg), scenario.keys.start.heading_rad
+    start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:

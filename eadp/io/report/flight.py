@@ -146,12 +146,12 @@ def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
 
 def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any] | None:
     """The field, its swath, and the share covered over time."""
-    if plan.field is None:
+    if plan.site.field is None:
         return None
     covered = flown_coverage(plan, columns)
     return {
-        "rings": [ring for part in plan.field.parts for ring in part],
-        "swath_m": plan.swath_m,
+        "rings": [ring for part in plan.site.field.parts for ring in part],
+        "swath_m": plan.site.swath_m,
         "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }
 
