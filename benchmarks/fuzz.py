@@ -67,8 +67,8 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.telemetry.replan import replan
     from eadp.io.text.streams import Text
     from eadp.models.energy_fit import fit_energy
-    from eadp.models.plan.trace import nominal_legs
     from eadp.models.plan.plan import Site
+    from eadp.models.plan.trace import nominal_legs
     from eadp.simulation.loop import Outcome, fly
     from eadp.simulation.sweep.design import Result, Run
     from eadp.validation.check import check_plan
