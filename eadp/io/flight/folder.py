@@ -23,7 +23,7 @@ from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.stage import PATH
-from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
+from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly
@@ -279,7 +279,9 @@ def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
-    row = record._asdict()
+    row: dict[str, Any] = {}
+    for key, value in record._asdict().items():
+        row |= value._asdict() if isinstance(value, Ending) else {key: value}
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

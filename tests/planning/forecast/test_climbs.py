@@ -83,8 +83,8 @@ def test_in_flight_too(text, within, inputs_of):
     _, outcome = flown(inputs)
     used = inputs.world.battery.soc - outcome.soc_final
     for record in outcome.records:
-        assert record.soc_end == pytest.approx(outcome.soc_final, abs=within * used)
-        assert record.time_s + record.remaining_s == pytest.approx(outcome.duration_s, rel=0.025)
+        assert record.ending.soc_end == pytest.approx(outcome.soc_final, abs=within * used)
+        assert record.time_s + record.ending.remaining_s == pytest.approx(outcome.duration_s, rel=0.025)
 
 
 def test_a_battery_that_cannot_climb_is_forecast(inputs_of):
