@@ -149,8 +149,8 @@ def random_mission(draw: random.Random) -> str:
 
 def drawn(plan: Plan) -> shapely.LineString:
     points = [(point.x_m, point.y_m) for point in trace(plan, (), STEP_M)]
-    assert plan.origin_deg is not None
-    line = shapely.LineString([to_local_m(*to_geodetic_deg(*point, plan.origin_deg), HOME) for point in points])
+    assert plan.site.origin_deg is not None
+    line = shapely.LineString([to_local_m(*to_geodetic_deg(*point, plan.site.origin_deg), HOME) for point in points])
     return line.simplify(SIMPLIFIED_M)
 
 

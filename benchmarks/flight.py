@@ -47,7 +47,7 @@ def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
     steps = list(fly(inputs.world, planner, outcome))
     spent = time.process_time() - started
     compiled.enable(False)
-    return spent, round(outcome.duration_s / inputs.world.step_s), [(step.x_m, step.y_m) for step in steps]
+    return spent, round(outcome.duration_s / inputs.world.clock.step_s), [(step.x_m, step.y_m) for step in steps]
 
 
 class Nobody:

@@ -67,6 +67,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.telemetry.replan import replan
     from eadp.io.text.streams import Text
     from eadp.models.energy_fit import fit_energy
+    from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs
     from eadp.simulation.loop import Outcome, fly
     from eadp.simulation.sweep.design import Result, Run
@@ -130,7 +131,8 @@ def flown(text: Text, texts: dict[str, Text]) -> None:
     files._contents.update(KNOWN._contents)
     inputs = load_flight(PLAN, scenario_path=text.name, files=files)
     world = inputs.world
-    limited = replace(world, time_limit_s=min(world.time_limit_s, 20 * world.step_s))
+    clock = world.clock
+    limited = replace(world, clock=clock._replace(time_limit_s=min(clock.time_limit_s, 20 * clock.step_s)))
     for _ in itertools.islice(fly(limited, inputs.planner(), Outcome()), 20):
         pass
 
@@ -172,7 +174,7 @@ def field(data: bytes) -> None:
     read, _ = read_field(text_of(data), metres=zlib.crc32(data) % 2 == 0)
     if zlib.crc32(data) % 16 < 2 and len(read.outline) < 50:
         solution = cover(CoverageRequest(read, MotionLimits(60.0, 30.0, 45.0, 30.0)))
-        plan_text(build_plan(solution, origin_deg=read.origin_deg))
+        plan_text(build_plan(solution, site=Site(read.origin_deg)))
 
 
 def scratch(data: bytes) -> str:

@@ -97,7 +97,7 @@ def row(name: str, rng: np.random.Generator, more: Callable[[], Keys], count: in
         changes.append(sum(log.changes for log in logs))
         kept = [record for record in outcome.records if record.status != INFEASIBLE]
         feasible += len(kept)
-        low += sum((record.reserve_probability or 0.0) < STATED for record in kept)
+        low += sum((record.ending.reserve_probability or 0.0) < STATED for record in kept)
         falls += again(logs[1].history, logs[1].first)
         times = itertools.chain.from_iterable(log.history for log in logs)
         ended_s = outcome.duration_s - LAST_S

@@ -824,7 +824,7 @@ def _scores(keys: Mapping[str, Any]) -> list[float] | None:
     times = [record.time_s for record in outcome.records]
     moments = [*MOMENTS_S, *(share * outcome.duration_s for share in SHARES)]
     forecasts = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
-    return [(outcome.soc_final - record.soc_end) / record.soc_end_std for record in forecasts]
+    return [(outcome.soc_final - record.ending.soc_end) / record.ending.soc_end_std for record in forecasts]
 
 
 def main() -> None:

@@ -257,16 +257,16 @@ def trigger_share(world: World, fast: bool) -> float:
     steps, spent = 100_000 if fast else 10_000, {}
     for _ in range(3):
         for watching in (True, False):
-            executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
+            executor = PlanExecutor(world.plan, world.parameters, world.start.position_m, world.rules)
             if watching:  # of a trigger that does not fire: a circle without end, a disc of no size
                 numbers = executor.watch.numbers
                 numbers[PASS_Q], numbers[RADIUS_SQUARED] = math.inf, -1.0
             else:
                 executor.watch.numbers[FIRES_IN] = executor.watch.numbers[ENDS] = 0.0
-            start = (world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m)
+            start = (world.wind.steady_mps, *world.start)
             inner_loop = InnerLoop(
                 state_of(world.vehicle, *start),
-                constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
+                constants_of(world.vehicle, world.guidance, world.wind, world.clock.step_s),
                 replace(world.battery, capacity_ah=1e6),
                 world.wind,
                 np.random.default_rng(0),
@@ -294,7 +294,7 @@ def compiling(planner: str) -> None:
         "from eadp.simulation.loop import Outcome, fly; compiled.enable();"
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.airframe.model': 'fixed-wing', 'log_every_s': 1e9}});"
-        "w = replace(i.world, log_every_s=math.inf);"  # as in a sweep
+        "w = replace(i.world, clock=i.world.clock._replace(log_every_s=math.inf));"  # as in a sweep
         "p = i.planner(); t = time.process_time(); list(fly(w, p, Outcome())); a = time.process_time() - t;"
         "p = i.planner(); t = time.process_time(); list(fly(w, p, Outcome()));"
         "print(n, a, time.process_time() - t)"

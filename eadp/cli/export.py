@@ -93,12 +93,12 @@ def command(
         if forecast is None:
             message = "the forecast before take-off finds no parameters"
             raise usage_fault("--scenario", scenario, message, "a battery that is drained, or --set without --scenario")
-        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start_m
+        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start.position_m
         parameters = [forecast.parameters[each] for each in flown.names]
         airframe = inputs.world.vehicle
-    if flown.origin_deg is not None and "--origin" in points:
+    if flown.site.origin_deg is not None and "--origin" in points:
         raise usage_fault("--origin", origin or "", "the plan has an origin", "no --origin")
-    place = flown.origin_deg or points.get("--origin")
+    place = flown.site.origin_deg or points.get("--origin")
     if place is None:
         raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
     if altitude is None and any(stage.altitude_m is None for stage in flown.stages):
@@ -109,7 +109,7 @@ def command(
     except PathUndefined as error:
         raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
     path = PlannedPath(
-        (flown.field.name if flown.field else "") or printable(name.rpartition("/")[2]),
+        (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
         sections,
         place,
         airframe.cruise_altitude_m if altitude is None else altitude,

@@ -162,7 +162,7 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     from eadp.models.plan.legs import TracePoint
     from eadp.models.plan.trace import trace
 
-    origin = plan.origin_deg
+    origin = plan.site.origin_deg
     header = ",".join([*TracePoint._fields, *(["lat_deg", "lon_deg"] if origin else [])])
     lines = [header]
     for point in trace(plan, parameters, step_m):
@@ -250,9 +250,9 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "parameters": [asdict(item) for item in plan.parameters],
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
-        "origin_deg": plan.origin_deg,
-        **({} if plan.start_m is None else {"start_m": plan.start_m}),
-        **({} if plan.field is None else {"field": plan.field.summary}),
+        "origin_deg": plan.site.origin_deg,
+        **({} if plan.site.start_m is None else {"start_m": plan.site.start_m}),
+        **({} if plan.site.field is None else {"field": plan.site.field.summary}),
         "findings": [_finding(item) for item in findings],
     }
     if plan.segments:
@@ -335,8 +335,8 @@ def _point(plan: Plan, point: PointExpression) -> dict[str, Any]:
 
     x, y = (_number_or_text(part) for part in point)
     result: dict[str, Any] = {"x": x, "y": y}
-    if plan.origin_deg is not None and not isinstance(x, str) and not isinstance(y, str):
-        result |= zip(("lat_deg", "lon_deg"), to_geodetic_deg(x, y, plan.origin_deg), strict=True)
+    if plan.site.origin_deg is not None and not isinstance(x, str) and not isinstance(y, str):
+        result |= zip(("lat_deg", "lon_deg"), to_geodetic_deg(x, y, plan.site.origin_deg), strict=True)
     return result
 
 

@@ -280,15 +280,15 @@ class _Search:
         square = table[:depot, :depot]
         # [a, b]: the extra cost of the turn from a to b when flown from b reversed to a reversed
         self.reversal_costs: list[list[float]] = (square[np.ix_(other, other)].T - square).tolist()
-        self.scale = float(np.abs(square).max(initial=0.0))
-        self.symmetric = bool(np.abs(np.array(self.reversal_costs)).max(initial=0.0) <= 1e-11 * self.scale)
+        scale = float(np.abs(square).max(initial=0.0))
+        self.symmetric = bool(np.abs(np.array(self.reversal_costs)).max(initial=0.0) <= 1e-11 * scale)
         hidden = square + np.where(np.kron(np.eye(n), np.ones((2, 2))) > 0, np.inf, 0.0)
         count = min(NEIGHBOURS, 2 * n - 2)
         self.after: list[list[int]] = np.argsort(hidden, axis=1, kind="stable")[:, :count].tolist()
         self.before: list[list[int]] = np.argsort(hidden, axis=0, kind="stable")[:count].T.tolist()
         self.after.append(np.argsort(table[depot, :depot], kind="stable").tolist())
         self.before.append(np.argsort(table[:depot, depot], kind="stable").tolist())
-        self.min_gain = 1e-8 * self.scale  # a smaller gain is rounding
+        self.min_gain = 1e-8 * scale  # a smaller gain is rounding
         self.tour: list[int] = []
         self.position: list[int] = []
         self.reversal_sums: list[float] = []

@@ -14,8 +14,7 @@ from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import Box, Stage
 
@@ -55,8 +54,7 @@ def build_plan(
     name: str = "",
     computations: FieldComputations | None = None,
     min_radius_m: float | None = None,
-    origin_deg: Point | None = None,
-    field: Field | None = None,
+    site: Site | None = None,
     altitude_m: float | None = None,
     commands: tuple[Command, Command] | None = None,
 ) -> Plan:
@@ -71,10 +69,8 @@ def build_plan(
         None by default.
     min_radius_m : float, optional
         The aircraft's smallest turning radius [m], for the plan's header.
-    origin_deg : (float, float), optional
-        Latitude and longitude of the local frame's origin [°].
-    field : Field, optional
-        The field.
+    site : Site, optional
+        Where the field is.
     altitude_m : float, optional
         Altitude of all stages [m].
     commands : (tuple, tuple), optional
@@ -90,8 +86,7 @@ def build_plan(
         computations=builder.computations.computations,
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
-        origin_deg=origin_deg,
-        field=field,
+        site=site or Site(),
         segments=tuple(builder.segments) if repeats else (),
         primitive_stages=4 if repeats else None,
     )

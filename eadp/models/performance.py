@@ -58,8 +58,8 @@ class WindPerformance:
 
 
 @dataclass(frozen=True)
-class Performance:
-    """An aircraft's performance; None where its model has no such limit.
+class CruisePerformance:
+    """An aircraft at the airspeed that it holds; None where its model has no such limit.
 
     Attributes
     ----------
@@ -69,6 +69,22 @@ class Performance:
         Turning radius at the greatest bank, without wind [m].
     stall_mps, stall_in_turn_mps : float or None
         Airspeed at which the wing stalls, straight and at the greatest bank [m/s].
+    """
+
+    airspeed_mps: float
+    level_power_w: float
+    bank_power_w: float
+    turn_radius_m: float
+    stall_mps: float | None
+    stall_in_turn_mps: float | None
+
+
+@dataclass(frozen=True)
+class Performance(CruisePerformance):
+    """An aircraft's performance: as it flies, at its best speeds, and in winds; None where its model has no such limit.
+
+    Attributes
+    ----------
     endurance_mps, endurance_w : float
         Airspeed of least power [m/s], and the power [W].
     range_mps, range_w : float
@@ -82,12 +98,6 @@ class Performance:
         What the aircraft cannot do, and would have to.
     """
 
-    airspeed_mps: float
-    level_power_w: float
-    bank_power_w: float
-    turn_radius_m: float
-    stall_mps: float | None
-    stall_in_turn_mps: float | None
     endurance_mps: float
     endurance_w: float
     range_mps: float

@@ -40,6 +40,7 @@ from eadp.planning.estimation.estimator import (
 )
 
 if TYPE_CHECKING:
+    from eadp.planning.forecast.evaluate import Forecast
     from eadp.planning.forecast.held import Preflight
     from eadp.planning.state.flight_state import FlightState
 
@@ -136,6 +137,50 @@ class Decision(NamedTuple):
     returns_home: bool = False
 
 
+class Ending(NamedTuple):
+    """Forecast of the end of the plan; None where it is unknown.
+
+    Attributes
+    ----------
+    remaining_s, remaining_std_s : float or None
+        Time to it, and its standard deviation [s].
+    energy_wh, energy_std_wh : float or None
+        Energy to it, and its standard deviation [Wh].
+    available_wh : float or None
+        Energy in the battery above the reserve [Wh].
+    soc_end, soc_end_std : float or None
+        State of charge, negative by the shortfall of charge; and its standard deviation.
+    completes_probability, reserve_probability : float or None
+        Probabilities that the battery is not empty before, and that the reserve is kept.
+    quality_forecast : float or None
+        U of the whole flight, the flown part included.
+    """
+
+    remaining_s: float | None = None
+    remaining_std_s: float | None = None
+    energy_wh: float | None = None
+    energy_std_wh: float | None = None
+    available_wh: float | None = None
+    soc_end: float | None = None
+    soc_end_std: float | None = None
+    completes_probability: float | None = None
+    reserve_probability: float | None = None
+    quality_forecast: float | None = None
+
+    @classmethod
+    def of(cls, forecast: Forecast, available_wh: float | None = None, quality: float | None = None) -> Ending:
+        """That of a forecast."""
+        f = forecast
+        energy = f.energy_wh, f.energy_std_wh, available_wh
+        charge = f.soc_end, f.soc_end_std, f.completes_probability, f.reserve_probability
+        return cls(f.remaining_s, f.remaining_std_s, *energy, *charge, quality)
+
+    @property
+    def finite(self) -> Ending:
+        """The same; numbers that are not finite are unknown."""
+        return Ending(*[value if value is not None and math.isfinite(value) else None for value in self])
+
+
 class DecisionRecord(NamedTuple):
     """One re-planning, as `decisions.jsonl` holds it.
 
@@ -159,18 +204,8 @@ class DecisionRecord(NamedTuple):
         The decision and its reason, in words.
     battery_limit : str or None
         Limit of the battery's power that binds: `letter`, `current`, `cut-off voltage` or `deliverable power`.
-    remaining_s, remaining_std_s : float or None
-        Time to the end of the mission with them, and its standard deviation [s].
-    energy_wh, energy_std_wh : float or None
-        Energy to the end, and its standard deviation [Wh].
-    available_wh : float or None
-        Energy in the battery above the reserve [Wh].
-    soc_end, soc_end_std : float or None
-        Forecast state of charge at the end, and its standard deviation.
-    completes_probability, reserve_probability : float or None
-        Probabilities that the battery is not empty before the end, and that the reserve is kept.
-    quality_forecast : float or None
-        Forecast U of the whole flight, the flown part included.
+    ending : Ending
+        Forecast of the end with them; its quantities are keys of the line.
     wind_mps : (float, float) or None
         Estimated wind [m/s].
     home_reachable : bool or None
@@ -190,16 +225,7 @@ class DecisionRecord(NamedTuple):
     gap: float | None
     reason: str
     battery_limit: str | None = None
-    remaining_s: float | None = None
-    remaining_std_s: float | None = None
-    energy_wh: float | None = None
-    energy_std_wh: float | None = None
-    available_wh: float | None = None
-    soc_end: float | None = None
-    soc_end_std: float | None = None
-    completes_probability: float | None = None
-    reserve_probability: float | None = None
-    quality_forecast: float | None = None
+    ending: Ending = Ending()
     wind_mps: Point | None = None
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None

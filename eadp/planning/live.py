@@ -19,7 +19,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.planning.acquisition import Acquisition
-from eadp.planning.base import Decision, DecisionRecord, Mission, Observation, Planner, next_multiple
+from eadp.planning.base import Decision, Ending, Mission, Observation, Planner, next_multiple
 from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
@@ -40,36 +40,6 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 SEARCHED = "stage and lap are not known yet: parameters stay"
-
-
-class Ending(NamedTuple):
-    """Forecast of the end of the plan; None where it is unknown.
-
-    Attributes
-    ----------
-    soc_end, soc_end_std : float or None
-        State of charge, negative by the shortfall of charge; and its standard deviation.
-    completes_probability, reserve_probability : float or None
-        Probabilities that the battery is not empty before, and that the reserve is kept.
-    remaining_s : float or None
-        Time to it [s].
-    energy_wh, energy_std_wh : float or None
-        Energy to it, and its standard deviation [Wh].
-    """
-
-    soc_end: float | None = None
-    soc_end_std: float | None = None
-    completes_probability: float | None = None
-    reserve_probability: float | None = None
-    remaining_s: float | None = None
-    energy_wh: float | None = None
-    energy_std_wh: float | None = None
-
-    @classmethod
-    def of(cls, known: DecisionRecord | Forecast) -> Ending:
-        """That of a record or a forecast; numbers that are not finite are unknown."""
-        values = [getattr(known, name) for name in cls._fields]
-        return cls(*[value if value is not None and math.isfinite(value) else None for value in values])
 
 
 class Advice(NamedTuple):
@@ -184,7 +154,7 @@ class LiveFlight:
         if ends is not None:
             self.forecast_completes = ends
         if tracker.complete:
-            ending = Ending(soc, 0.0, 1.0, remaining_s=0.0)
+            ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
         observation = tracker.observation(time_s, position, soc)._replace(
             power_w=sample.power_w,
@@ -285,10 +255,10 @@ class LiveFlight:
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
-        if record is not None and record.soc_end is not None:
-            return self._advice(sample, reason, record.wind_mps, Ending.of(record))
+        if record is not None and record.ending.soc_end is not None:
+            return self._advice(sample, reason, record.wind_mps, record.ending.finite)
         end = None if self._tracker.lost else pilot.forecast(observation, self._tracker.applied.effective)
-        return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else Ending.of(end))
+        return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else Ending.of(end).finite)
 
     def _unknown(self, sample: Sample, time_s: float) -> Advice | None:
         """Stage and lap are not known yet: the parameters stay."""
@@ -304,7 +274,7 @@ class LiveFlight:
             return None
         self._empty = True
         self._next_s = -math.inf
-        return self._advice(sample, EMPTY, sample.wind_mps, Ending(0.0, completes_probability=0.0))
+        return self._advice(sample, EMPTY, sample.wind_mps, Ending(soc_end=0.0, completes_probability=0.0))
 
     def _advice(self, sample: Sample, reason: str, wind_mps: Point | None, ending: Ending) -> Advice:
         tracker, names = self._tracker, self._mission.plan.names

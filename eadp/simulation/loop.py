@@ -38,6 +38,32 @@ TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
 
 
+class Start(NamedTuple):
+    """State of the aircraft at take-off: where it is [m], and where its nose points [rad]."""
+
+    position_m: Point
+    heading_rad: float
+    altitude_m: float
+
+
+class Clock(NamedTuple):
+    """Times of a simulation.
+
+    Attributes
+    ----------
+    step_s : float
+        Time step [s].
+    log_every_s : float
+        Time between rows of the log [s]; infinite for no log, not even of the end.
+    time_limit_s : float
+        Time after which the flight is ended [s].
+    """
+
+    step_s: float = 0.01
+    log_every_s: float = 0.1
+    time_limit_s: float = 7200.0
+
+
 @dataclass(frozen=True)
 class World:
     """Everything in a flight except the planner."""
@@ -49,15 +75,10 @@ class World:
     wind: Wind
     battery: Battery
     faults: tuple[BatteryFault, ...]
-    start_m: Point
-    heading_rad: float
-    altitude_m: float
+    start: Start
     parameters: Vector
     rules: Rules
-    step_s: float = 0.01
-    log_every_s: float = 0.1
-    """Time between rows of the log [s]; infinite for no log, not even of the end."""
-    time_limit_s: float = 7200.0
+    clock: Clock
     seed: int = 0
     sensors: Sensors = field(default_factory=Sensors)
     rates: Mapping[str, ComputationRate] = field(default_factory=dict)
@@ -131,10 +152,10 @@ class _Flight:
 
     def __init__(self, world: World, planner: Planner, outcome: Outcome) -> None:
         self._world, self._outcome = world, outcome
-        self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start_m, world.rules)
+        self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start.position_m, world.rules)
         self._inner_loop = InnerLoop(
-            state_of(world.vehicle, world.wind.steady_mps, world.start_m, world.heading_rad, world.altitude_m),
-            constants_of(world.vehicle, world.guidance, world.wind, world.step_s),
+            state_of(world.vehicle, world.wind.steady_mps, *world.start),
+            constants_of(world.vehicle, world.guidance, world.wind, world.clock.step_s),
             world.battery,
             world.wind,
             np.random.default_rng(world.seed),
@@ -156,7 +177,7 @@ class _Flight:
     def steps(self) -> Iterator[Step]:
         """Fly, see `fly`."""
         world, inner_loop, bridge = self._world, self._inner_loop, self._bridge
-        end, reason = math.ceil(world.time_limit_s / world.step_s - 1e-9), None
+        end, reason = math.ceil(world.clock.time_limit_s / world.clock.step_s - 1e-9), None
         while reason is None and self._k < end:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
@@ -173,7 +194,7 @@ class _Flight:
                 yield from bridge.logged(last, k, self._plan_stage, self._parameters)
             reason = self._failure(events) if failed else self._hand_over(events, end, due=due)
         bridge.ingest(self._k)
-        if not math.isinf(world.log_every_s) and bridge.logged_to != self._k:
+        if not math.isinf(world.clock.log_every_s) and bridge.logged_to != self._k:
             now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
             yield from bridge.logged([[self._k, *now]], self._k, self._plan_stage, self._parameters)
         self._close(TIME_LIMIT if reason is None else reason)
@@ -200,7 +221,7 @@ class _Flight:
                 self._outcome.completed = not self._returning
                 return RETURNED if self._returning else COMPLETED
             if changed and not self._returning:
-                self._outcome.stage_times_s.append(self._k * self._world.step_s)
+                self._outcome.stage_times_s.append(self._k * self._world.clock.step_s)
             if not self._returning:
                 changed |= self._decide()
         except EadpError as error:
@@ -212,7 +233,7 @@ class _Flight:
         elif changed:
             self._next_update = self._k + 1  # the planner is updated at once with a new stage or its decision in force
         elif due:
-            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.step_s, end))
+            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
         return None
 
     def _decide(self) -> bool:
@@ -228,7 +249,7 @@ class _Flight:
 
     def _change(self) -> None:
         """Fly another stage, or with other parameters."""
-        executor, time_s = self._executor, self._k * self._world.step_s
+        executor, time_s = self._executor, self._k * self._world.clock.step_s
         self._parameters = executor.parameters
         computing_w = self._world.computing_w(executor.parameters, executor.stage)
         self._inner_loop.start_stage(executor, computing_w)
@@ -257,16 +278,16 @@ class _Flight:
             what = BATTERY_EMPTY if limit == CUT_OFF else "the battery cannot deliver"
             return f"{what}: {battery.undeliverable(variable(POWER), soc)}"
         if self._k == 1:
-            x, y = self._world.start_m
+            x, y = self._world.start.position_m
             raise PathUndefined(f"the path of stage 1 has no finite value at the start ({x:g}, {y:g})")
         return f"the path of stage {self._plan_stage} has no value at ({variable(X):.1f}, {variable(Y):.1f})"
 
     def _close(self, reason: str) -> None:
         """Fill in the outcome."""
-        variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.step_s
+        variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.clock.step_s
         totals = outcome.totals
-        totals.energy_j = variable(ENERGY) * self._world.step_s
-        totals.distance_m = variable(DISTANCE) * self._world.step_s
+        totals.energy_j = variable(ENERGY) * self._world.clock.step_s
+        totals.distance_m = variable(DISTANCE) * self._world.clock.step_s
         totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
         short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
         self._log.close(time_s, None if outcome.completed else short_of)
@@ -287,16 +308,16 @@ class _SensorBridge:
     """Measurements from the inner loop to the planner, its last decision, and rows of the log with its estimates."""
 
     def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, outcome: Outcome) -> None:
-        self._step_s, self._state = world.step_s, planner.flight_state()
+        self._step_s, self._state = world.clock.step_s, planner.flight_state()
         self._planner = planner
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
-        self._suite = SensorSuite(world.sensors, world.step_s, np.random.default_rng([world.seed, 1]))
+        self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
         """Delay of the measurements in steps."""
-        unlogged = math.isinf(world.log_every_s)
-        log_every = MAX_STEPS if unlogged else max(1, round(world.log_every_s / world.step_s))
-        inner_loop.note(step_at(planner.reading_every_s, world.step_s, MAX_STEPS), self.late, log_every)
+        unlogged = math.isinf(world.clock.log_every_s)
+        log_every = MAX_STEPS if unlogged else max(1, round(world.clock.log_every_s / world.clock.step_s))
+        inner_loop.note(step_at(planner.reading_every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
@@ -378,6 +399,6 @@ def _losses(world: World) -> list[tuple[int, float]]:
         drops = [(t, 0.0) for (t, _), (after, _) in itertools.pairwise(points) if t == after]
     losses = {MAX_STEPS: 0.0}
     for at_s, drop in sorted(drops):
-        step = step_at(at_s, world.step_s, MAX_STEPS)
+        step = step_at(at_s, world.clock.step_s, MAX_STEPS)
         losses[step] = losses.get(step, 0.0) + drop
     return sorted(losses.items(), reverse=True)

@@ -472,5 +472,5 @@ def test_without_a_time_limit_a_flight_has_three_times_its_forecast():
     files = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
     inputs = load_flight(files[0], scenario_path=files[1], overrides={"planner.name": "static", "wind.speed_mps": 0})
     forecast = inputs.preflight().forecast
-    late_s = max(inputs.world.time_limit_s / 3, forecast.remaining_s)
+    late_s = max(inputs.world.clock.time_limit_s / 3, forecast.remaining_s)
     assert forecast.remaining_s <= late_s < 1.15 * forecast.remaining_s

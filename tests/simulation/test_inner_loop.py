@@ -200,12 +200,16 @@ def test_static_flights_are_the_same_to_the_last_bit(vehicle, no_longer_compiled
         assert getattr(a, name) == getattr(b, name)
 
 
+def logged_every(world, every_s):
+    return replace(world, clock=world.clock._replace(log_every_s=every_s))
+
+
 @pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     overrides = {"planner.name": planner, "step_s": 0.05, "faults": [], "battery.capacity_ah": 0.4}
     (logged, steps), (unlogged, nothing) = (
-        flown({**overrides}, on=on, world=lambda world, every_s=every_s: replace(world, log_every_s=every_s))
+        flown({**overrides}, on=on, world=lambda world, every_s=every_s: logged_every(world, every_s))
         for every_s in (0.1, math.inf)
     )
     assert steps

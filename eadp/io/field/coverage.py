@@ -22,7 +22,7 @@ from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -41,8 +41,8 @@ Pair = str | Point
 
 
 @dataclass(frozen=True)
-class CoverageOptions:
-    """Options of a coverage. Faults name them as the command `eadp cover` does."""
+class PathOptions:
+    """How the field is flown: turns and lines, where they start and end, and in which wind."""
 
     min_radius_m: float
     """Smallest turning radius of the aircraft [m]."""
@@ -77,6 +77,11 @@ class CoverageOptions:
     turns_off: bool = False
     """Whether the computations stop on turns."""
 
+
+@dataclass(frozen=True)
+class FieldOptions:
+    """How the field's file is read, and what lines and turns keep to."""
+
     metres: bool = False
     """Whether the field is in local metres and not degrees."""
 
@@ -91,6 +96,11 @@ class CoverageOptions:
 
     avoid_holes: bool = False
     """Whether lines and turns stay out of the field's holes, too."""
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """The camera, and how its pictures overlap."""
 
     altitude_m: float | None = None
     """Altitude above the ground, held by the plan [m]."""
@@ -134,6 +144,21 @@ class CoverageOptions:
         return self.altitude_m * size_mm / self.focal_length_mm * (1 - overlap / 100)
 
     @cached_property
+    def picture_distance_m(self) -> float | None:
+        """Distance between pictures along a line [m]; None where none are taken."""
+        if self.forward_overlap is None:
+            return None
+        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
+
+
+@dataclass(frozen=True)
+class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field and the camera.
+
+    Faults name them as the command `eadp cover` does.
+    """
+
+    @cached_property
     def line_swath_m(self) -> float:
         """Width of ground that a line covers beside its neighbours [m]: as given, or the camera's."""
         camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
@@ -145,13 +170,6 @@ class CoverageOptions:
         if self.sensor_width_mm is not None or self.side_overlap is not None:
             raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
         return self.swath_m
-
-    @cached_property
-    def picture_distance_m(self) -> float | None:
-        """Distance between pictures along a line [m]; None where none are taken."""
-        if self.forward_overlap is None:
-            return None
-        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
 
     def motion(self, airspeed_mps: float, wind_mps: Point) -> MotionLimits:
         """The limits of the motion; the airspeed and the wind given here hold where the options have none."""
@@ -240,17 +258,16 @@ def plan_coverage(
     solution = cover(request)
     parts = [tuple(tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in part) for part in field.parts]
     name = printable(" ".join(field.name.split()), NAME_LIMIT)
+    covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
     plan = build_plan(
         solution,
         name=text.name,
         computations=computations,
         min_radius_m=motion.min_radius_m,
-        origin_deg=field.origin_deg,
-        field=Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:])),
+        site=Site(field.origin_deg, None, covered, motion.swath_m),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
-    plan = replace(plan, swath_m=motion.swath_m)
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))

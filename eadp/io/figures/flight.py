@@ -112,17 +112,17 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
 
 def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
     """The field, and the ground within half a swath of the lines flown."""
-    if plan.field is None:
+    if plan.site.field is None:
         return
-    for i, part in enumerate(plan.field.parts):
+    for i, part in enumerate(plan.site.field.parts):
         draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
-    if plan.swath_m is None:
+    if plan.site.swath_m is None:
         return
     from eadp.core.geometry.polygons import strips
 
     columns = {name: [getattr(step, name) for step in steps] for name in ("stage", "x_m", "y_m")}
-    label: str | None = f"ground covered, {plan.swath_m:g} m wide"
-    for outline, *holes in strips(plan.field.parts, flown_lines(plan, columns), plan.swath_m):
+    label: str | None = f"ground covered, {plan.site.swath_m:g} m wide"
+    for outline, *holes in strips(plan.site.field.parts, flown_lines(plan, columns), plan.site.swath_m):
         draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
         label = None
 

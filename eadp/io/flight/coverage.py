@@ -41,7 +41,7 @@ def flown_coverage(
     None where the plan has no field or no swath, or the log is too coarse.
     """
     times = columns["time_s"]
-    if plan.field is None or plan.swath_m is None or len(times) < 2:
+    if plan.site.field is None or plan.site.swath_m is None or len(times) < 2:
         return None
     if max(np.diff(times)) > MAX_INTERVAL_S:
         return None
@@ -53,5 +53,5 @@ def flown_coverage(
     for a, b in itertools.pairwise(ends):
         first = starts[bisect.bisect_right(starts, a) - 1]  # a line is one piece: its parts would not join in a bend
         tracks.append(flown_lines(plan, {name: columns[name][first : b + 1] for name in ("stage", "x_m", "y_m")}))
-    shares = covered_shares(plan.field.parts, tracks, plan.swath_m)
+    shares = covered_shares(plan.site.field.parts, tracks, plan.site.swath_m)
     return [times[i] for i in ends], shares

@@ -23,7 +23,7 @@ from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.stage import PATH
-from eadp.planning.base import DecisionRecord, Planner, PlannerSettings
+from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import Outcome, Step, World, fly
@@ -69,7 +69,7 @@ def summarise(
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
-        "field": None if world.plan.field is None else world.plan.field.summary,
+        "field": None if world.plan.site.field is None else world.plan.site.field.summary,
         "duration_s": round(duration_s, 9),
         "distance_m": totals.distance_m,
         "energy_wh": totals.energy_j / 3600,
@@ -199,15 +199,15 @@ class Flight:
     @property
     def _names(self) -> list[str]:
         world = self.inputs.world
-        earth = () if world.plan.origin_deg is None else ("lat_deg", "lon_deg")
+        earth = () if world.plan.site.origin_deg is None else ("lat_deg", "lon_deg")
         return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
 
     def _row(self, step: Step) -> list[float]:
         world = self.inputs.world
         actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
         row = [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
-        if world.plan.origin_deg is not None:
-            row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.origin_deg)]
+        if world.plan.site.origin_deg is not None:
+            row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
         return row
 
     def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
@@ -265,7 +265,7 @@ def fly_flight(
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
     if (
         steps
-        and inputs.world.plan.field is not None
+        and inputs.world.plan.site.field is not None
         and (covered := flown_coverage(inputs.world.plan, flight.lists, 1))
     ):
         summary["coverage"] = covered[1][-1]
@@ -279,7 +279,9 @@ def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
-    row = record._asdict()
+    row: dict[str, Any] = {}
+    for key, value in record._asdict().items():
+        row |= value._asdict() if isinstance(value, Ending) else {key: value}
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

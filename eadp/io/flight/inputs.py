@@ -32,7 +32,7 @@ from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
-from eadp.simulation.loop import World
+from eadp.simulation.loop import Clock, Start, World
 from eadp.simulation.sweep.design import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -191,6 +191,7 @@ def _world(
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
     vehicle, rates = keys.vehicle.airframe, keys.computations
+    limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
     return World(
         plan=plan,
         computing=computing,
@@ -199,18 +200,14 @@ def _world(
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start_m=start_m,
-        heading_rad=heading_rad,
-        altitude_m=_altitude_m(plan, scenario, vehicle),
+        start=Start(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
         parameters=parameters,
         rules=scenario.rules,
-        step_s=keys.step_s,
-        log_every_s=keys.log_every_s,
-        time_limit_s=keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps),
+        clock=Clock(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.origin_deg),
+        home_m=scenario.position_m("home", plan.site.origin_deg),
     )
 
 
@@ -223,7 +220,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         battery=world.battery,
         cruise_mps=vehicle.airspeed_mps,
         parameters=world.parameters,
-        start_m=world.start_m,
+        start_m=world.start.position_m,
         energy=energy,
         motion_w=vehicle.cruise_power_w,
         home_m=world.home_m,
@@ -233,7 +230,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         turn_radius_m=vehicle.turn_radius_m,
         returns_home=scenario.keys.on_infeasible == RETURN_HOME,
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
-        altitude_m=world.altitude_m,
+        altitude_m=world.start.altitude_m,
     )
 
 
@@ -279,7 +276,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
     commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    if commanded_m and plan.start_m is not None and scenario.position_m("start", plan.origin_deg) is None:
+    if commanded_m and plan.site.start_m is not None and scenario.position_m("start", plan.site.origin_deg) is None:
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m
@@ -432,7 +429,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
 def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
-    start, heading = scenario.position_m("start", plan.origin_deg), scenario.keys.start.heading_rad
+    start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad
     try:
         usual, usual_heading = default_start(plan, parameters)
     except PathUndefined as error:

@@ -18,7 +18,7 @@ from eadp.io.mission import draft as d
 from eadp.io.mission.draft import DraftItem, MissionDraft
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.text.source import Location, SourceText
-from eadp.models.plan.plan import Finding, Plan
+from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
 
 if TYPE_CHECKING:
@@ -338,6 +338,5 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            origin_deg=(self.draft.home[0], self.draft.home[1]),
-            start_m=(0.0, 0.0),
+            site=Site((self.draft.home[0], self.draft.home[1]), (0.0, 0.0)),
         )

@@ -28,7 +28,7 @@ from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm, Site
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
@@ -670,12 +670,9 @@ class _Reader:
             computations=computations,
             trigger_radius_m=self._header_radius("trigger-radius") or TRIGGER_RADIUS_M,
             min_radius_m=self._header_radius("min-radius"),
-            origin_deg=self._header_origin(),
+            site=Site(self._header_origin(), self._header_start(), self._header_field(), self._header_radius("swath")),
             header_shift=self._header_shift,
             segments=parts,
-            start_m=self._header_start(),
-            field=self._header_field(),
-            swath_m=self._header_radius("swath"),
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured

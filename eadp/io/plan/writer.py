@@ -21,19 +21,19 @@ def plan_text(plan: Plan) -> str:
         lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
     if plan.min_radius_m is not None:
         lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
-    if plan.origin_deg is not None:
-        lines.append(f"%: origin {plan.origin_deg[0]!r} {plan.origin_deg[1]!r}")
-    if plan.start_m is not None:
-        lines.append(f"%: start {number_text(plan.start_m[0])} {number_text(plan.start_m[1])}")
-    if plan.field is not None:
-        for outline, *holes in plan.field.parts:
+    if plan.site.origin_deg is not None:
+        lines.append(f"%: origin {plan.site.origin_deg[0]!r} {plan.site.origin_deg[1]!r}")
+    if plan.site.start_m is not None:
+        lines.append(f"%: start {number_text(plan.site.start_m[0])} {number_text(plan.site.start_m[1])}")
+    if plan.site.field is not None:
+        for outline, *holes in plan.site.field.parts:
             for key, ring in (("field", outline), *(("hole", hole) for hole in holes)):
                 corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
                 lines.append(f"%: {key} {', '.join(corners)}")
-        if plan.field.name:
-            lines.append(f"%: field-name {plan.field.name}")
-    if plan.swath_m is not None:
-        lines.append(f"%: swath {number_text(plan.swath_m)}")
+        if plan.site.field.name:
+            lines.append(f"%: field-name {plan.site.field.name}")
+    if plan.site.swath_m is not None:
+        lines.append(f"%: swath {number_text(plan.site.swath_m)}")
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:

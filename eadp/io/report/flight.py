@@ -99,7 +99,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
         "field": _field(plan, columns),
-        "plan": _plan_lines(plan, flown, world.start_m, flight.inputs.mission.home_m),
+        "plan": _plan_lines(plan, flown, world.start.position_m, flight.inputs.mission.home_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),
     }
@@ -146,12 +146,12 @@ def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
 
 def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any] | None:
     """The field, its swath, and the share covered over time."""
-    if plan.field is None:
+    if plan.site.field is None:
         return None
     covered = flown_coverage(plan, columns)
     return {
-        "rings": [ring for part in plan.field.parts for ring in part],
-        "swath_m": plan.swath_m,
+        "rings": [ring for part in plan.site.field.parts for ring in part],
+        "swath_m": plan.site.swath_m,
         "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }
 
@@ -245,7 +245,7 @@ class _Replay:
         world = inputs.world
         rho, plan = world.plan.path_count, world.plan
         cursor = PlanCursor.start(plan, world.parameters, world.rules)
-        joined = world.start_m
+        joined = world.start.position_m
         self.laps: list[int] = []
         self.turns = [(0.0, cursor, joined)]
         values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())

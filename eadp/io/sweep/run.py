@@ -62,7 +62,9 @@ class FlyRun:
         """Fly a step, so that machine code is loaded before runs are timed for the sweep's estimate."""
         with suppress(Exception):  # the run itself reports it
             inputs = self._inputs(run)
-            for _ in fly(replace(inputs.world, time_limit_s=inputs.world.step_s), inputs.planner(), Outcome()):
+            clock = inputs.world.clock
+            world = replace(inputs.world, clock=clock._replace(time_limit_s=clock.step_s))
+            for _ in fly(world, inputs.planner(), Outcome()):
                 pass
 
     def _inputs(self, run: Run) -> FlightInputs:
@@ -70,7 +72,8 @@ class FlyRun:
         inputs = self._files.load(run)
         if self._keep is not None:
             return inputs
-        return replace(inputs, world=replace(inputs.world, log_every_s=math.inf))
+        clock = inputs.world.clock._replace(log_every_s=math.inf)
+        return replace(inputs, world=replace(inputs.world, clock=clock))
 
     def _summary(self, run: Run) -> dict[str, Any]:
         inputs = self._inputs(run)

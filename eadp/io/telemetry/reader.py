@@ -98,7 +98,7 @@ class TelemetryReader:
 
     def __init__(self, name: str, mission: Mission | None = None) -> None:
         self._name = name
-        self._origin_deg = mission.plan.origin_deg if mission is not None else None
+        self._origin_deg = mission.plan.site.origin_deg if mission is not None else None
         self._battery = mission.battery if mission is not None else Battery()
         self._placed = True
         self._unknown: set[str] = set()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
@@ -49,6 +50,27 @@ class ShortForm:
     stages: tuple[tuple[Expression, PointExpression], ...]
 
 
+class Site(NamedTuple):
+    """Where a plan is and what it covers, as far as that is known.
+
+    Attributes
+    ----------
+    origin_deg : (float, float) or None
+        Latitude and longitude of the local frame's origin [°].
+    start_m : (float, float) or None
+        Where a flight starts by default [m].
+    field : Field or None
+        The area to cover.
+    swath_m : float or None
+        Width of ground that a line covers [m].
+    """
+
+    origin_deg: tuple[float, float] | None = None
+    start_m: Point | None = None
+    field: Field | None = None
+    swath_m: float | None = None
+
+
 @dataclass(frozen=True)
 class Plan:
     """A plan: the stages in order, or the n primitive ones of a plan that repeats.
@@ -56,9 +78,8 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. `start_m` is where a flight starts by default. A plan of `segments` flies
-    them one after the other; the last once, so that its last trigger is the final point. `field` is the area to cover,
-    and `swath_m` the width of ground that a line covers, where they are known.
+    file's first line says, with its own sign. A plan of `segments` flies them one after the other; the last once, so
+    that its last trigger is the final point.
     """
 
     name: str
@@ -71,14 +92,11 @@ class Plan:
     primitive_stages: int | None = None
     trigger_radius_m: float = TRIGGER_RADIUS_M
     min_radius_m: float | None = None
-    origin_deg: tuple[float, float] | None = None
+    site: Site = field(default_factory=Site)
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
     ends_at_trigger: bool = False
     segments: tuple[Segment, ...] = ()
-    start_m: Point | None = None
-    field: Field | None = None
-    swath_m: float | None = None
 
     def __hash__(self) -> int:
         """Cheap, as plans are keys of what is kept from one flight to the next."""

@@ -120,7 +120,7 @@ def _default_start(plan: Plan, parameters: Vector) -> tuple[Point, float]:
     """`default_start`, kept for the next flight."""
     stage = plan.stages[0]
     path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
-    point = plan.start_m or stage.track(path, trigger).approach()
+    point = plan.site.start_m or stage.track(path, trigger).approach()
     direction = tangent(path, point, stage.sense)
     return point, math.atan2(direction[1], direction[0])
 

@@ -28,6 +28,7 @@ from eadp.planning.base import (
     TIME,
     Decision,
     DecisionRecord,
+    Ending,
     Mission,
     Observation,
     PlannerSettings,
@@ -368,6 +369,7 @@ class JointPlanner(TrackingPlanner):
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling)
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
+        available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         spare, reached_s = self._home
         return DecisionRecord(
             time_s=o.time_s,
@@ -380,16 +382,7 @@ class JointPlanner(TrackingPlanner):
             iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
-            remaining_s=forecast.remaining_s,
-            remaining_std_s=forecast.remaining_std_s,
-            energy_wh=forecast.energy_wh,
-            energy_std_wh=forecast.energy_std_wh,
-            available_wh=max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2),
-            soc_end=forecast.soc_end,
-            soc_end_std=forecast.soc_end_std,
-            completes_probability=forecast.completes_probability,
-            reserve_probability=forecast.reserve_probability,
-            quality_forecast=None if self._evaluator.objective.total else solution.value,
+            ending=Ending.of(forecast, available_wh, None if self._evaluator.objective.total else solution.value),
             wind_mps=known.wind.mps,
             home_reachable=None if spare is None else spare >= 0,
             point_of_no_return_s=None if spare is None or spare >= 0 else reached_s,

@@ -31,11 +31,11 @@ def columns(stages, xs, ys):
 def test_a_plan_keeps_its_field():
     read, findings = plan(FIELD + STAGES)
     assert not [finding for finding in findings if finding.code == "field"]
-    assert read.field.outline == ((0, 0), (200, 0), (200, 100), (0, 100))
-    assert read.field.holes == (((120, 40), (120, 60), (160, 60), (160, 40)),)
-    assert read.swath_m == 40
+    assert read.site.field.outline == ((0, 0), (200, 0), (200, 100), (0, 100))
+    assert read.site.field.holes == (((120, 40), (120, 60), (160, 60), (160, 40)),)
+    assert read.site.swath_m == 40
     assert plan(plan_text(read))[0] == plan(plan_text(plan(plan_text(read))[0]))[0]
-    assert plan(plan_text(read))[0].field == read.field
+    assert plan(plan_text(read))[0].site.field == read.site.field
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_field_that_is_none_is_refused(eadp, tmp_path, header, words):
 
 def test_a_field_that_crosses_itself_is_left_out_with_a_warning():
     read, findings = plan(f"%: field 0 0, 100 100, 100 0, 0 100\n{STAGES}")
-    assert read.field is None
+    assert read.site.field is None
     assert [finding.code for finding in findings if "crosses itself" in finding.message] == ["field"]
 
 

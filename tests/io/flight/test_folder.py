@@ -11,7 +11,7 @@ import pytest
 from eadp.io.flight.folder import _copy_inputs, fly_flight, record_row
 from eadp.io.flight.inputs import load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.base import DecisionRecord
+from eadp.planning.base import DecisionRecord, Ending
 from eadp.planning.estimation.estimator import PowerEstimate
 
 
@@ -36,13 +36,14 @@ def test_each_decision_is_a_line(written):
     folder, flight = written["joint"]
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
     assert len(rows) == len(flight.decisions) > 2
-    keys = [*DecisionRecord._fields]
+    at = DecisionRecord._fields.index("ending")
+    keys = [*DecisionRecord._fields[:at], *Ending._fields, *DecisionRecord._fields[at + 1 :]]
     for row, record in zip(rows, flight.decisions, strict=True):
         assert list(row) == keys
         assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)
         assert row["parameters"] == dict(zip(("c1", "c2"), record.parameters, strict=True))
         assert row["wind_mps"] == list(record.wind_mps)
-        assert row["soc_end"] == record.soc_end
+        assert row["soc_end"] == record.ending.soc_end
         assert row["reason"] == record.reason
         assert 0 <= row["reserve_probability"] <= row["completes_probability"] <= 1
     assert (folder / "decisions.jsonl").read_bytes().endswith(b"\n")

@@ -35,13 +35,13 @@ LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 
 
 def path_of(plan, parameters=(), **options):
     given = {"altitude_m": 50.0, "airspeed_mps": 15.0, "tolerance_m": TOLERANCE_M} | options
-    return PlannedPath("a path", planned_sections(plan, parameters), plan.origin_deg or HOME, **given)
+    return PlannedPath("a path", planned_sections(plan, parameters), plan.site.origin_deg or HOME, **given)
 
 
 def drawn(plan, origin, parameters=()):
     """The path of a plan as a line in the plane at an origin."""
     points = [(point.x_m, point.y_m) for point in trace(plan, parameters, STEP_M)]
-    own = plan.origin_deg or origin
+    own = plan.site.origin_deg or origin
     return shapely.LineString([to_local_m(*to_geodetic_deg(*point, own), origin) for point in points])
 
 
@@ -50,7 +50,7 @@ def read_back(path, to):
 
 
 def same(plan, back, parameters=()):
-    origin = plan.origin_deg or HOME
+    origin = plan.site.origin_deg or HOME
     there, here = drawn(plan, origin, parameters), drawn(back, origin)
     assert shapely.hausdorff_distance(there, here) < TOLERANCE_M + ROUNDED_M
     assert here.length == pytest.approx(there.length, rel=SAME_LENGTH)
@@ -118,7 +118,7 @@ def test_home_adds_take_off_and_return_and_stages_their_settings():
     assert [item.parameters[0] for item in exported if item.command == 206] == [25, 0]
     assert {item.parameters[6] for item in exported if item.command in (16, 18, 22)} == {60}
     back, _ = read_back(path_of(plan, home_deg=home), "qgc")
-    assert back.origin_deg == pytest.approx(home)
+    assert back.site.origin_deg == pytest.approx(home)
     assert back.stages[-1].trigger_at(()) == (0, 0)
 
 

@@ -114,8 +114,8 @@ def test_one_mission_in_both_formats_is_one_plan():
             b.kind, b.rotation_deg, b.altitude_m, b.airspeed_mps, b.commands,
         )  # fmt: skip
         assert a.trigger_at(()) == pytest.approx(b.trigger_at(()), abs=CENTIMETRE_M)
-    assert first.origin_deg == HOME
-    assert first.start_m == (0, 0)
+    assert first.site.origin_deg == HOME
+    assert first.site.start_m == (0, 0)
     assert first.min_radius_m == RADIUS_M
 
 

@@ -17,7 +17,7 @@ from eadp.errors import InputError
 from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 
 unhurried = settings(deadline=None)  # no test depends on the clock
@@ -390,7 +390,7 @@ def test_headers():
     )
     assert not findings
     assert plan.computations == (("fps", "1/s"), ("key_size", "bit"))
-    assert (plan.trigger_radius_m, plan.min_radius_m, plan.origin_deg) == (15, 30, (55.37, 10.43))
+    assert (plan.trigger_radius_m, plan.min_radius_m, plan.site.origin_deg) == (15, 30, (55.37, 10.43))
     assert [parameter.name for parameter in plan.parameters] == ["c1", "c2", "c3"]
 
 
@@ -422,7 +422,7 @@ def test_found_laps_have_equal_radii(radii):
     plan = read(f"0.1; 90; x\n0, 5{one}\n0.1; 90; x - 10\n10, 5{other}\n")
     assert plan.primitive_stages == 1
     assert plan.whole_laps == (radii != (5, 6))
-    assert read("%: origin -33.9, -180\n" + TWO).origin_deg == (-33.9, -180)
+    assert read("%: origin -33.9, -180\n" + TWO).site.origin_deg == (-33.9, -180)
 
 
 @pytest.mark.parametrize(
@@ -434,7 +434,7 @@ def test_what_is_no_origin(place):
 
 @pytest.mark.parametrize("place", [(90, 180), (-90, -180), (0, 0)])
 def test_the_ends_of_the_earth(place):
-    assert read("%: origin {} {}\n".format(*place) + TWO).origin_deg == place
+    assert read("%: origin {} {}\n".format(*place) + TWO).site.origin_deg == place
 
 
 def test_an_unknown_header_is_a_warning():
@@ -538,7 +538,7 @@ def plans(draw):
         computations,
         trigger_radius_m=draw(st.one_of(st.just(20.0), st.floats(1e-3, 1e6))),
         min_radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
-        origin_deg=draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180)))),
+        site=Site(draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180))))),
         header_shift=shift and (constant(shift[0]), constant(shift[1])),
     )
 
@@ -746,7 +746,7 @@ def test_headers_of_stages_hold_from_the_next_stage_on_and_are_written_back():
     )
     plan, findings = read_plan(Text("p", text))
     assert findings == []
-    assert plan.start_m == (-5, 12.5)
+    assert plan.site.start_m == (-5, 12.5)
     assert [stage.altitude_m for stage in plan.stages] == [60, 60, 90]
     assert [stage.airspeed_mps for stage in plan.stages] == [None, 18, 18]
     assert [[command[0] for command in stage.commands] for stage in plan.stages] == [[206], [], [530]]

@@ -138,7 +138,7 @@ def test_a_flight_whose_battery_is_empty_at_a_share_of_the_ground_has_no_more():
     assert whole.completed
     assert whole.parameters.quality({}) == pytest.approx(1.0, abs=1e-6)
     shares = np.linspace(0, 1, 2001)
-    reached_s = times_at(inputs.world.plan, inputs.world.start_m, inputs.mission.parameters, shares)
+    reached_s = times_at(inputs.world.plan, inputs.world.start.position_m, inputs.mission.parameters, shares)
     reached = float(np.interp(outcome.duration_s, reached_s, shares))
     assert 0.3 < reached < 0.8
     assert outcome.parameters.quality({}) == pytest.approx(reached, abs=0.01)
@@ -199,7 +199,7 @@ def test_ground_of_a_mission_is_the_same_over_the_set_of_c1():
 @pytest.mark.parametrize("name", FIELDS)
 def test_ground_of_a_covered_field_is_the_same_over_the_set_of_c1(covered, name):
     inputs = covered[name]
-    plan, start = inputs.world.plan, inputs.world.start_m
+    plan, start = inputs.world.plan, inputs.world.start.position_m
     found = [ground_of(plan, start, parameters_of(plan, share)) for share in np.linspace(0, 1, 21)]
     assert np.abs(np.array(found) / np.mean(found) - 1).max() < GROUND
 

@@ -40,7 +40,7 @@ from eadp.models.weather import Wind
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.static import StaticPlanner
-from eadp.simulation.loop import Outcome, World, fly
+from eadp.simulation.loop import Clock, Outcome, Start, World, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
 STEP_M = 2.0
@@ -566,7 +566,17 @@ def test_a_simulated_flight_takes_the_times_told(wind):
     plane = FixedWing()
     # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last
     world = World(
-        plan, computing, plane, Guidance(), wind, battery, (), start, heading, 25.0, parameters, FLOWN, step_s=0.02
+        plan,
+        computing,
+        plane,
+        Guidance(),
+        wind,
+        battery,
+        (),
+        Start(start, heading, 25.0),
+        parameters,
+        FLOWN,
+        Clock(0.02),
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
@@ -726,7 +736,17 @@ def flown_survey(c1):
     start, heading = default_start(plan, parameters)
     computing, battery, plane = Computing(1, None), Battery(capacity_ah=50), FixedWing()
     world = World(
-        plan, computing, plane, Guidance(), Wind(), battery, (), start, heading, 25.0, parameters, FLOWN, step_s=0.05
+        plan,
+        computing,
+        plane,
+        Guidance(),
+        Wind(),
+        battery,
+        (),
+        Start(start, heading, 25.0),
+        parameters,
+        FLOWN,
+        Clock(0.05),
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()

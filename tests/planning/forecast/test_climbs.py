@@ -83,8 +83,8 @@ def test_in_flight_too(text, within, inputs_of):
     _, outcome = flown(inputs)
     used = inputs.world.battery.soc - outcome.soc_final
     for record in outcome.records:
-        assert record.soc_end == pytest.approx(outcome.soc_final, abs=within * used)
-        assert record.time_s + record.remaining_s == pytest.approx(outcome.duration_s, rel=0.025)
+        assert record.ending.soc_end == pytest.approx(outcome.soc_final, abs=within * used)
+        assert record.time_s + record.ending.remaining_s == pytest.approx(outcome.duration_s, rel=0.025)
 
 
 def test_a_battery_that_cannot_climb_is_forecast(inputs_of):
@@ -144,11 +144,11 @@ def test_compiled_flights_climb_alike(inputs_of):
 
 
 def test_a_flight_starts_at_the_altitude_of_its_first_stage(inputs_of):
-    assert inputs_of(LEVEL).world.altitude_m == VEHICLE.cruise_altitude_m
-    assert inputs_of(DESCENT).world.altitude_m == 125
-    assert inputs_of(DESCENT, **{"start.altitude_m": 50.0}).world.altitude_m == 50
+    assert inputs_of(LEVEL).world.start.altitude_m == VEHICLE.cruise_altitude_m
+    assert inputs_of(DESCENT).world.start.altitude_m == 125
+    assert inputs_of(DESCENT, **{"start.altitude_m": 50.0}).world.start.altitude_m == 50
     # from home, as a mission: on the ground
-    assert inputs_of("%: start 0 0\n" + DESCENT, **{"start.position_m": None}).world.altitude_m == 0
+    assert inputs_of("%: start 0 0\n" + DESCENT, **{"start.position_m": None}).world.start.altitude_m == 0
 
 
 @pytest.mark.parametrize(

@@ -44,13 +44,13 @@ def gusty():
 def test_every_feasible_re_planning_states_the_probability_that_is_asked_for(gusty):
     records = [record for outcome, *_ in gusty for record in outcome.records if record.status != INFEASIBLE]
     assert len(records) > 50
-    assert min(record.reserve_probability for record in records) >= STATED
+    assert min(record.ending.reserve_probability for record in records) >= STATED
 
 
 def test_what_it_forecasts_to_see_it_has_seen_in_the_end(gusty):
     for outcome in [outcome for outcome, *_ in gusty if outcome.completed]:
         last = outcome.records[-1]
-        assert last.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
+        assert last.ending.quality_forecast == pytest.approx(outcome.parameters.quality({}), abs=QUALITY)
 
 
 def test_the_first_decision_searches_the_path(gusty):
@@ -86,7 +86,7 @@ def test_a_loss_is_answered_at_once(at_s, drop):
     # the reading after the loss may be an outlier: the next one decides
     assert at_s <= jumped[0].time_s <= at_s + 2.1
     before = [record for record in outcome.records if record.time_s < at_s][-1]
-    assert jumped[0].soc_end < before.soc_end + 0.01 or jumped[0].parameters != before.parameters
+    assert jumped[0].ending.soc_end < before.ending.soc_end + 0.01 or jumped[0].parameters != before.parameters
 
 
 def changes_of(outcome, index):

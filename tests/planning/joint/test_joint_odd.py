@@ -63,8 +63,8 @@ def test_below_the_reserve_the_lowest_configuration_is_flown(soc):
 )
 def test_no_resistance_is_a_battery_like_any_other(battery):
     record = up_a_line(planner_for(plan_of(LINE), (10.0,), battery=battery), (10.0,), 1500)[-1].record
-    assert 0 <= record.soc_end <= PLENTY
-    assert record.time_s + record.remaining_s == pytest.approx(1800 / SPEED_MPS, abs=1)
+    assert 0 <= record.ending.soc_end <= PLENTY
+    assert record.time_s + record.ending.remaining_s == pytest.approx(1800 / SPEED_MPS, abs=1)
 
 
 def test_a_wind_stronger_than_the_airspeed_is_said():
@@ -93,7 +93,7 @@ def test_plans_with_little_to_choose(text, parameters, profile):
     pilot = planner_for(plan_of(text), parameters, profile)
     decisions = up_a_line(pilot, parameters, 1500, stage_m=1e9)
     record = decisions[-1].record
-    assert record.time_s + record.remaining_s == pytest.approx(1800 / SPEED_MPS, abs=1)
+    assert record.time_s + record.ending.remaining_s == pytest.approx(1800 / SPEED_MPS, abs=1)
     assert len(decisions[-1].parameters) == len(parameters)
 
 
@@ -113,7 +113,7 @@ def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     pilot = planner_for(plan_of("0.1; 90; x\n0, 9000\n[2, 10]\n"), (10.0,), battery=battery)
     decisions = up_a_line(pilot, (10.0,), 5000, stage_m=1e9, soc=lambda t: PLENTY if t < 300 else 0.01)
     assert decisions[-1].parameters == (2.0,)
-    assert decisions[-1].record.quality_forecast == pytest.approx(0.5, abs=0.02)
+    assert decisions[-1].record.ending.quality_forecast == pytest.approx(0.5, abs=0.02)
 
 
 def test_power_that_the_battery_does_not_allow_is_said():

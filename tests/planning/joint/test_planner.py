@@ -96,8 +96,8 @@ def test_a_drop_of_charge_is_answered_at_once(dropped):
     i = next(i for i, record in enumerate(dropped.records) if record.cause == JUMPED)
     before, after = dropped.records[i - 1], dropped.records[i]
     assert 93.0 - 1e-6 <= after.time_s <= 93.0 + 0.1 + STEP_S
-    assert after.available_wh < before.available_wh - 0.9 * 0.06 * 0.5 * 14.8
-    assert after.reserve_probability > 0.9
+    assert after.ending.available_wh < before.ending.available_wh - 0.9 * 0.06 * 0.5 * 14.8
+    assert after.ending.reserve_probability > 0.9
     assert sum(record.cause == JUMPED for record in dropped.records) == 1
 
 
@@ -141,11 +141,11 @@ def test_records_say_what_came(dropped):
     for record in dropped.records:
         if record.time_s < 100 or record.parameters[0] != dropped.records[-1].parameters[0]:
             continue
-        late_s = dropped.outcome.duration_s - record.time_s - record.remaining_s
-        assert abs(late_s) < 4 * record.remaining_std_s + 2
-        assert abs(dropped.outcome.soc_final - record.soc_end) < 4 * record.soc_end_std + 0.005
-        assert 0 <= record.reserve_probability <= record.completes_probability <= 1
-        assert record.quality_forecast == pytest.approx(dropped.quality(), abs=0.02)
+        late_s = dropped.outcome.duration_s - record.time_s - record.ending.remaining_s
+        assert abs(late_s) < 4 * record.ending.remaining_std_s + 2
+        assert abs(dropped.outcome.soc_final - record.ending.soc_end) < 4 * record.ending.soc_end_std + 0.005
+        assert 0 <= record.ending.reserve_probability <= record.ending.completes_probability <= 1
+        assert record.ending.quality_forecast == pytest.approx(dropped.quality(), abs=0.02)
 
 
 def test_reports_count_what_was_solved(dropped):
@@ -168,7 +168,7 @@ def test_a_gain_below_min_gain_changes_nothing():
     assert {record.parameters[0] for record in calm.records} == {-700.0}
     assert any(record.reason.startswith("kept: no change gains enough") for record in calm.records)
     assert eager.records[-1].parameters[0] > -700.0
-    assert eager.records[-1].quality_forecast > calm.records[-1].quality_forecast
+    assert eager.records[-1].ending.quality_forecast > calm.records[-1].ending.quality_forecast
 
 
 def test_the_objective_total_adds_up_computations(tight):
@@ -181,7 +181,7 @@ def test_the_objective_total_adds_up_computations(tight):
 
     # near the end nothing changes: what has to fall falls before
     assert added(total) >= added(tight) - 5 * 10 - (LAST_S + HELD_S) * 8
-    assert all(record.quality_forecast is None for record in total.records)
+    assert all(record.ending.quality_forecast is None for record in total.records)
 
 
 def test_levels_and_trade_offs_are_kept():
@@ -268,8 +268,8 @@ def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_si
         record = decision.record
         assert record.status == "infeasible"
         # the charge that lacks is that of the lowest to the end, of the reserve, and of a margin of 1.64 deviations
-        assert shortfall == pytest.approx(RESERVE + 1.645 * record.soc_end_std - record.soc_end, abs=2e-3)
-        assert k - first_s < 1 or record.reserve_probability < 0.05
+        assert shortfall == pytest.approx(RESERVE + 1.645 * record.ending.soc_end_std - record.ending.soc_end, abs=2e-3)
+        assert k - first_s < 1 or record.ending.reserve_probability < 0.05
 
 
 def test_what_is_infeasible_may_become_feasible_again():
@@ -290,8 +290,8 @@ def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
     decisions, left = north(pilot, battery, 300, stage_m=2250.0, running=lambda stage: stage == 2)
     record = decisions[20].record
     # half of the rest at the motion's power alone, half with computations
-    highest_wh = MOTION_W * record.remaining_s / 3600 + 9.8 * 150 / 3600
-    assert record.energy_wh <= highest_wh * 1.02
+    highest_wh = MOTION_W * record.ending.remaining_s / 3600 + 9.8 * 150 / 3600
+    assert record.ending.energy_wh <= highest_wh * 1.02
     assert np.mean([decision.parameters[0] for decision in decisions[150:]]) > 5
     assert left >= RESERVE - 0.002
 
