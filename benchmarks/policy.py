@@ -58,7 +58,9 @@ def flown(keys: Keys) -> tuple[Outcome, list[float]]:
         overrides={"vehicle.airframe.model": "fixed-wing", "planner.name": "joint", "step_s": 0.05, **NOISY, **keys},
     )
     outcome = Outcome()
-    for _ in fly(replace(inputs.world, log_every_s=float("inf")), inputs.planner(), outcome):
+    for _ in fly(
+        replace(inputs.world, clock=inputs.world.clock._replace(log_every_s=float("inf"))), inputs.planner(), outcome
+    ):
         pass
     return outcome, [fault.at_s for fault in inputs.world.faults]
 

@@ -24,7 +24,7 @@ from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.locator import Sighting
-from eadp.planning.plan_tracker import PlanTracker, Remarks
+from eadp.planning.plan_tracker import PlanTracker, Messages
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
 """Window of positions for the ground velocity, its minimum span, and the maximum step in it [s]."""
@@ -103,7 +103,7 @@ class LiveFlight:
         self._mission = mission
         self._make, self._make_forecast = make, make_forecast
         self._every_s = every_s
-        self._remarks = Remarks()
+        self._messages = Messages()
         self._ground = _GroundVelocity(mission.cruise_mps)
         self._started = False
         self._tracker: PlanTracker
@@ -121,7 +121,7 @@ class LiveFlight:
 
     def update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update with a sample later than the last one; return advice, if any is due, and notices."""
-        self._remarks.clear()
+        self._messages.clear()
         if not self._started:
             if sample.position_m is None and self._mission.start_m is None:
                 return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
@@ -133,7 +133,7 @@ class LiveFlight:
             return self._run_empty(sample), ()
         self._empty = False
         advice = self._advice_at(sample, sample.time_s - self._origin_s, velocity)
-        return advice, () if advice is None and tracker.complete else tuple(self._remarks.notices)
+        return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
 
     def _advice_at(self, sample: Sample, time_s: float, velocity: Point | None) -> Advice | None:
         """Track the plan, update the planner, and return advice if any is due."""
@@ -186,7 +186,7 @@ class LiveFlight:
             start = start if start is not None and math.dist(position, start) <= reach_m else position
         assert start is not None
         time_s = min(0.0, elapsed_s)
-        self._tracker = PlanTracker(mission, start, time_s, self._remarks)
+        self._tracker = PlanTracker(mission, start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
         away = position is not None and start is position and mission.start_m is not None
@@ -197,11 +197,11 @@ class LiveFlight:
 
     def _take_off(self, start_m: Point) -> None:
         self._plan_with(self._mission.parameters, start_m)
-        self._remarks.reasons.append(TAKE_OFF)
+        self._messages.reasons.append(TAKE_OFF)
 
     def _plan_with(self, parameters: Vector, start_m: Point) -> None:
         mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True)
-        self._pilot = _Pilot(self._make(mission), self._make_forecast(mission), parameters, self._remarks)
+        self._pilot = _Pilot(self._make(mission), self._make_forecast(mission), parameters, self._messages)
 
     def _acquire(self, acquisition: Acquisition, to: Sighting, parameters: Mapping[str, float]) -> bool:
         """Find stage and lap where telemetry begins in the middle of the flight; return whether it does.
@@ -249,7 +249,7 @@ class LiveFlight:
     # --- advice
 
     def _advise(self, pilot: _Pilot, sample: Sample, observation: Observation) -> Advice:
-        decision, record, reasons = pilot.decision, pilot.decision.record, self._remarks.reasons
+        decision, record, reasons = pilot.decision, pilot.decision.record, self._messages.reasons
         if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
             record = None
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
@@ -312,8 +312,8 @@ def _sighting(sample: Sample, time_s: float, velocity: Point | None) -> Sighting
 class _Pilot:
     """The planner in flight with its last decision, the state that it decides on, and a forecast for one without."""
 
-    def __init__(self, planner: Planner, held: HeldForecast, parameters: Vector, remarks: Remarks) -> None:
-        self.planner, self._held, self._remarks = planner, held, remarks
+    def __init__(self, planner: Planner, held: HeldForecast, parameters: Vector, messages: Messages) -> None:
+        self.planner, self._held, self._messages = planner, held, messages
         self.state = planner.flight_state()
         self.decision = Decision(parameters)
         self._failure = ""
@@ -334,10 +334,10 @@ class _Pilot:
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
             if what != self._failure:
                 self._failure = what
-                self._remarks.notices.append(Notice("time_s", what))
+                self._messages.notices.append(Notice("time_s", what))
             return False
         if self.decision.parameters != before.parameters:
-            self._remarks.reasons.append(self.decision.reason)
+            self._messages.reasons.append(self.decision.reason)
         return self.decision.parameters is not before.parameters
 
     def forecast(self, observation: Observation, parameters: Vector) -> Forecast | None:

@@ -23,7 +23,7 @@ UNCERTAIN_END = "final point passed by less than the error of a position"
 
 
 @dataclass
-class Remarks:
+class Messages:
     """Reasons of the advice at one sample, and notices of what is wrong with it."""
 
     reasons: list[str] = field(default_factory=list)
@@ -52,7 +52,7 @@ class PlanTracker:
         Where the flight starts [m].
     time_s : float
         When [s].
-    remarks : Remarks
+    messages : Messages
         Takes what there is to say.
 
     Attributes
@@ -68,8 +68,8 @@ class PlanTracker:
         Time of the last known position [s], and that position [m].
     """
 
-    def __init__(self, mission: Mission, start_m: Point, time_s: float, remarks: Remarks) -> None:
-        self._mission, self._remarks = mission, remarks
+    def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
+        self._mission, self._messages = mission, messages
         executor = PlanExecutor(mission.plan, mission.parameters, start_m, mission.rules)
         self.locator = Locator(executor, mission.cruise_mps, time_s)
         self.applied = AppliedParameters(mission.parameters, mission.plan)
@@ -119,7 +119,7 @@ class PlanTracker:
             self.locator.decide(self.applied.effective, to.position_m)
         if settled:
             self.acquisition = None
-            self._remarks.reasons.append(FOUND)
+            self._messages.reasons.append(FOUND)
 
     def track(
         self, to: Sighting, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
@@ -169,12 +169,12 @@ class PlanTracker:
             if self.locator.leads(ahead):
                 return ahead
             what = f"{to.stages_started} stages started, and {executor.stages_started} are flown; ignored"
-            self._remarks.once("stages_started", what, "a stage ahead")
+            self._messages.once("stages_started", what, "a stage ahead")
         if reported is None:
             return None
         now, count = executor.stage.index, len(self._mission.plan.stages)
         if reported > count:
-            self._remarks.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
+            self._messages.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
             return None
         skips = executor.stages_to(reported)
         if reported == now:
@@ -187,7 +187,7 @@ class PlanTracker:
             if self._past_stage != reported:
                 self._past_stage = reported
                 what = f"stage {reported} is before stage {now}, which is flown; ignored"
-                self._remarks.notices.append(Notice("stage", what, "a stage ahead"))
+                self._messages.notices.append(Notice("stage", what, "a stage ahead"))
             return None
         self._past_stage = None
         return skips
@@ -204,8 +204,8 @@ class PlanTracker:
             self._continuation = None
             if goes_on:
                 self.locator.through_gap |= self.complete
-                self._remarks.reasons.append(GOES_ON)
-                self._remarks.notices.append(Notice("x_m", GOES_ON))
+                self._messages.reasons.append(GOES_ON)
+                self._messages.notices.append(Notice("x_m", GOES_ON))
             self.complete = not goes_on
             return self.complete
         if not self.executor.complete:
@@ -215,7 +215,7 @@ class PlanTracker:
         if goes_on:
             self._continuation = Continuation(self.executor)
         if not self.complete:
-            self._remarks.reasons.append(UNCERTAIN_END)
+            self._messages.reasons.append(UNCERTAIN_END)
         return True
 
     # --- parameters
@@ -260,14 +260,14 @@ class PlanTracker:
             if name not in names:
                 known = f"one of {', '.join(names) or 'none'}"
                 what = f"the plan has no parameter {printable(name, 40)}; ignored"
-                self._remarks.once("parameters", what, known, name)
+                self._messages.once("parameters", what, known, name)
                 continue
             i = names.index(name)
             reported[i] = clipped = sets[i].clip(value) if sets else value
             if clipped != value:
                 known = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
                 what = f"{name} = {value:g} is outside its set; clipped"
-                self._remarks.once("parameters", what, known, f"{name} outside")
+                self._messages.once("parameters", what, known, f"{name} outside")
         return reported
 
     def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:
@@ -278,9 +278,9 @@ class PlanTracker:
         for i, value in held.items():
             name, asked = self._mission.plan.names[i], self.applied.asked[i]
             what = f"{name} = {asked:g} is not applied: {value:g} stays in force"
-            self._remarks.once("parameters", what, "the parameters decided", f"{name} held at {value:g}")
+            self._messages.once("parameters", what, "the parameters decided", f"{name} held at {value:g}")
 
     def _lose(self, error: EadpError) -> None:
         """Stop tracking the plan: stage and parameters stay."""
         self.lost = True
-        self._remarks.notices.append(Notice("x_m", f"the plan cannot be followed on from here: {error}"))
+        self._messages.notices.append(Notice("x_m", f"the plan cannot be followed on from here: {error}"))

@@ -38,7 +38,7 @@ TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
 
 
-class Start(NamedTuple):
+class TakeOff(NamedTuple):
     """State of the aircraft at take-off: where it is [m], and where its nose points [rad]."""
 
     position_m: Point
@@ -46,7 +46,7 @@ class Start(NamedTuple):
     altitude_m: float
 
 
-class Clock(NamedTuple):
+class Timing(NamedTuple):
     """Times of a simulation.
 
     Attributes
@@ -75,10 +75,10 @@ class World:
     wind: Wind
     battery: Battery
     faults: tuple[BatteryFault, ...]
-    start: Start
+    start: TakeOff
     parameters: Vector
     rules: Rules
-    clock: Clock
+    clock: Timing
     seed: int = 0
     sensors: Sensors = field(default_factory=Sensors)
     rates: Mapping[str, ComputationRate] = field(default_factory=dict)

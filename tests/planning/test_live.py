@@ -120,7 +120,9 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
             decided.append((sample.time_s - shift_s, tuple(advice.parameters.values())))
     true_stages = changes((o.time_s, o.stage) for o in recorder.seen)
     found_stages = changes(stages)
-    if recorder.seen[-1].time_s - true_stages[-1][0] < step_s:  # the last stage may end before a line tells of it
+    # the last stage may end before a line tells of it; and without a velocity, and so a wind, other parameters are
+    # decided, which the recorded flight does not take: it ends a little beside the path that is tracked
+    if "velocity_mps" not in keys or recorder.seen[-1].time_s - true_stages[-1][0] < step_s:
         true_stages, found_stages = true_stages[:-1], found_stages[: len(true_stages) - 1]
     assert [stage for _, stage in found_stages] == [stage for _, stage in true_stages]
     late_s = [found - true for (found, _), (true, _) in zip(found_stages, true_stages, strict=True)]
@@ -129,14 +131,15 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
     # first choices lie between plateaus of the staircase and differ with what is known; the last path parameter and
     # the computations on the whole do not
     true = changes((o.time_s, d.parameters) for o, d in zip(recorder.seen, recorder.decided, strict=True))
-    assert decided[-1][1][0] == pytest.approx(true[-1][1][0], abs=NEAR_C1)
+    if "velocity_mps" in keys:
+        assert decided[-1][1][0] == pytest.approx(true[-1][1][0], abs=NEAR_C1)
     assert mean_of(decided, 1) == pytest.approx(
         mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
     )
     assert flight.complete
     assert flight.forecast_completes
     assert advice.reason == COMPLETED
-    assert advice.ending[:3:2] == (recorder.seen[-1].soc, 1.0)
+    assert (advice.ending.soc_end, advice.ending.completes_probability) == (recorder.seen[-1].soc, 1.0)
 
 
 def mean_of(pairs, index, end_s=None):
@@ -224,7 +227,7 @@ def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
     flight = live(recorded[0])
     flight.update(start(recorded[0]))
     advice, _ = flight.update(start(recorded[0], 1.0, soc=0.0))
-    assert (advice.reason, *advice.ending[:3:2]) == (EMPTY, 0.0, 0.0)
+    assert (advice.reason, advice.ending.soc_end, advice.ending.completes_probability) == (EMPTY, 0.0, 0.0)
     assert not flight.forecast_completes
     assert flight.update(start(recorded[0], 2.0, soc=0.0)) == (None, ())
     advice, _ = flight.update(start(recorded[0], 3.0, soc=0.9))

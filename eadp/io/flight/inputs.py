@@ -32,7 +32,7 @@ from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
-from eadp.simulation.loop import Clock, Start, World
+from eadp.simulation.loop import TakeOff, Timing, World
 from eadp.simulation.sweep.design import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -200,10 +200,10 @@ def _world(
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start=Start(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
+        start=TakeOff(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
         parameters=parameters,
         rules=scenario.rules,
-        clock=Clock(keys.step_s, keys.log_every_s, limit_s),
+        clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},

@@ -103,6 +103,8 @@ class JointPlanner(TrackingPlanner):
         self._losses = 0
         self._started, self._ambiguous = 1, False
         self._home: tuple[float | None, float] = (None, 0.0)
+        # a way home is forecast again and again, and so is what is shown
+        self._often = mission.live or mission.home_m is not None
 
     @classmethod
     def preflight(
@@ -146,9 +148,7 @@ class JointPlanner(TrackingPlanner):
             self._next_s = starts_s
         elif jumped or entered or due:
             self._losses = state.losses
-            # a way home is looked at again and again, and so is what is shown
-            often = self._mission.live or self._mission.home_m is not None
-            interval_s = 0.0 if often else self._own.max_interval_s
+            interval_s = 0.0 if self._often else self._own.max_interval_s
             self._next_s = max(next_multiple(o.time_s, self._settings.every_s), o.time_s + interval_s)
             self._replan(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
         return self._decision
@@ -170,7 +170,7 @@ class JointPlanner(TrackingPlanner):
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
         closes = plan is not None and self._closes(cause, plan.evaluation.earliest_s(0))
-        if closes and self._mission.home_m is None:
+        if closes and not self._often:
             return
         search = not closes and bool(self._places.open) and self._must_search(o, plan, cause)
         found = self._searched_plan(known, plan, cause) if search else plan

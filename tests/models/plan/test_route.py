@@ -40,7 +40,7 @@ from eadp.models.weather import Wind
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.static import StaticPlanner
-from eadp.simulation.loop import Clock, Outcome, Start, World, fly
+from eadp.simulation.loop import Outcome, TakeOff, Timing, World, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
 STEP_M = 2.0
@@ -573,10 +573,10 @@ def test_a_simulated_flight_takes_the_times_told(wind):
         wind,
         battery,
         (),
-        Start(start, heading, 25.0),
+        TakeOff(start, heading, 25.0),
         parameters,
         FLOWN,
-        Clock(0.02),
+        Timing(0.02),
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
@@ -743,10 +743,10 @@ def flown_survey(c1):
         Wind(),
         battery,
         (),
-        Start(start, heading, 25.0),
+        TakeOff(start, heading, 25.0),
         parameters,
         FLOWN,
-        Clock(0.05),
+        Timing(0.05),
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
