@@ -24,7 +24,7 @@ from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.locator import Sighting
-from eadp.planning.plan_tracker import PlanTracker, Messages
+from eadp.planning.plan_tracker import Messages, PlanTracker
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
 """Window of positions for the ground velocity, its minimum span, and the maximum step in it [s]."""
