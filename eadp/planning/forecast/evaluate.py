@@ -272,9 +272,8 @@ class Evaluator:
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
     def losses(self, seconds: float | FloatArray) -> FloatArray:
-        """Sudden losses of charge to expect in a time [s]; none where even one is less likely than is accepted."""
-        count = self.objective.losses_per_s * np.asarray(seconds)
-        expected: FloatArray = np.where(count > 1 - self.objective.probability, count, 0.0)
+        """Sudden losses of charge to expect in a time [s]."""
+        expected: FloatArray = self.objective.losses_per_s * np.asarray(seconds)
         return expected
 
     def charge_std(self, known: Known, totals: Totals, soc: float | FloatArray) -> FloatArray:
