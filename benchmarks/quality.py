@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import io
 import itertools
 import json
@@ -704,14 +705,11 @@ def programs(count: int, seed: int) -> None:
         own = settings.own or JointSettings()
         evaluator = Evaluator(mission, settings, Objective(settings.reserve_soc, own.reserve_probability))
         _, known = before_take_off(settings, mission, inputs.world.wind.steady_mps, 0.0)
-        places = Places(mission, mission.parameters)
+        places = Places(evaluator, mission.parameters)
         places.enter(known)
         best = brute_force(places, evaluator, known)
-
-        def evaluate(wanted: Any, places: Any = places, evaluator: Any = evaluator, known: Any = known) -> Any:
-            return places.evaluate(evaluator, known, wanted)
-
-        search, start = Search(evaluate, evaluator.path_weight), (float(rng.uniform()),)
+        search = Search(functools.partial(places.evaluate, known), evaluator.path_weight)
+        start = (float(rng.uniform()),)
         found = search.best(start, 1)
         evaluated.append(len(search.known))
         if best is None:
@@ -720,7 +718,7 @@ def programs(count: int, seed: int) -> None:
             missed += 1
             continue
         gaps["search"].append(best - found.value)
-        _, evaluation = places.evaluate(evaluator, known, [found.shares])
+        _, evaluation = places.evaluate(known, [found.shares])
         assert evaluation is not None
         gaps["search, then OSQP"].append(best - ComputationProgram(report).solve(evaluation.knapsack).value)
     feasible = len(gaps["search"])
@@ -734,22 +732,22 @@ def programs(count: int, seed: int) -> None:
         f"{report.calls} runs of OSQP: {dict(report.by_status)}, {report.fallbacks} fallbacks, "
         f"closed form better by more than 1e-6: {report.outdone}"
     )
-    looks()
+    replannings()
 
 
 def brute_force(places: Places, evaluator: Evaluator, known: Known) -> float | None:
     """The greatest value over `BRUTE_FORCE` places of c1, computations in closed form; None where none is feasible."""
     shares, best = [(share,) for share in np.linspace(0, 1, BRUTE_FORCE).tolist()], -math.inf
     for first in range(0, BRUTE_FORCE, BATCH):
-        _, evaluation = places.evaluate(evaluator, known, shares[first : first + BATCH])
+        _, evaluation = places.evaluate(known, shares[first : first + BATCH])
         if evaluation is not None:
             filling = evaluation.filled()
             best = max(best, float(filling.value[filling.feasible].max(initial=-math.inf)))
     return best if best > -math.inf else None
 
 
-def looks() -> None:
-    """What a look at the plan costs in flight, by whether the path was searched."""
+def replannings() -> None:
+    """What a re-planning costs in flight, by whether the path was searched."""
     costs: list[tuple[bool, int, float]] = []
     searched: list[bool] = []
     for index in range(4):
@@ -764,19 +762,21 @@ def looks() -> None:
             searched.append(True)
             return search(*given)
 
-        def timed(o: Observation, known: Known, cause: str, look: Any = planner._look, planner: Any = planner) -> None:
+        def timed(
+            o: Observation, known: Known, cause: str, replan: Any = planner._replan, planner: Any = planner
+        ) -> None:
             searched.clear()
             start_s = time.process_time()
-            look(o, known, cause)
+            replan(o, known, cause)
             spent_ms = 1e3 * (time.process_time() - start_s)
             route = planner._places.route(known, planner._places.shares)
             costs.append((any(searched), 0 if route is None else len(route.order), spent_ms))
 
         planner._searched_plan = noted  # type: ignore[method-assign]
-        planner._look = timed  # type: ignore[method-assign]
+        planner._replan = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, planner, Outcome()):
             pass
-    print(head("a look with 50 to 66 legs left", "CPU, median [ms]", "95 %", "most", "looks"))
+    print(head("a re-planning with 50 to 66 legs left", "CPU, median [ms]", "95 %", "most", "re-plannings"))
     for kind, title in ((False, "path not searched"), (True, "path searched")):
         long = [ms for was, legs, ms in costs if was is kind and 50 <= legs <= 66]
         if long:

@@ -7,7 +7,6 @@ from collections.abc import Collection
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import Route, RoutePredictor
-from eadp.planning.base import Mission
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator
 from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.search import Shares
@@ -25,7 +24,9 @@ class Places:
 
     Parameters
     ----------
-    mission : Mission
+    evaluator : Evaluator
+    decided : tuple of float
+        Parameters decided.
     held : collection of int
         Indices of path parameters that stay as they are.
 
@@ -39,8 +40,8 @@ class Places:
         The place decided.
     """
 
-    def __init__(self, mission: Mission, decided: Vector, held: Collection[int] = ()) -> None:
-        plan = mission.plan
+    def __init__(self, evaluator: Evaluator, decided: Vector, held: Collection[int] = ()) -> None:
+        self.evaluator, plan = evaluator, evaluator.mission.plan
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed and i not in held]
         self.decided = decided
@@ -88,15 +89,13 @@ class Places:
                 self._routes[shares] = None
         return self._routes[shares]
 
-    def evaluate(
-        self, evaluator: Evaluator, known: Known, places: list[Shares]
-    ) -> tuple[list[Shares], Evaluation | None]:
+    def evaluate(self, known: Known, places: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
         """Evaluate places; returns those that can be flown, and their evaluation."""
         routes = [(shares, route) for shares in places if (route := self.route(known, shares)) is not None]
         if not routes:
             return [], None
         try:
-            found = evaluator.evaluate(known, [route for _, route in routes])
+            found = self.evaluator.evaluate(known, [route for _, route in routes])
         except PathUndefined:
             return [], None
         return [routes[i][0] for i in found.index.tolist()], found

@@ -15,6 +15,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,6 @@ from eadp.planning.base import (
     Mission,
     Observation,
     PlannerSettings,
-    SolverReport,
     TrackingPlanner,
     next_multiple,
     with_limit,
@@ -93,8 +93,7 @@ class JointPlanner(TrackingPlanner):
     ) -> None:
         super().__init__(settings, estimator, mission)
         self._own = own = own or JointSettings()
-        self._evaluator = _evaluator(settings, mission, own)
-        self._places = Places(mission, mission.parameters)
+        self._places = Places(_evaluator(settings, mission, own), mission.parameters)
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
@@ -111,20 +110,16 @@ class JointPlanner(TrackingPlanner):
         cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
     ) -> Preflight | None:
         """The forecast before take-off, at the parameters that it would choose."""
-        own = settings.own or JointSettings()
-        evaluator, places = _evaluator(settings, mission, own), Places(mission, mission.parameters)
-        _, known = before_take_off(settings, mission, wind_mps, gust_std_mps)
+        planner = cls(settings, EstimatorSettings(), mission, settings.own)
+        places, (_, known) = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
         places.enter(known)
-        best = places.shares
+        plan = planner._plan(known, places.shares)
         if places.open:
-            search = Search(lambda wanted: places.evaluate(evaluator, known, wanted), evaluator.path_weight)
-            found = search.best(places.shares, len(places.open))
-            best = places.shares if found is None else found.shares
-        _, evaluation = places.evaluate(evaluator, known, [best])
-        if evaluation is None:
+            plan = planner._searched_plan(known, plan, TIME)
+        if plan is None:
             return None
-        solution = ComputationProgram(SolverReport()).solve(evaluation.knapsack)
-        return Preflight.of(evaluation, solution.filling, places.parameters(best))
+        solution = planner._program.solve(plan.evaluation.knapsack)
+        return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
 
     @property
     def next_update_s(self) -> float:
@@ -159,8 +154,8 @@ class JointPlanner(TrackingPlanner):
         levels = {names[i]: (value,) for i, value in held.items() if i >= rho}
         settings = replace(self._settings, levels={**self._settings.levels, **levels})
         chosen = tuple([held.get(i, value) for i, value in enumerate(self._decision.parameters)])
-        self._evaluator = _evaluator(settings, self._mission, self._own)
-        self._places = Places(self._mission, chosen, [i for i in held if i < rho])
+        evaluator = _evaluator(settings, self._mission, self._own)
+        self._places = Places(evaluator, chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
         self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
 
@@ -194,7 +189,7 @@ class JointPlanner(TrackingPlanner):
 
     def _plan(self, known: Known, shares: Shares) -> Candidate | None:
         """The plan at a place, computations in closed form; None where it cannot be flown."""
-        _, evaluation = self._places.evaluate(self._evaluator, known, [shares])
+        _, evaluation = self._places.evaluate(known, [shares])
         if evaluation is None:
             return None
         return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
@@ -203,13 +198,9 @@ class JointPlanner(TrackingPlanner):
         """The plan with the best path; the one in force where the gain is small, or the change would come too late."""
         places = self._places
         flown = kept if kept is not None and kept.solution.feasible else None
-
-        def evaluate(wanted: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
-            return places.evaluate(self._evaluator, known, wanted)
-
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
-        slope = self._evaluator.path_weight
-        best = Search(evaluate, slope, threshold).best(places.shares, len(places.open))
+        search = Search(partial(places.evaluate, known), places.evaluator.path_weight, threshold)
+        best = search.best(places.shares, len(places.open))
         if best is None:
             return kept
         found: Candidate | None
@@ -382,7 +373,9 @@ class JointPlanner(TrackingPlanner):
             iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
-            ending=Ending.of(forecast, available_wh, None if self._evaluator.objective.total else solution.value),
+            ending=Ending.of(
+                forecast, available_wh, None if self._places.evaluator.objective.total else solution.value
+            ),
             wind_mps=known.wind.mps,
             home_reachable=None if spare is None else spare >= 0,
             point_of_no_return_s=None if spare is None or spare >= 0 else reached_s,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from statistics import median
 
 import numpy as np
@@ -293,15 +294,11 @@ def of_places(inputs, shares):
     """Places of a mission from before take-off, their evaluator, and what is known."""
     settings = inputs.scenario.planner
     _, known = before_take_off(settings, inputs.mission, (0.0, 0.0), 0.0)
-    places = Places(inputs.mission, inputs.mission.parameters)
-    places.enter(known)
     forecasting = Forecasting(inputs, objective=Objective(settings.reserve_soc, 0.95))
+    places = Places(forecasting.evaluator, inputs.mission.parameters)
+    places.enter(known)
     assert len(places.shares) == shares
-
-    def evaluate(wanted):
-        return places.evaluate(forecasting.evaluator, known, wanted)
-
-    return places, forecasting.evaluator, evaluate
+    return places, forecasting.evaluator, partial(places.evaluate, known)
 
 
 @pytest.mark.parametrize("capacity_ah", [0.43, 0.47, 0.52])
