@@ -40,7 +40,6 @@ from eadp.planning.estimation.estimator import (
 )
 
 if TYPE_CHECKING:
-    from eadp.planning.forecast.evaluate import Forecast
     from eadp.planning.forecast.held import Preflight
     from eadp.planning.state.flight_state import FlightState
 
@@ -166,14 +165,6 @@ class Ending(NamedTuple):
     completes_probability: float | None = None
     reserve_probability: float | None = None
     quality_forecast: float | None = None
-
-    @classmethod
-    def of(cls, forecast: Forecast, available_wh: float | None = None, quality: float | None = None) -> Ending:
-        """That of a forecast."""
-        f = forecast
-        energy = f.energy_wh, f.energy_std_wh, available_wh
-        charge = f.soc_end, f.soc_end_std, f.completes_probability, f.reserve_probability
-        return cls(f.remaining_s, f.remaining_std_s, *energy, *charge, quality)
 
     @property
     def finite(self) -> Ending:

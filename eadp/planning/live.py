@@ -20,7 +20,6 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.planning.acquisition import Acquisition
 from eadp.planning.base import Decision, Ending, Mission, Observation, Planner, next_multiple
-from eadp.planning.forecast.evaluate import Forecast
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
 from eadp.planning.locator import Sighting
@@ -258,7 +257,7 @@ class LiveFlight:
         if record is not None and record.ending.soc_end is not None:
             return self._advice(sample, reason, record.wind_mps, record.ending.finite)
         end = None if self._tracker.lost else pilot.forecast(observation, self._tracker.applied.effective)
-        return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else Ending.of(end).finite)
+        return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
 
     def _unknown(self, sample: Sample, time_s: float) -> Advice | None:
         """Stage and lap are not known yet: the parameters stay."""
@@ -340,7 +339,7 @@ class _Pilot:
             self._messages.reasons.append(self.decision.reason)
         return self.decision.parameters is not before.parameters
 
-    def forecast(self, observation: Observation, parameters: Vector) -> Forecast | None:
+    def forecast(self, observation: Observation, parameters: Vector) -> Ending | None:
         """The end of the plan at parameters that are held; None where it is unknown."""
         with contextlib.suppress(EadpError):
             return self._held.at(self.state.known(observation.time_s, (observation.x_m, observation.y_m)), parameters)

@@ -128,7 +128,7 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
 def _expected(expected: Preflight) -> dict[str, Any]:
     forecast = expected.forecast
     return {
-        "completes": forecast.completes_probability >= 0.5,
+        "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
         "reserve_probability": forecast.reserve_probability,
         "time_s": forecast.remaining_s,

@@ -21,7 +21,7 @@ from eadp.models.plan.leg_table import leg_times_s
 from eadp.models.plan.legs import Leg, left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
-from eadp.planning.base import Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
 from eadp.planning.forecast.climbs import with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
@@ -113,42 +113,6 @@ class UncertainEnds(NamedTuple):
 CERTAIN = UncertainEnds((), ())
 
 
-class Forecast(NamedTuple):
-    """Forecast of the rest of a mission as planned, see `DecisionRecord`.
-
-    Means and standard deviations are over all the ends that the flight may have, whose charges are `ends`. At
-    `empty_soc` the battery is empty: the cut-off voltage is reached.
-    """
-
-    remaining_s: float
-    remaining_std_s: float
-    energy_wh: float
-    energy_std_wh: float
-    reserve_soc: float
-    empty_soc: float = 0.0
-    ends: FinalCharge = FinalCharge()
-
-    @property
-    def soc_end(self) -> float:
-        """Mean state of charge at the end."""
-        return self.ends.mean
-
-    @property
-    def soc_end_std(self) -> float:
-        """Its standard deviation."""
-        return math.sqrt(self.ends.variance)
-
-    @property
-    def completes_probability(self) -> float:
-        """Probability that the battery is not empty before the end."""
-        return self.ends.probability_above(self.empty_soc)
-
-    @property
-    def reserve_probability(self) -> float:
-        """Probability that the reserve is kept."""
-        return self.ends.probability_above(max(self.reserve_soc, self.empty_soc))
-
-
 @dataclass(frozen=True)
 class Evaluation:
     """Routes evaluated; places are numbered as the routes that can be flown.
@@ -216,29 +180,42 @@ class Evaluation:
         std_s = math.sqrt(float(self.totals.time_var_s2[place]))
         return float(self.expected_s(place)[leg:].sum()) - std_s
 
-    def forecast(self, place: int, filling: Filling) -> Forecast:
-        """Forecast at a place with computations as filled."""
-        mine = self.legs.place == place
-        powers_w = self.load.motion_w[mine] + self.computing_w(filling.shares)[mine]
-        times_s, ends, totals = self.load.times_s[mine], self.ends[place], self.totals
-        energies_j = powers_w * times_s
-        energy_j, seconds = float(energies_j.sum()), float(totals.seconds[place])
-        energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(totals.time_var_s2[place])
-        end_soc = self.known.soc - float(filling.use[place]) - float(self.evaluator.losses(seconds)) * LOSS
-        time_mean, time_var = moments(ends.all_shares, ends.unspent(times_s))
-        energy_mean, spread = moments(ends.all_shares, ends.unspent(energies_j))
-        soc_per_j = float(totals.soc_per_j[place])
-        means = tuple([end_soc + soc_per_j * left for left in ends.unspent(energies_j)])
-        std = self.evaluator.charge_std(self.known, totals, end_soc + soc_per_j * energy_mean)[place]
-        return Forecast(
-            remaining_s=seconds - time_mean,
-            remaining_std_s=math.sqrt(float(totals.time_var_s2[place]) + time_var),
-            energy_wh=(energy_j - energy_mean) / 3600,
-            energy_std_wh=math.sqrt(energy_var + spread) / 3600,
-            reserve_soc=self.evaluator.objective.reserve_soc,
-            empty_soc=max(float(self.limits.delivered_soc[place]), 0.0),
-            ends=FinalCharge(float(std), ends.all_shares, means),
+    def final_charge(self, place: int, filling: Filling) -> FinalCharge:
+        """State of charge at the end at a place with computations as filled."""
+        ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
+        lost = float(self.evaluator.losses(self.totals.seconds[place])) * LOSS
+        last_soc = self.known.soc - float(filling.use[place]) - lost
+        unspent_j = ends.unspent(self._energies_j(place, filling))
+        means = tuple([last_soc + soc_per_j * left_j for left_j in unspent_j])
+        mean_soc, _ = moments(ends.all_shares, means)
+        std = self.evaluator.charge_std(self.known, self.totals, mean_soc)[place]
+        return FinalCharge(float(std), ends.all_shares, means)
+
+    def forecast(self, place: int, filling: Filling) -> Ending:
+        """Forecast at a place with computations as filled: means and deviations over all ends that it may have."""
+        ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
+        times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
+        energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
+        energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
+        early_s, spread_s2 = moments(ends.all_shares, ends.unspent(times_s))
+        unspent_j, spread_j2 = moments(ends.all_shares, ends.unspent(energies_j))
+        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
+        return Ending(
+            remaining_s=seconds - early_s,
+            remaining_std_s=math.sqrt(float(time_var) + spread_s2),
+            energy_wh=(energy_j - unspent_j) / 3600,
+            energy_std_wh=math.sqrt(energy_var + spread_j2) / 3600,
+            soc_end=charge.mean,
+            soc_end_std=math.sqrt(charge.variance),
+            completes_probability=charge.probability_above(empty_soc),
+            reserve_probability=charge.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
+
+    def _energies_j(self, place: int, filling: Filling) -> FloatArray:
+        """Energy on each leg of a place with computations as filled [J]."""
+        powers_w = self.load.motion_w + self.computing_w(filling.shares)
+        energies: FloatArray = (powers_w * self.load.times_s)[self.legs.place == place]
+        return energies
 
 
 class Evaluator:

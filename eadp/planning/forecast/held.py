@@ -10,8 +10,8 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
-from eadp.planning.base import Mission, PlannerSettings
-from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Forecast, Objective
+from eadp.planning.base import Ending, Mission, PlannerSettings
+from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -33,7 +33,7 @@ class Preflight:
     ----------
     parameters : dict
         Planned, by name; computations averaged over the time with a free set.
-    forecast : Forecast
+    forecast : Ending
     feasible : bool
         Whether the reserve is kept with the probability of the settings.
     quality : float or None
@@ -43,7 +43,7 @@ class Preflight:
     """
 
     parameters: dict[str, float]
-    forecast: Forecast
+    forecast: Ending
     feasible: bool
     quality: float | None
     stages: dict[int, tuple[float, float]]
@@ -110,7 +110,7 @@ class HeldForecast:
         route = self._predictor.route(cursor, known.joined_m, margin_m(known))
         return self._evaluators[computing].evaluate(known, [route])
 
-    def at(self, known: Known, parameters: Vector) -> Forecast | None:
+    def at(self, known: Known, parameters: Vector) -> Ending | None:
         """Forecast at parameters; None where the plan cannot be flown at them."""
         try:
             found = self.evaluation(known, parameters)

@@ -29,7 +29,6 @@ from eadp.planning.base import (
     TIME,
     Decision,
     DecisionRecord,
-    Ending,
     Mission,
     Observation,
     PlannerSettings,
@@ -358,7 +357,7 @@ class JointPlanner(TrackingPlanner):
         self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
-        forecast = plan.evaluation.forecast(0, solution.filling)
+        forecast, total = plan.evaluation.forecast(0, solution.filling), self._places.evaluator.objective.total
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         spare, reached_s = self._home
@@ -373,9 +372,7 @@ class JointPlanner(TrackingPlanner):
             iterations=solution.iterations,
             gap=solution.gap,
             reason=reason,
-            ending=Ending.of(
-                forecast, available_wh, None if self._places.evaluator.objective.total else solution.value
-            ),
+            ending=forecast._replace(available_wh=available_wh, quality_forecast=None if total else solution.value),
             wind_mps=known.wind.mps,
             home_reachable=None if spare is None else spare >= 0,
             point_of_no_return_s=None if spare is None or spare >= 0 else reached_s,

@@ -291,7 +291,7 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
     lost = np.array([rng.uniform(0.02, 0.12, count).sum() for count in counts])
     assert ends[0].soc_end - ends[1].soc_end == pytest.approx(lost.mean(), rel=0.02)
     # the gauge's gain at a lower end is a trace more
-    assert ends[1].ends.variance - ends[0].ends.variance == pytest.approx(lost.var(), rel=0.04)
+    assert ends[1].soc_end_std ** 2 - ends[0].soc_end_std ** 2 == pytest.approx(lost.var(), rel=0.04)
     assert losing.evaluator.losses(100.0) == pytest.approx(rate * 100)
     assert LOSS_SQUARE > LOSS**2
 
@@ -325,9 +325,9 @@ def test_a_lap_that_may_be_the_last_is_two_outcomes():
     times = found.load.times_s
     early_s = times[: end.leg].sum() + times[end.leg] * end.flown_m / end.length_m
     filling = found.filled()
-    forecast = found.forecast(0, filling)
+    forecast, charge = found.forecast(0, filling), found.final_charge(0, filling)
     assert 0.01 < likely < 0.99
-    assert forecast.ends.shares == pytest.approx((1 - likely, likely))
+    assert charge.shares == pytest.approx((1 - likely, likely))
     assert forecast.remaining_s == pytest.approx(likely * early_s + (1 - likely) * times.sum())
     between_s2 = likely * (1 - likely) * (times.sum() - early_s) ** 2
     assert forecast.remaining_std_s == pytest.approx(math.sqrt(float(found.totals.time_var_s2[0]) + between_s2))
@@ -335,14 +335,14 @@ def test_a_lap_that_may_be_the_last_is_two_outcomes():
     rest_j = float((powers_w * times)[end.leg + 1 :].sum()) + float(powers_w[end.leg] * times[end.leg]) * (
         1 - end.flown_m / end.length_m
     )
-    late, early = forecast.ends.means
+    late, early = charge.means
     assert early - late == pytest.approx(float(found.totals.soc_per_j[0]) * rest_j, rel=1e-6)
     assert forecast.energy_wh == pytest.approx((float(powers_w @ times) - likely * rest_j) / 3600, rel=1e-9)
     assert found.expected_s(0).sum() == pytest.approx(forecast.remaining_s)
     # the reserve is kept with its probability over both, at minimum power
     base = fill_greedy(found.knapsack._replace(available=found.knapsack.base_use))
-    means = found.forecast(0, base).ends.means
-    spare = forecast.ends._replace(std=float(found.std[0]), means=tuple(mean - means[0] for mean in means))
+    means = found.final_charge(0, base).means
+    spare = charge._replace(std=float(found.std[0]), means=tuple(mean - means[0] for mean in means))
     margin = found.known.soc - 0.05 - float(found.knapsack.available[0])
     assert spare.probability_above(-margin) == pytest.approx(0.95, abs=2e-3)
 

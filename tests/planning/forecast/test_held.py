@@ -12,8 +12,7 @@ import pytest
 from common.forecasts import CALM, survey_inputs
 
 from eadp.models.plan.route import MARGIN_M
-from eadp.planning.base import TrackingPlanner
-from eadp.planning.forecast.evaluate import Forecast
+from eadp.planning.base import Ending, TrackingPlanner
 from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
 from eadp.simulation.loop import Outcome, fly
 
@@ -27,7 +26,7 @@ class Evaluated(NamedTuple):
     """A forecast, and when it was made."""
 
     time_s: float
-    forecast: Forecast
+    forecast: Ending
     wind_mps: tuple[float, float]
     of_stages: dict[int, float]
 
