@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from common.forecasts import plan_inputs, survey_inputs
 
+from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import Observation, Readings
 from eadp.planning.state import flight_state as module
 from eadp.planning.state.flight_state import FlightState
@@ -114,6 +115,34 @@ def test_a_batch_is_its_readings_one_by_one(faults):
     assert numbers(one_by_one) == pytest.approx(numbers(whole), rel=BATCHES, abs=BATCHES)
     assert len(numbers(whole)) > 40
     assert one_by_one.cursor == whole.cursor
+
+
+CLIMBING = """\
+%: altitude 25
+0.1; 90; x
+0, 1000
+[0, 0]
+%: altitude 125
+0.1; 90; x
+0, 2500
+[0, 0]
+"""
+
+
+def test_a_batch_of_a_climb_is_its_readings_one_by_one(tmp_path):
+    """A climb slows the aircraft reading by reading: the wind must not show it, whatever the batch."""
+    path = tmp_path / "a.plan"
+    path.write_text(CLIMBING)
+    keys = {"planner.name": "joint", "start.position_m": [0, 0], "wind.speed_mps": 0.0, "step_s": 0.1}
+    inputs, taken, *_ = recorded(load_flight(str(path), overrides=keys))
+    split = []
+    for each in taken:
+        split += [each] if isinstance(each, Observation) else singles(each)
+    assert len(split) > 2 * len(taken)
+    whole, one_by_one = (known_at_end(state_of(inputs, each), each) for each in (taken, split))
+    assert numbers(one_by_one) == pytest.approx(numbers(whole), rel=BATCHES, abs=BATCHES)
+    assert whole.climb is not None
+    assert math.hypot(*whole.wind.mps) < 0.1
 
 
 def test_batches_joined_are_those_apart():
