@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint import places, policy, search
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
-from eadp.planning.joint.search import Search
+from eadp.planning.joint.search import Place, Search, Shares
 from eadp.planning.joint.settings import JointSettings
 
 SEVERAL = """\
@@ -65,7 +65,7 @@ trig:
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
 OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
 AS_IT_IS = "as it is"
-charge_std = Evaluator.charge_std
+charge_std, along = Evaluator.charge_std, Search._along
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,10 @@ def _without_gauge_gain(self: Evaluator, known: Any, totals: Any, soc: Any) -> A
     return charge_std(self, known._replace(charge=known.charge._replace(gain_std=0.0)), totals, soc)
 
 
+def _only_the_grid(self: Search, base: Shares, axes: Iterable[int]) -> list[Place]:
+    return along(self, base, axes) if len(base) == 1 or len(list(axes)) > 1 else []
+
+
 def _no_effect(times_s: Any) -> tuple[Any, Any]:
     return np.ones(len(times_s)), np.zeros(len(times_s))
 
@@ -106,7 +110,7 @@ VARIANTS: Mapping[str, Variant] = {
     AS_IT_IS: Variant(),
     "one share of c1 for all segments": Variant(((PlanCursor, "later_laps", property(lambda _: False)),)),
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
-    "no pattern search": Variant(((Search, "_pattern", lambda _, start, *__: start),)),
+    "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
     "computations rise where they last to the end alone (`RISE` = 1)": Variant(((policy, "RISE", ALL),)),
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),

@@ -2,10 +2,8 @@
 
 At a place the best computations follow in closed form. The charge that a place needs is a step function, one step per
 whole lap, and rises on each step; U is concave but for these steps. So a grid finds the best neighbourhood, and rounds
-of halvings the edges of steps in it. Two or three parameters that compete for charge have their optimum along an edge
-that no search by one of them follows: a grid over all and a pattern search find it.
-
-Source: pattern search, Hooke and Jeeves 1961.
+of halvings the edges of steps in it. Two or three parameters compete for charge: a grid over all finds the best
+combination, and a search along each in turn its edges.
 """
 
 from __future__ import annotations
@@ -28,12 +26,6 @@ POINTS = {1: 9, 2: 11, 3: 5}
 
 HALVED, ROUNDS, MIN_STEP = 4, 6, 1e-3
 """Cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
-
-SEARCHED = 3
-"""Best points of a grid from which pattern searches start."""
-
-SAME = 1e-11
-"""Difference of values, and of shortfalls, that is rounding: sums in another order must not choose another place."""
 
 
 class Place(NamedTuple):
@@ -60,7 +52,10 @@ class Place(NamedTuple):
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """Greater for the better place: a feasible one, then the greater value or the smaller shortfall."""
+        """Greater for the better place: a feasible one, then the greater value or the smaller shortfall.
+
+        Rounded, so that sums in another order do not choose another place.
+        """
         return self.feasible, round(self.value if self.feasible else -self.shortfall, 11)
 
 
@@ -117,31 +112,23 @@ class Search:
             Number of path parameters; `start` has twice as many where later segments of laps have their own.
         """
         twice = len(start) // dimensions
-        if dimensions > max(POINTS):
-            found = self.look([start])
-            for axis in [*range(dimensions)] * 2:
-                base = max(found, key=_rank).shares if found else start
-                found += self._along(base, [axis], POINTS[1])
-        elif dimensions > 1:
-            grid = np.linspace(0.0, 1.0, POINTS[dimensions]).tolist()
-            found = self.look([start, *(point * twice for point in itertools.product(grid, repeat=dimensions))])
-            for place in sorted(found, key=_rank)[-SEARCHED:]:
-                found.append(self._pattern(place, dimensions, 0.5 / (POINTS[dimensions] - 1)))
+        if dimensions == 1:
+            found = self._along(start, range(twice))
         else:
-            found = self._along(start, range(twice), POINTS[1])
-            for axis in range(twice) if twice > 1 else ():
-                base = max(found, key=_rank).shares if found else start
-                found += self._along(base, [axis], POINTS[1])
+            grid = np.linspace(0.0, 1.0, POINTS.get(dimensions, 0)).tolist()
+            found = self.look([start, *itertools.product(grid, repeat=dimensions)])
+        for axis in range(len(start)) if len(start) > 1 else ():
+            found += self._along(max(found, key=_rank).shares if found else start, [axis])
         return _best(found)
 
-    def _along(self, base: Shares, axes: Iterable[int], count: int) -> list[Place]:
+    def _along(self, base: Shares, axes: Iterable[int]) -> list[Place]:
         """Places along some axes at once, from a grid over the whole set to edges of steps."""
         moved = set(axes)
 
         def at(share: float) -> Shares:
             return tuple([share if axis in moved else own for axis, own in enumerate(base)])
 
-        grid = sorted({*np.linspace(0.0, 1.0, count).tolist(), *(base[axis] for axis in moved)})
+        grid = sorted({*np.linspace(0.0, 1.0, POINTS[1]).tolist(), *(base[axis] for axis in moved)})
         found = self.look(map(at, grid))
         cells = list(itertools.pairwise(grid))
         for _ in range(ROUNDS):
@@ -177,18 +164,6 @@ class Search:
         if not values or (a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible):
             return -math.inf
         return max(values) + self.slope * max(abs(y - x) for x, y in zip(low, high, strict=True))
-
-    def _pattern(self, start: Place, dimensions: int, step: float) -> Place:
-        """Pattern search from a place."""
-        own, twice = start, len(start.shares) // dimensions
-        while own.feasible and step > MIN_STEP:
-            centre = own.shares[:dimensions]
-            moves = itertools.product((-step, 0.0, step), repeat=dimensions)
-            around = [tuple(min(1.0, max(0.0, c + d)) for c, d in zip(centre, move, strict=True)) for move in moves]
-            own = _best([own, *self.look(point * twice for point in around)]) or own
-            if own.shares[:dimensions] == centre:
-                step /= 2
-        return own
 
 
 def _rank(place: Place) -> tuple[bool, float]:
