@@ -553,8 +553,8 @@ def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Ev
     harmonic = (np.arange(2 * order + 1) + 1) // 2
     granted = harmonic % part == 0 if part else harmonic == 0
     if n <= len(granted) + 1:
-        return _Evidence(1.0, bins, NoiseModel(0.0, np.eye(n), float(np.var(bins.power_w))))
-    alone, periodic = bins.best_noise((columns[:, granted], columns))
+        return _Evidence(1.0, bins, bins.white_noise())
+    alone, periodic = bins.best_noise(columns[:, granted]), bins.best_noise(columns)
     # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
     # samples it is larger by about n/(n − m)
     few = max(0.0, 1 - len(granted) / n)
