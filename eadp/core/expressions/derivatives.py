@@ -243,7 +243,7 @@ class _Writer:
             return self._function("exp", self._multiply(self.jet(node.exponent), logarithm))
         u = self.jet(node.base)
         if tree.symbols(node.exponent) <= {"pi"}:
-            exponent = tree.evaluate(node.exponent, {})
+            exponent = tree.evaluation(node.exponent)({})
             if exponent == int(exponent):
                 return self._whole_power(u, int(exponent))
         e = self._fixed(node.exponent)

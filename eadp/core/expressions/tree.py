@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import itemgetter
@@ -148,7 +148,15 @@ class Expression:
 
     def value(self, values: Mapping[str, float]) -> float:
         """Value for values of all its names; raises PathUndefined as `at`."""
-        return _checked(self.node, self._function, values)
+        try:
+            value = self._function(values)
+        except (ArithmeticError, ValueError):
+            value = math.nan
+        except KeyError as error:
+            raise PathUndefined(f"{error.args[0]} has no value in {printable(self.text, 60)}") from None
+        if not math.isfinite(value):
+            raise PathUndefined(f"{printable(self.text, 60)} has no finite real value here")
+        return value
 
     @cached_property
     def _function(self) -> Evaluation:
@@ -213,13 +221,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
 
 def _depth(node: Node) -> int:
     """Depth of a tree."""
-    deepest = 0
-    waiting = [(node, 1)]
-    while waiting:
-        part, depth = waiting.pop()
-        deepest = max(deepest, depth)
-        waiting.extend((child, depth + 1) for child in children(part))
-    return deepest
+    return max(depth for _, depth in nodes(node))
 
 
 def _check_constants(node: Node, offset: int) -> float | None:
@@ -307,30 +309,6 @@ _OPERATIONS: dict[str, Callable[..., float]] = {
 }
 
 
-def evaluate(node: Node, values: Mapping[str, float]) -> float:
-    """Value of a tree for the values of its symbols.
-
-    Raises
-    ------
-    PathUndefined
-        If it has no finite real value there, or a symbol has no value.
-    """
-    return _checked(node, evaluation(node), values)
-
-
-def _checked(node: Node, function: Evaluation, values: Mapping[str, float]) -> float:
-    """`evaluate` of a tree by its function."""
-    try:
-        value = function(values)
-    except (ArithmeticError, ValueError):
-        raise PathUndefined(f"{printable(to_text(node), 60)} has no finite real value here") from None
-    except KeyError as error:
-        raise PathUndefined(f"{error.args[0]} has no value in {printable(to_text(node), 60)}") from None
-    if not math.isfinite(value):
-        raise PathUndefined(f"{printable(to_text(node), 60)} has no finite real value here")
-    return value
-
-
 def evaluation(node: Node) -> Evaluation:
     """The value of a tree by values of its symbols, without looking at the tree again."""
     if isinstance(node, Number) or node == Symbol("pi"):
@@ -392,14 +370,16 @@ def _combined(node: Node, values: Sequence[float]) -> float:
 
 def symbols(node: Node) -> set[str]:
     """Names of the symbols in a tree."""
-    found: set[str] = set()
-    waiting = [node]
+    return {part.name for part, _ in nodes(node) if isinstance(part, Symbol)}
+
+
+def nodes(node: Node) -> Iterator[tuple[Node, int]]:
+    """A tree's nodes, each with its depth, from 1."""
+    waiting = [(node, 1)]
     while waiting:
-        part = waiting.pop()
-        if isinstance(part, Symbol):
-            found.add(part.name)
-        waiting.extend(children(part))
-    return found
+        part, depth = waiting.pop()
+        yield part, depth
+        waiting.extend((child, depth + 1) for child in children(part))
 
 
 def children(node: Node) -> tuple[Node, ...]:
