@@ -112,8 +112,8 @@ def beyond_m(
         return math.inf
     sx, sy = signs(shift)
     # a line along the bound is not beyond it by rounding
-    least_m = MIN_BEYOND_M if kind == ON_LINE else 0.0
-    fx, fy = final[0] - slack_m * sx + least_m * sx, final[1] - slack_m * sy + least_m * sy
+    min_beyond_m = MIN_BEYOND_M if kind == ON_LINE else 0.0
+    fx, fy = final[0] - slack_m * sx + min_beyond_m * sx, final[1] - slack_m * sy + min_beyond_m * sy
     if kind == ON_CURVE:
         return _on_curve(xs, ys, length_m, fx, fy, sx, sy, radius_m)
     # at its start, or just after it has crossed a bound of either axis
