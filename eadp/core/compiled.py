@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
-import inspect
 import math
 import os
 from collections.abc import Callable
@@ -94,15 +93,14 @@ def _compiled(function: F, makes_arrays: bool) -> F:
     import numba
     from numba.extending import register_jitable
 
-    helpers = helpers_of(function)
-    for helper in helpers - _registered:
+    for helper in helpers_of(function) - _registered:
         register_jitable(forceinline=not makes_arrays, _nrt=makes_arrays)(helper)
         _registered.add(helper)
     # error_model: a division by zero gives an infinity, as the flight loop expects, and costs no test
     options = {"error_model": "numpy", "_nrt": makes_arrays}
     before = numba.config.CACHE_DIR
     try:
-        numba.config.CACHE_DIR = str(_folder((function, *helpers)))
+        numba.config.CACHE_DIR = str(_home())
         result: F = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no home, or no writable cache: compiled in every process
         result = numba.njit(**options)(function)
@@ -138,15 +136,8 @@ def _sources() -> bytes:
     return digest.digest()
 
 
-def _folder(functions: tuple[Callable[..., Any], ...]) -> Path:
-    """Cache folder of the machine code of functions: under NUMBA_CACHE_DIR if set, else in the user's cache."""
-    digest = hashlib.sha256()
-    for name in sorted({inspect.getfile(function) for function in functions}):
-        digest.update(Path(name).read_bytes())
-    return _home() / digest.hexdigest()[:16]
-
-
 def _home() -> Path:
+    """Cache folder of machine code of these sources: under NUMBA_CACHE_DIR if set, else in the user's cache."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return home / "eadp" / _sources().hex()[:16]

@@ -171,11 +171,9 @@ class Battery:
     def power_limit_w(self, soc: float) -> float:
         """Largest power [W] allowed at a state of charge: that it delivers, and the letter's limit; may be infinite."""
         delivered = float(self.max_power_w(self.voltage_at(soc)))
-        return (
-            delivered
-            if self.letter_crate_per_h is None
-            else min(delivered, self.energy_wh(soc) * self.letter_crate_per_h)
-        )
+        if self.letter_crate_per_h is None:
+            return delivered
+        return min(delivered, self.energy_wh(soc) * self.letter_crate_per_h)
 
     def limit_at(self, voltage_v: float) -> str:
         """Which limit is the `max_power_w` at an open-circuit voltage [V]."""

@@ -38,7 +38,7 @@ def is_zero(node: Node) -> bool:
     for k, probe in enumerate(_PROBES):
         values = {name: probe * (1 + 0.07 * i * (k + 1)) + 0.003 * i for i, name in enumerate(names)}
         try:
-            value, size = tree.unchecked_value(node, values), _magnitude(node, values)
+            value, size = tree.evaluation(node)(values), _magnitude(node, values)
         except (ArithmeticError, ValueError):
             continue
         if not abs(value) <= 1e-13 * size:
@@ -57,12 +57,12 @@ def _magnitude(node: Node, values: Mapping[str, float]) -> float:
     if isinstance(node, tree.Product):
         size = 1.0
         for divides, factor in node.factors:
-            part = abs(tree.unchecked_value(factor, values)) if divides else _magnitude(factor, values)
+            part = abs(tree.evaluation(factor)(values)) if divides else _magnitude(factor, values)
             size = size / part if divides else size * part
         return size
     if isinstance(node, tree.Negative):
         return _magnitude(node.operand, values)
-    return abs(tree.unchecked_value(node, values))
+    return abs(tree.evaluation(node)(values))
 
 
 def load_sympy() -> Any:
@@ -232,7 +232,7 @@ def _expansion(node: Node) -> tuple[float, float]:
 def _power(node: tree.Power) -> float:
     """What a power does to the number of terms and to the degree of its base; too much for any but a whole constant."""
     try:
-        exponent = tree.unchecked_value(node.exponent, {})
+        exponent = tree.evaluation(node.exponent)({})
     except (KeyError, ArithmeticError, ValueError):
         return LOW_DEGREE + 1.0
     return max(1.0, abs(exponent), 0.0 if exponent == int(exponent) else LOW_DEGREE + 1.0)

@@ -1,10 +1,10 @@
 """Path functions compiled to floats: value, gradient and Hessian in one call.
 
 Forward-mode differentiation over the expression tree, written out as straight-line Python once per *shape* of an
-expression: every constant becomes an argument, so that the fifty circles of a survey share one compiled function. The
-work is linear in the size of the expression, where a computer-algebra derivative of a product of a thousand factors
-has a million terms. No text of a file reaches the compiler: the generated source holds operators, generated names and
-the numbers of the differentiation rules.
+expression: every part without x and y becomes an argument, so that the fifty circles of a survey share one compiled
+function. The work is linear in the size of the expression, where a computer-algebra derivative of a product of a
+thousand factors has a million terms. No text of a file reaches the compiler: the generated source holds operators,
+generated names and the numbers of the differentiation rules.
 
 What depends on parameters only is computed once, when parameters are bound; the inner function takes x and y.
 """
@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Any
 
 from eadp.core.expressions import tree
-from eadp.core.expressions.tree import Expression, Node
+from eadp.core.expressions.tree import Evaluation, Expression, Node
 from eadp.errors import PathUndefined
 
 Jet = tuple[float, float, float, float, float, float]
@@ -51,10 +51,10 @@ def bind(
     PathUndefined
         If a part that depends on the parameters alone has no finite real value.
     """
-    source, constants, others = _generate(expression.node)
+    source, fixed = _generate(expression.node)
+    values = {**tree.named(parameters), **(variables or {})}
     try:
-        values = tuple([(variables or {})[name] for name in others])
-        function: PathFunction = _compiled(source)(constants, tuple(parameters), values)
+        function: PathFunction = _compiled(source)([value_of(values) for value_of in fixed])
     except (ArithmeticError, ValueError):
         raise PathUndefined(f"{expression.text[:60]} has no finite real value at these parameters") from None
     except LookupError:
@@ -63,7 +63,7 @@ def bind(
 
 
 @lru_cache(maxsize=512)
-def _compiled(source: str) -> Callable[[tuple[float, ...], tuple[float, ...], tuple[float, ...]], PathFunction]:
+def _compiled(source: str) -> Callable[[Sequence[float]], PathFunction]:
     namespace: dict[str, Any] = {
         name: getattr(math, name)
         for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "pow", "copysign")
@@ -100,27 +100,23 @@ _TWO = _Value("2.0", False)
 
 
 @lru_cache(maxsize=4096)
-def _generate(root: Node) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
-    """The source of a tree, its constants, and the names in it that are neither coordinates nor parameters."""
+def _generate(root: Node) -> tuple[str, tuple[Evaluation, ...]]:
+    """The source of a tree, and the values of its parts without x and y, in the order of the source's arguments."""
     writer = _Writer()
     jet = writer.jet(root)
     results = ", ".join(part.text if part else "0.0" for part in (jet.v, jet.x, jet.y, jet.xx, jet.xy, jet.yy))
-    unpack = [f"    {', '.join(f'k{i}' for i in range(len(writer.constants)))}, = k"] if writer.constants else []
-    names = [f"    {name} = c[{int(name[1:]) - 1}]" for name in sorted(writer.parameters)]
+    unpack = [f"    {', '.join(value.text for value in writer.fixed.values())}, = k"] if writer.fixed else []
     outer = [f"    {line}" for line in writer.outer]
     inner = [f"        {line}" for line in writer.inner]
-    names += [f"    q{i} = q[{i}]" for i in range(len(writer.others))]
-    lines = ["def make(k, c, q):", *unpack, *names, *outer, "    def path(x, y):", *inner, f"        return {results}"]
-    return "\n".join([*lines, "    return path", ""]), tuple(writer.constants), tuple(writer.others)
+    lines = ["def make(k):", *unpack, *outer, "    def path(x, y):", *inner, f"        return {results}"]
+    return "\n".join([*lines, "    return path", ""]), tuple(map(tree.evaluation, writer.fixed))
 
 
 class _Writer:
     """Generator of source lines, each naming one new value; common subexpressions are written once."""
 
     def __init__(self) -> None:
-        self.constants: list[float] = []
-        self.parameters: set[str] = set()
-        self.others: dict[str, str] = {}
+        self.fixed: dict[Node, _Value] = {}
         self.outer: list[str] = []
         self.inner: list[str] = []
         self._known: dict[str, _Value] = {}
@@ -192,36 +188,8 @@ class _Writer:
         return self._function(node.function, jets[0])
 
     def _fixed(self, node: Node) -> _Value:
-        """A part without x and y: constants become arguments, the rest is computed when parameters are bound."""
-        if not _has_parameters(node):
-            name = f"k{len(self.constants)}"
-            self.constants.append(tree.evaluate(node, {}))
-            return _Value(name, False)
-        if isinstance(node, tree.Symbol):
-            if not tree.PARAMETER.match(node.name):  # a loop variable of the file: replaced by a generated name
-                return _Value(self.others.setdefault(node.name, f"q{len(self.others)}"), False)
-            self.parameters.add(node.name)
-            return _Value(node.name, False)
-        if isinstance(node, tree.Sum):
-            return self._chain([("-" if minus else "+", term) for minus, term in node.terms])
-        if isinstance(node, tree.Product):
-            return self._chain([("/" if divides else "*", factor) for divides, factor in node.factors])
-        if isinstance(node, tree.Negative):
-            value = self._fixed(node.operand)
-            return self.let(f"-{value.text}", value)
-        if isinstance(node, tree.Power):
-            base, exponent = self._fixed(node.base), self._fixed(node.exponent)
-            return self.let(f"pow({base.text}, {exponent.text})", base, exponent)
-        assert isinstance(node, tree.Call)
-        arguments = [self._fixed(argument) for argument in node.arguments]
-        return self.let(f"{node.function}({', '.join(argument.text for argument in arguments)})", *arguments)
-
-    def _chain(self, parts: list[tuple[str, Node]]) -> _Value:
-        value = self._fixed(parts[0][1])
-        for operator, part in parts[1:]:
-            other = self._fixed(part)
-            value = self.let(f"{value.text} {operator} {other.text}", value, other)
-        return value
+        """A part without x and y, which becomes an argument."""
+        return self.fixed.setdefault(node, _Value(f"k{len(self.fixed)}", False))
 
     def _sum(self, node: tree.Sum) -> _Jet:
         jet = self.jet(node.terms[0][1])
@@ -274,8 +242,8 @@ class _Writer:
             logarithm = self._function("log", self.jet(node.base))
             return self._function("exp", self._multiply(self.jet(node.exponent), logarithm))
         u = self.jet(node.base)
-        if not _has_parameters(node.exponent):
-            exponent = tree.evaluate(node.exponent, {})
+        if tree.symbols(node.exponent) <= {"pi"}:
+            exponent = tree.evaluation(node.exponent)({})
             if exponent == int(exponent):
                 return self._whole_power(u, int(exponent))
         e = self._fixed(node.exponent)
@@ -356,19 +324,4 @@ def _each(join: Callable[[_Value | None, _Value | None], _Value | None], a: _Jet
 
 @lru_cache(maxsize=65536)
 def _depends_on_point(node: Node) -> bool:
-    return _names_any(node, lambda name: name in ("x", "y"))
-
-
-@lru_cache(maxsize=65536)
-def _has_parameters(node: Node) -> bool:
-    return _names_any(node, lambda name: name != "pi")
-
-
-def _names_any(node: Node, wanted: Callable[[str], bool]) -> bool:
-    waiting = [node]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, tree.Symbol) and wanted(part.name):
-            return True
-        waiting.extend(tree.children(part))
-    return False
+    return not tree.symbols(node).isdisjoint({"x", "y"})

@@ -129,8 +129,7 @@ class WindFilter:
 
     def __init__(self, gust_time_s: float = GUST_TIME_S) -> None:
         self._gust_time_s = gust_time_s
-        wind = WindEstimate(0.0, 0.0, INITIAL_STD_MPS**2, INITIAL_STD_MPS**2, 0.0)
-        self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
+        self.restart((0.0, 0.0), INITIAL_STD_MPS)
 
     def restart(self, wind_mps: Point, std_mps: float) -> None:
         """Start again from a wind [m/s] and the standard deviation of its components [m/s]."""

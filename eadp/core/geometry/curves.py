@@ -34,6 +34,8 @@ _Coefficient = Fraction | Node
 _Polynomial = dict[tuple[int, int], _Coefficient]
 """Coefficients of x^i y^j up to degree 2: exact numbers, or trees in the parameters."""
 
+_ONE: _Polynomial = {(0, 0): Fraction(1)}
+
 
 def path_kind(expression: Expression) -> str:
     """`line`, `circle` or `curve`: what the zero set of a path function is by its form.
@@ -43,9 +45,7 @@ def path_kind(expression: Expression) -> str:
     """
     try:
         polynomial = _polynomial(expression.node)
-    except ArithmeticError:  # a divisor that is zero, a coefficient beyond any float
-        return CURVE
-    if polynomial is None:
+    except ArithmeticError:
         return CURVE
     xx, xy, yy = (polynomial.get(key, Fraction(0)) for key in ((2, 0), (1, 1), (0, 2)))
     if not _vanishes(xy):
@@ -62,10 +62,17 @@ def is_zero_polynomial(expression: Expression) -> bool:
         polynomial = _polynomial(expression.node)
     except ArithmeticError:
         return False
-    return polynomial is not None and all(value == 0 for value in polynomial.values())
+    return all(value == 0 for value in polynomial.values())
 
 
-def _polynomial(node: Node) -> _Polynomial | None:
+def _polynomial(node: Node) -> _Polynomial:
+    """The polynomial that a tree is.
+
+    Raises
+    ------
+    ArithmeticError
+        If it is none of degree 2 or less, divides by zero, or has a coefficient beyond any float.
+    """
     if isinstance(node, Number):
         return {(0, 0): Fraction(repr(node.value))}
     if isinstance(node, Symbol):
@@ -73,52 +80,29 @@ def _polynomial(node: Node) -> _Polynomial | None:
     if isinstance(node, Sum):
         total: _Polynomial = {}
         for minus, term in node.terms:
-            part = _polynomial(term)
-            if part is None:
-                return None
-            for key, value in part.items():
+            for key, value in _polynomial(term).items():
                 signed = _minus(value) if minus else value
                 total[key] = _plus(total[key], signed) if key in total else signed
         return total
     if isinstance(node, Negative):
-        part = _polynomial(node.operand)
-        return None if part is None else {key: _minus(value) for key, value in part.items()}
+        return {key: _minus(value) for key, value in _polynomial(node.operand).items()}
     if isinstance(node, Product):
-        return _product(node)
-    if isinstance(node, Power):
-        return _raised(node)
-    return {(0, 0): node} if _free(node) else None
-
-
-def _product(node: Product) -> _Polynomial | None:
-    result: _Polynomial = {(0, 0): Fraction(1)}
-    for divides, factor in node.factors:
-        part = _polynomial(factor)
-        if part is None:
-            return None
-        if divides:
-            if set(part) != {(0, 0)}:
-                return None
-            part = {(0, 0): _inverse(part[0, 0])}
-        product = _times(result, part)
-        if product is None:
-            return None
-        result = product
-    return result
-
-
-def _raised(node: Power) -> _Polynomial | None:
+        product = _ONE
+        for divides, factor in node.factors:
+            part = _polynomial(factor)
+            product = _times(product, _inverse(part) if divides else part)
+        return product
     if _free(node):
         return {(0, 0): node}
-    base = _polynomial(node.base)
-    if base is None or not isinstance(node.exponent, Number) or node.exponent.value not in (0, 1, 2):
-        return None
-    if node.exponent.value == 0:
-        return {(0, 0): Fraction(1)}
-    return base if node.exponent.value == 1 else _times(base, base)
+    if isinstance(node, Power) and isinstance(node.exponent, Number) and node.exponent.value in (0, 1, 2):
+        base, power = _polynomial(node.base), _ONE
+        for _ in range(int(node.exponent.value)):
+            power = _times(power, base)
+        return power
+    raise ArithmeticError("no polynomial of degree 2 or less")
 
 
-def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial | None:
+def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial:
     result: _Polynomial = {}
     for (i, j), u in a.items():
         for (k, m), v in b.items():
@@ -127,9 +111,17 @@ def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial | None:
             if value == 0:
                 continue
             if sum(key) > 2:
-                return None
+                raise ArithmeticError("a polynomial of a higher degree than 2")
             result[key] = _plus(result[key], value) if key in result else value
     return result or {(0, 0): Fraction(0)}
+
+
+def _inverse(a: _Polynomial) -> _Polynomial:
+    if set(a) != {(0, 0)}:
+        raise ArithmeticError("a division by x or y")
+    constant = a[0, 0]
+    inverse = 1 / constant if isinstance(constant, Fraction) else Product(((False, Number(1.0)), (True, constant)))
+    return {(0, 0): inverse}
 
 
 def _free(node: Node) -> bool:
@@ -142,9 +134,8 @@ def _plus(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return a + b
     if a == 0 or b == 0:
         return b if a == 0 else a
-    first = (
-        a.terms if isinstance(a, Sum) else ((False, _node(a)),)
-    )  # flat, so that a long sum does not become a deep tree
+    # flat, so that a long sum does not become a deep tree
+    first = a.terms if isinstance(a, Sum) else ((False, _node(a)),)
     return Sum((*first, (False, _node(b))))
 
 
@@ -161,10 +152,6 @@ def _multiply(a: _Coefficient, b: _Coefficient) -> _Coefficient:
         return b if a == 1 else a
     first = a.factors if isinstance(a, Product) else ((False, _node(a)),)
     return Product((*first, (False, _node(b))))
-
-
-def _inverse(a: _Coefficient) -> _Coefficient:
-    return 1 / a if isinstance(a, Fraction) else Product(((False, Number(1.0)), (True, a)))
 
 
 def _node(a: _Coefficient) -> Node:

@@ -95,7 +95,7 @@ class DubinsPath:
             leave = arrive = leave if kept[2] else self.end
         poses = (self.start, leave, arrive, self.end)
         return tuple(
-            Piece(turn, begin, end, length, _centre_m(begin, turn, self.radius_m))
+            Piece(turn, begin, end, length, centre_m(begin, turn, self.radius_m) if turn else None)
             for turn, begin, end, length, keep in zip(turns, poses, poses[1:], self.lengths_m, kept, strict=False)
             if keep
         )
@@ -149,8 +149,7 @@ def to_point(start: Pose, point_m: Point, radius_m: float) -> tuple[Piece, ...]:
     """
     ways = []
     for turn in (1, -1):
-        centre = _centre_m(start, turn, radius_m)
-        assert centre is not None
+        centre = centre_m(start, turn, radius_m)
         distance = math.dist(centre, point_m)
         if distance < radius_m:
             continue
@@ -415,7 +414,6 @@ def _advanced(pose: Pose, turn: int, radius_m: float, distance_m: float) -> Pose
     return x + chord * math.cos(middle), y + chord * math.sin(middle), wrap_angle_rad(heading + 2 * half)
 
 
-def _centre_m(pose: Pose, turn: int, radius_m: float) -> Point | None:
-    if turn == 0:
-        return None
+def centre_m(pose: Pose, turn: float, radius_m: float) -> Point:
+    """Centre of the turn from a pose, +1 left or −1 right [m]."""
     return pose[0] - turn * radius_m * math.sin(pose[2]), pose[1] + turn * radius_m * math.cos(pose[2])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point, wrap_angle_rad
-from eadp.core.geometry.dubins import Piece, Pose
+from eadp.core.geometry.dubins import Piece, Pose, centre_m
 from eadp.errors import Unreachable
 
 MIN_PIECE_M = 0.01
@@ -191,10 +191,7 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     """Choose the turn at the end of a leg; return what the next leg leaves."""
     course = leg.course_rad
     if waypoint.past_m and leg.round is None:
-        leg.end = (
-            leg.end[0] + waypoint.past_m * math.cos(course),
-            leg.end[1] + waypoint.past_m * math.sin(course),
-        )
+        leg.end = _ahead(leg.end, course, waypoint.past_m)
     here = Waypoint(leg.end, 0.0)
     onward = _tangent(here, following)
     if onward is None:
@@ -211,7 +208,7 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     side = math.copysign(1.0, corner)
     radius = radius_m
     for _ in range(SHRINK_LIMIT):
-        centre = (leg.end[0] - side * radius * math.sin(course), leg.end[1] + side * radius * math.cos(course))
+        centre = centre_m((*leg.end, course), side, radius)
         leg.circle = Loiter(centre, side * radius, 0.0)
         between_m = abs(following.radius_m - side * radius)
         if between_m < math.dist(centre, following.centre_m):
@@ -244,27 +241,28 @@ def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
     pieces: list[tuple[int, Piece]] = []
     for k, leg in enumerate(legs):
         after = legs[k + 1] if k + 1 < len(legs) else None
-        c, s = math.cos(leg.course_rad), math.sin(leg.course_rad)
-        (ax, ay), (bx, by), (first, last) = leg.start, leg.end, leg.trim_m
-        end: Pose = (bx - last * c, by - last * s, leg.course_rad)
+        first, last = leg.trim_m
+        end: Pose = (*_ahead(leg.end, leg.course_rad, -last), leg.course_rad)
         if leg.round is not None:
             pieces += [(leg.target, piece) for piece in _arc(leg.round, leg.start, leg.end)]
         elif leg.length_m - first - last >= MIN_PIECE_M:
-            start = (ax + first * c, ay + first * s, leg.course_rad)
+            start = (*_ahead(leg.start, leg.course_rad, first), leg.course_rad)
             pieces.append((leg.target, Piece(0, start, end, math.dist(start[:2], end[:2]), None)))
         if leg.circle is not None:
             pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
         elif after is not None and leg.corner_rad:
             side = math.copysign(1.0, leg.corner_rad)
-            radius = side * last / abs(math.tan(leg.corner_rad / 2))
-            centre = (end[0] - radius * s, end[1] + radius * c)
-            then = (
-                after.start[0] + after.trim_m[0] * math.cos(after.course_rad),
-                after.start[1] + after.trim_m[0] * math.sin(after.course_rad),
-            )
+            radius = last / abs(math.tan(leg.corner_rad / 2))
+            circle = Loiter(centre_m(end, side, radius), side * radius, 0.0)
+            then = _ahead(after.start, after.course_rad, after.trim_m[0])
             if last >= MIN_PIECE_M / 2:
-                pieces += [(leg.target, piece) for piece in _arc(Loiter(centre, radius, 0.0), end[:2], then)]
+                pieces += [(leg.target, piece) for piece in _arc(circle, end[:2], then)]
     return pieces
+
+
+def _ahead(point: Point, course_rad: float, distance_m: float) -> Point:
+    """The point at a distance along a course [m]."""
+    return point[0] + distance_m * math.cos(course_rad), point[1] + distance_m * math.sin(course_rad)
 
 
 def _arc(circle: Loiter, start: Point, end: Point | None) -> list[Piece]:

@@ -8,7 +8,7 @@ small; each correlation matrix is decomposed once for a set of times.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,14 +25,6 @@ _MAX_STD_RATIO = 2.0
 EULER_GAMMA = 0.5772156649015329
 
 
-class NoiseModel(NamedTuple):
-    """The maximum-likelihood noise model for some columns: its likelihood, and its covariance over `variance`."""
-
-    log_likelihood: float
-    correlation: FloatArray  # (bins, bins)
-    variance: float
-
-
 class _Eigenbasis(NamedTuple):
     """Eigenvalues and eigenvectors of a correlation matrix K: ρK + (1 − ρ)I has the same vectors."""
 
@@ -41,13 +33,26 @@ class _Eigenbasis(NamedTuple):
     length_s: float
 
 
-class _Model(NamedTuple):
-    """ρK + (1 − ρ)I with ρ the `part`, times a variance [W²]."""
+class NoiseModel(NamedTuple):
+    """ρK + (1 − ρ)I with ρ the `part`, times a variance [W²], and its likelihood with some columns.
 
-    log_likelihood: float  # restricted
+    The restricted likelihood accounts for the fitted coefficients: the full one underestimates the noise by the part
+    that the columns have fitted.
+
+    Source: Patterson and Thompson 1971.
+    """
+
+    log_likelihood: float
+    restricted: float
     part: float
     variance: float
     eigenbasis: _Eigenbasis
+
+    @property
+    def correlation(self) -> FloatArray:
+        """The covariance over the variance, shape (bins, bins)."""
+        values, vectors, _ = self.eigenbasis
+        return (vectors * (self.part * values + 1 - self.part)) @ vectors.T
 
 
 class LikelihoodScan(NamedTuple):
@@ -94,20 +99,13 @@ class TimeBins:
             scaled = math.sqrt(3) * apart / length_s
             yield (1 + scaled) * np.exp(-scaled), length_s
 
-    def best_noise(self, designs: Sequence[FloatArray]) -> list[NoiseModel]:
-        """The maximum-likelihood noise model for each matrix of columns, their coefficients estimated too."""
-        best = [(-np.inf, 0.0, 0.0, self._eigenbases[0])] * len(designs)
-        for eigenbasis in self._eigenbases:
-            target = eigenbasis.vectors.T @ self.power_w
-            for number, columns in enumerate(eigenbasis.vectors.T @ design for design in designs):
-                for part in _COLOURED_PARTS:
-                    likelihood, variance = _profile(columns, target, part * eigenbasis.eigenvalues + (1 - part))
-                    if likelihood > best[number][0]:
-                        best[number] = likelihood, variance, part, eigenbasis
-        return [
-            NoiseModel(likelihood, _mixed(eigenbasis, part), variance)
-            for likelihood, variance, part, eigenbasis in best
-        ]
+    def best_noise(self, columns: FloatArray) -> NoiseModel:
+        """The maximum-likelihood noise model for columns, shape (n, m), their coefficients estimated too."""
+        return max(self._models(columns), key=lambda model: model.log_likelihood)
+
+    def white_noise(self) -> NoiseModel:
+        """Noise of the variance of the powers, with no correlation and no columns."""
+        return NoiseModel(0.0, 0.0, 0.0, float(np.var(self.power_w)), self._eigenbases[0])
 
     def coefficient_covariance(self, columns: FloatArray) -> FloatArray:
         """Covariance of least-squares coefficients, averaged over noise models.
@@ -130,24 +128,21 @@ class TimeBins:
         max_length_s = max(self.width_s, _MAX_LENGTH_SHARE * self.covered_s)
         residual = self.power_w - columns @ (inverse @ self.power_w)
         max_variance = _MAX_STD_RATIO**2 * float(residual @ residual) / (len(residual) - columns.shape[1])
-        identifiable = [model for model in self._restricted(columns) if model.eigenbasis.length_s <= max_length_s]
+        identifiable = [model for model in self._models(columns) if model.eigenbasis.length_s <= max_length_s]
         models = [model for model in identifiable if model.variance <= max_variance] or identifiable
-        likelihood = np.array([model.log_likelihood for model in models])
+        likelihood = np.array([model.restricted for model in models])
         weight = np.exp(likelihood - likelihood.max())
         total = np.zeros((columns.shape[1], columns.shape[1]))
-        for share, (_, part, variance, eigenbasis) in zip(weight / weight.sum(), models, strict=True):
+        for share, model in zip(weight / weight.sum(), models, strict=True):
             # (XᵀX)⁻¹ Xᵀ s²V X (XᵀX)⁻¹
-            back = inverse @ eigenbasis.vectors
-            total += share * variance * (back * (part * eigenbasis.eigenvalues + 1 - part)) @ back.T
+            back = inverse @ model.eigenbasis.vectors
+            total += (
+                share * model.variance * (back * (model.part * model.eigenbasis.eigenvalues + 1 - model.part)) @ back.T
+            )
         return total
 
-    def _restricted(self, columns: FloatArray) -> Iterator[_Model]:
-        """Every noise model with its restricted likelihood, which accounts for the fitted coefficients.
-
-        The full likelihood would underestimate the noise by the part that the columns have fitted.
-
-        Source: Patterson and Thompson 1971.
-        """
+    def _models(self, columns: FloatArray) -> Iterator[NoiseModel]:
+        """Every noise model with its likelihood, the coefficients of columns estimated too."""
         n, m = columns.shape
         for eigenbasis in self._eigenbases:
             rotated_columns, rotated_power = eigenbasis.vectors.T @ columns, eigenbasis.vectors.T @ self.power_w
@@ -160,9 +155,11 @@ class TimeBins:
                 # rounding is no noise: a clean signal keeps a billionth of its variance
                 error = max(float(residual @ residual), 1e-9 * float(self.power_w @ self.power_w), 1e-200)
                 volume = 2 * float(np.log(np.maximum(np.abs(np.diag(factor)), 1e-150)).sum())
+                spread = float(np.log(variances).sum())
+                full = -0.5 * (n * math.log(error / n) + spread)
                 # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
-                likelihood = -0.5 * ((n - m) * math.log(error) + float(np.log(variances).sum()) + volume)
-                yield _Model(likelihood, part, error / (n - m), eigenbasis)
+                restricted = -0.5 * ((n - m) * math.log(error) + spread + volume)
+                yield NoiseModel(full, restricted, part, error / max(1, n - m), eigenbasis)
 
     def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[LikelihoodScan]:
         """Likelihood of every order at every frequency, for each of several powers.
@@ -205,7 +202,7 @@ class TimeBins:
 
     def surrogates(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draws [W] from the maximum-likelihood noise model without harmonics, shape (n, count)."""
-        noise = self.best_noise([np.ones((len(self.times_s), 1))])[0]
+        noise = self.best_noise(np.ones((len(self.times_s), 1)))
         w, v = np.linalg.eigh(noise.correlation)
         draws: FloatArray = v @ (np.sqrt(np.maximum(w, 0.0))[:, np.newaxis] * rng.normal(size=(len(w), count)))
         return draws
@@ -252,10 +249,6 @@ def tail(statistic: float, drawn: FloatArray) -> float:
     return float(-np.expm1(-np.exp(-min(700.0, max(-700.0, (statistic - mode) / scale)))))
 
 
-def _mixed(eigenbasis: _Eigenbasis, part: float) -> FloatArray:
-    return (eigenbasis.vectors * (part * eigenbasis.eigenvalues + 1 - part)) @ eigenbasis.vectors.T
-
-
 def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squared errors of orders 0, 1, …, shape (f, orders, s), and ln |XᵀX| of each, shape (f, orders).
 
@@ -272,15 +265,3 @@ def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     volume = 2 * np.cumsum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, 0::2]
     # rounding is no noise: a clean signal keeps a billionth of its variance
     return np.maximum(total - explained, 1e-9 * total), volume
-
-
-def _profile(columns: FloatArray, power_w: FloatArray, variances: FloatArray) -> tuple[float, float]:
-    """Maximum log-likelihood over coefficients and variance, and that variance, unbiased [W²]."""
-    n, m = columns.shape
-    root = np.sqrt(variances)
-    white, target = columns / root[:, np.newaxis], power_w / root
-    fitted, *_ = np.linalg.lstsq(white, target, rcond=None)
-    residual = target - white @ fitted
-    # rounding is no noise: a clean signal keeps a billionth of its variance
-    error = max(float(residual @ residual), 1e-9 * float(power_w @ power_w), 1e-200)
-    return -0.5 * (n * math.log(error / n) + float(np.log(variances).sum())), error / max(1, n - m)

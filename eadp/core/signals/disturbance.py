@@ -249,7 +249,11 @@ def _innovations(
     recursion carries the reduction Δ = P∞ − P of their covariance: Δ ← Φ Δ Φᵀ needs no process noise.
     """
     size = series.shape[1]
-    phi = _scaled_transitions(*_turns(steps_s, time_s))
+    # e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)
+    turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
+    fade = np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow
+    matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
+    phi = matrix.reshape(*turns.shape, 2, 2)
     # `carried` is the state of every series, then Δ; a row of `left` is y − C x of each, then P Cᵀ = P∞ Cᵀ − Δ Cᵀ
     carried = np.zeros((len(time_s), 2, size + 2))
     left = np.zeros((len(series), len(time_s), size + 2))
@@ -265,15 +269,3 @@ def _innovations(
         gain = row[:, size:] / (row[:, size] + noise)[:, np.newaxis]
         carried += gain[:, :, np.newaxis] * row[:, np.newaxis, :]
     return left[:, :, :size], left[:, :, size] + noise
-
-
-def _scaled_transitions(turns: FloatArray, fade: FloatArray) -> FloatArray:
-    """e^{F Δt} of d and ḋ/λ for every step and time constant, shape (steps, k, 2, 2)."""
-    matrix = np.stack([1 + turns, turns, -turns, 1 - turns], axis=-1) * fade[..., np.newaxis]
-    return matrix.reshape(*turns.shape, 2, 2)
-
-
-def _turns(steps_s: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """λΔt and e^{−λΔt} for every step and time constant, shape (steps, k)."""
-    turns = steps_s[:, np.newaxis] * (math.sqrt(3) / time_s)
-    return turns, np.where(turns < _FORGOTTEN, np.exp(-turns), 0.0)  # denormal numbers are slow

@@ -55,6 +55,7 @@ PRIOR_RATIO = 1.3
 """A period is searched within this factor of a prior."""
 
 _BLOCKS = 12
+_APART = (np.abs(np.arange(_BLOCKS) - np.arange(_BLOCKS)[:, np.newaxis]) > 1).astype(float)  # not itself or a neighbour
 _SCAN_ORDER = 3
 _SCAN_STRIDE = 3
 _OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
@@ -223,10 +224,7 @@ def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: floa
         peak = _coloured(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
         chance = chance if peak.chance is None else peak.chance
         if coloured:
-            frequency_hz, std_s = (
-                peak.frequency_hz,
-                _WIDENED * peak.std_hz / peak.frequency_hz**2,
-            )
+            frequency_hz, std_s = peak.frequency_hz, _WIDENED * peak.std_hz / peak.frequency_hz**2
             order = _choose_order(samples, frequency_hz)
             evidence = _evidence(bins, 1 / frequency_hz, order)
     return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
@@ -285,8 +283,8 @@ def _held_out(sums: _Sums, order: int) -> FloatArray:
     m = 2 * order + 1
     gram, moment = sums.gram[..., :m, :m], sums.moment[..., :m]
     count = gram[..., 0, 0].sum(axis=-1)[..., np.newaxis, np.newaxis]
-    seen_gram = gram.sum(axis=-3, keepdims=True) - _with_neighbours(gram, -3)
-    seen_moment = moment.sum(axis=-2, keepdims=True) - _with_neighbours(moment, -2)
+    seen_gram = (_APART @ gram.reshape(*gram.shape[:-2], m * m)).reshape(gram.shape)
+    seen_moment = _APART @ moment
     # a ridge of a millionth bounds coefficients that the other blocks leave undetermined
     seen_gram[..., np.arange(m), np.arange(m)] += 1e-6 * count
     fitted = np.linalg.solve(seen_gram, seen_moment[..., np.newaxis])[..., 0]
@@ -308,15 +306,6 @@ def _by_order(sums: _Sums, max_order: int) -> FloatArray:
         if order >= at + _PATIENCE:
             break
     return np.array(errors)
-
-
-def _with_neighbours(blocks: FloatArray, axis: int) -> FloatArray:
-    """Each block plus the one before and the one after it."""
-    moved = np.moveaxis(blocks, axis, 0)
-    total = moved.copy()
-    total[1:] += moved[:-1]
-    total[:-1] += moved[1:]
-    return np.moveaxis(total, 0, axis)
 
 
 def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:
@@ -553,8 +542,8 @@ def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Ev
     harmonic = (np.arange(2 * order + 1) + 1) // 2
     granted = harmonic % part == 0 if part else harmonic == 0
     if n <= len(granted) + 1:
-        return _Evidence(1.0, bins, NoiseModel(0.0, np.eye(n), float(np.var(bins.power_w))))
-    alone, periodic = bins.best_noise((columns[:, granted], columns))
+        return _Evidence(1.0, bins, bins.white_noise())
+    alone, periodic = bins.best_noise(columns[:, granted]), bins.best_noise(columns)
     # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
     # samples it is larger by about n/(n − m)
     few = max(0.0, 1 - len(granted) / n)

@@ -17,7 +17,6 @@ from eadp.core.expressions.tree import (
     Expression,
     constant,
     difference,
-    evaluate,
     number_text,
     substituted,
     total,
@@ -334,7 +333,7 @@ class _Reader:
             self._fault(line, offset, "a set without its closing bracket", expected)
             return None
         try:
-            values = [evaluate(part.node, {}) for part in read_expressions(stripped[1:-1], count=2)]
+            values = [part.value({}) for part in read_expressions(stripped[1:-1], count=2)]
         except ExpressionError as error:
             self._fault(line, offset + 1 + error.offset, error.message, f"{error.expected} ({expected})")
             return None

@@ -11,12 +11,12 @@ from eadp.core.compiled import jitted
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.tracks import CircleTrack
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.triggers import is_beyond
+from eadp.models.plan.triggers import is_beyond, signs
 
 STEP_M = 1.0
 """Distance between the points of a curve [m]."""
 
-MIN_BEYOND_M = 1e-9
+MIN_BEYOND_M, MIN_RATE = 1e-9, 1e-12
 AFTER_M = 1e-6
 """Distance after a crossing at which it is beyond [m]."""
 
@@ -110,80 +110,56 @@ def beyond_m(
     kind, length_m = leg[0], leg[1]
     if not length_m < math.inf:
         return math.inf
-    sx = 0.0 if abs(shift[0]) < 1e-9 else math.copysign(1.0, shift[0])
-    sy = 0.0 if abs(shift[1]) < 1e-9 else math.copysign(1.0, shift[1])
-    fx, fy = final[0] - slack_m * sx, final[1] - slack_m * sy
-    if kind == ON_LINE:
-        return _on_line(leg, fx, fy, sx, sy, radius_m)
-    if kind == ON_CIRCLE:
-        return _on_circle(leg, fx, fy, sx, sy, radius_m)
-    return _on_curve(xs, ys, length_m, fx, fy, sx, sy, radius_m)
-
-
-def _on_line(leg: LegNumbers, fx: float, fy: float, sx: float, sy: float, radius_m: float) -> float:
-    """On each axis, the plan is over from a first distance to a last one."""
-    _, length_m, ax, ay, bx, by, _ = leg
-    first, last = 0.0, length_m
+    sx, sy = signs(shift)
+    # a line along the bound is not beyond it by rounding
+    min_beyond_m = MIN_BEYOND_M if kind == ON_LINE else 0.0
+    fx, fy = final[0] - slack_m * sx + min_beyond_m * sx, final[1] - slack_m * sy + min_beyond_m * sy
+    if kind == ON_CURVE:
+        return _on_curve(xs, ys, length_m, fx, fy, sx, sy, radius_m)
+    # at its start, or just after it has crossed a bound of either axis
+    first = 0.0 if _is_over_after(0.0, leg, fx, fy, sx, sy, radius_m) else math.inf
     for axis in range(2):
-        start, end, to, side = (ax, bx, fx, sx) if axis == 0 else (ay, by, fy, sy)
-        rate = (end - start) / length_m if length_m > 0.0 else 0.0
-        for bounds in range(2 if side == 0.0 else 1):
-            if side == 0.0:  # |v − to| ≤ radius
-                sign = 1.0 if bounds == 0 else -1.0
-                bound = sign * to - radius_m
-            else:
-                sign = side
-                bound = sign * to + MIN_BEYOND_M  # strictly beyond
-            value, slope = sign * start, sign * rate
-            if abs(slope) < 1e-12:
-                if value < bound:
-                    return math.inf
-            elif slope > 0.0:
-                first = max(first, (bound - value) / slope)
-            else:
-                last = min(last, (bound - value) / slope)
-    return first if first <= last else math.inf
-
-
-def _on_circle(leg: LegNumbers, fx: float, fy: float, sx: float, sy: float, radius_m: float) -> float:
-    """At its start, or just after it has crossed a bound of either axis."""
-    _, _, cx, cy, r, turn, start_rad = leg
-    for axis in range(2):
-        centre, to, side = (cx, fx, sx) if axis == 0 else (cy, fy, sy)
-        # no point of the circle is beyond, or across it within the radius
-        if side == 0.0:
-            if abs(to - centre) > r + radius_m:
-                return math.inf
-        elif abs(to - centre) > r and (centre - to) * side < 0.0:
-            return math.inf
-    first = _past_m(0.0, leg, fx, fy, sx, sy, radius_m)
-    for axis in range(2):
-        centre, to, side, quarter = (cx, fx, sx, 0.0) if axis == 0 else (cy, fy, sy, math.pi / 2)
-        for bounds in range(2 if side == 0.0 else 1):
-            bound = to
-            if side == 0.0:
-                bound = to - radius_m if bounds == 0 else to + radius_m
-            if abs(bound - centre) > r:
-                continue
-            # on the axis at `quarter`, a bound is crossed at ± the arc cosine
-            half = math.acos((bound - centre) / r)
-            for angle in (quarter + half, quarter - half):
-                turned = (angle - start_rad) * turn % (2 * math.pi)
-                first = min(first, _past_m(turned * r, leg, fx, fy, sx, sy, radius_m))
-                first = min(first, _past_m((turned - 2 * math.pi) * r, leg, fx, fy, sx, sy, radius_m))
+        to, half = (fx, radius_m if sx == 0.0 else 0.0) if axis == 0 else (fy, radius_m if sy == 0.0 else 0.0)
+        for bound in (to - half, to + half):
+            for along_m in _crossings_m(leg, axis, bound):
+                if 0.0 <= along_m < first and _is_over_after(along_m, leg, fx, fy, sx, sy, radius_m):
+                    first = along_m
     return first
 
 
-def _past_m(along_m: float, leg: LegNumbers, fx: float, fy: float, sx: float, sy: float, radius_m: float) -> float:
-    """A distance along a circle [m] if the plan is over just after it; else infinite."""
-    _, length_m, cx, cy, r, turn, start_rad = leg
+def _crossings_m(leg: LegNumbers, axis: int, bound: float) -> tuple[float, float]:
+    """The two distances along a line or a circle at which x or y, axis 0 or 1, has a value; infinite without."""
+    if leg[0] == ON_LINE:
+        _, length_m, ax, ay, bx, by, _ = leg
+        start, end = (ax, bx) if axis == 0 else (ay, by)
+        rate = (end - start) / length_m if length_m > 0.0 else 0.0
+        along_m = (bound - start) / rate if abs(rate) > MIN_RATE else math.inf
+        return along_m, along_m
+    _, _, cx, cy, r, turn, start_rad = leg
+    centre, quarter = (cx, 0.0) if axis == 0 else (cy, math.pi / 2)
+    if abs(bound - centre) > r:
+        return math.inf, math.inf
+    # on the axis at `quarter`, a bound is crossed at ± the arc cosine
+    half = math.acos((bound - centre) / r)
+    one, two = (quarter + half - start_rad) * turn, (quarter - half - start_rad) * turn
+    return one % (2 * math.pi) * r, two % (2 * math.pi) * r
+
+
+def _is_over_after(
+    along_m: float, leg: LegNumbers, fx: float, fy: float, sx: float, sy: float, radius_m: float
+) -> bool:
+    """Whether the plan is over just after a distance along a line or a circle [m]."""
+    kind, length_m = leg[0], leg[1]
     after_m = min(along_m + AFTER_M, length_m)
-    if -AFTER_M <= along_m <= length_m and after_m >= 0.0:
+    if kind == ON_LINE:
+        _, _, ax, ay, bx, by, _ = leg
+        share = after_m / length_m if length_m > 0.0 else 0.0
+        x, y = ax + share * (bx - ax), ay + share * (by - ay)
+    else:
+        _, _, cx, cy, r, turn, start_rad = leg
         angle = start_rad + turn * after_m / r
         x, y = cx + r * math.cos(angle), cy + r * math.sin(angle)
-        if is_beyond(x - fx, y - fy, sx, sy, radius_m):
-            return max(along_m, 0.0)
-    return math.inf
+    return along_m <= length_m and is_beyond(x - fx, y - fy, sx, sy, radius_m)
 
 
 def _on_curve(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from eadp.core.geometry.tracks import Nodes
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Stage
-
-A = TypeVar("A", FloatArray, IntArray)
 
 
 class LegRows(NamedTuple):
@@ -70,7 +68,6 @@ class LegTable:
         self._free = [[float(width > 0) for _, width in own] for own in self._sets]
         self._nodes: list[Nodes] = []
         self._numbers: dict[tuple[int, int, Vector], int] = {}
-        self._filled = 0
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
         self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, nothing)
@@ -87,58 +84,33 @@ class LegTable:
 
     @property
     def rows(self) -> LegRows:
-        """The arrays, with every row that is in the table now; some behind them are of no row."""
-        if self._filled < len(self.stages):
-            self._fill()
+        """The arrays, with every row that is in the table now."""
+        if len(self._rows.stages) < len(self.stages):
+            old, new = self._rows, self._from(len(self._rows.stages))
+            nodes = Nodes(*map(np.concatenate, zip(old.nodes, new.nodes, strict=True)))
+            first = np.concatenate([old.first, old.first[-1] + new.first])
+            self._rows = LegRows._make([nodes, first, *map(np.concatenate, zip(old[2:], new[2:], strict=True))])
         return self._rows
 
-    def _fill(self) -> None:
-        """Write the new rows to the arrays."""
-        old, known, count = self._rows, self._filled, len(self.stages)
-        used = int(old.first[known])
-        last = used + sum([len(nodes.weights_m) for nodes in self._nodes[known:]])
-        if len(old.nodes.weights_m) >= last and len(old.first) > count and len(old.stages) >= count:
-            rows = old
-        else:
-            rows = self._grown(known, count, used, last)
-        for number in range(known, count):
-            stage, nodes = self.stages[number], self._nodes[number]
-            last = used + len(nodes.weights_m)
-            for array, values in zip(rows.nodes, nodes, strict=True):
-                array[used:last] = values
-            rows.first[number + 1] = used = last
-            rows.airspeeds_mps[number] = stage.airspeed_mps or math.nan
-            rows.lengths_m[number] = nodes.weights_m.sum()
-            rows.stages[number] = stage.index
-            sets, own = self._sets[stage.index - 1], self.parameters[number]
-            rows.free[number] = self._free[stage.index - 1]
-            rows.shares[number] = [
-                min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
-                for (low, width), value in zip(sets, own, strict=True)
-            ]
-        self._rows, self._filled = rows, count
-
-    def _grown(self, known: int, count: int, used: int, last: int) -> LegRows:
-        """The arrays with room for `count` rows and `last` nodes, of which `known` and `used` are as they are."""
-        old = self._rows
+    def _from(self, number: int) -> LegRows:
+        """The rows from a number on; of each, `first` is where its nodes end among theirs."""
+        stages, nodes, parameters = self.stages[number:], self._nodes[number:], self.parameters[number:]
         return LegRows(
-            Nodes(*(grown(array, used, last) for array in old.nodes)),
-            grown(old.first, known + 1, count + 1),
-            grown(old.airspeeds_mps, known, count),
-            grown(old.lengths_m, known, count),
-            grown(old.stages, known, count),
-            grown(old.free, known, count),
-            grown(old.shares, known, count),
+            Nodes(*map(np.concatenate, zip(*nodes, strict=True))),
+            np.cumsum([len(own.weights_m) for own in nodes], dtype=np.intp),
+            np.array([stage.airspeed_mps or math.nan for stage in stages]),
+            np.array([own.weights_m.sum() for own in nodes]),
+            np.array([stage.index for stage in stages], dtype=np.intp),
+            np.array([self._free[stage.index - 1] for stage in stages]),
+            np.array([self._shares(stage, own) for stage, own in zip(stages, parameters, strict=True)]),
         )
 
-
-def grown(array: A, used: int, needed: int) -> A:
-    """An array with room for `needed` rows, the first `used` of them as they are."""
-    if len(array) >= needed:
-        return array
-    grown = np.zeros((2 * needed, *array.shape[1:]), dtype=array.dtype)
-    grown[:used] = array[:used]
-    return grown
+    def _shares(self, stage: Stage, parameters: Vector) -> list[float]:
+        """The share of its set that each parameter has."""
+        return [
+            min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
+            for (low, width), value in zip(self._sets[stage.index - 1], parameters, strict=True)
+        ]
 
 
 def leg_times_s(

@@ -99,9 +99,10 @@ def is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool
     return in_x and in_y
 
 
-def _signs(shift: Point) -> Point:
+def signs(shift: Point) -> Point:
+    """The sides of the final point along a shift: ±1, and 0 across it."""
     dx, dy = shift
-    return 0.0 if abs(dx) < 1e-9 else math.copysign(1, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1, dy)
+    return 0.0 if abs(dx) < 1e-9 else math.copysign(1.0, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1.0, dy)
 
 
 class TriggerWatch:
@@ -131,7 +132,7 @@ class TriggerWatch:
         self.curve: CurveProgress | None = None
         end = cursor.end()
         if end is not None and not end.at_trigger:
-            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *_signs(end.shift_m), plan.final_radius_m]
+            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *signs(end.shift_m), plan.final_radius_m]
         w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
         if rules.box_triggers:
             w[FIRES_IN] = BOX

@@ -41,7 +41,7 @@ def correlations(table: TimeBins) -> list[np.ndarray]:
 def test_noise_is_the_likeliest_of_all_mixtures() -> None:
     table = bins()
     columns = design_matrix(table.times_s, 1 / 30, 1)
-    found = table.best_noise([columns])[0]
+    found = table.best_noise(columns)
     best = max(
         dense_likelihood(table.power_w, columns, part * k + (1 - part) * np.eye(N))[0]
         for k in correlations(table)
@@ -121,7 +121,7 @@ def test_scan_of_several_powers_is_the_scan_of_each() -> None:
 
 def test_surrogates_have_the_noise_of_the_samples() -> None:
     table = bins()
-    noise = table.best_noise([np.ones((N, 1))])[0]
+    noise = table.best_noise(np.ones((N, 1)))
     draws = table.surrogates(4000, np.random.default_rng(3))
     np.testing.assert_allclose(np.cov(draws), noise.correlation, atol=0.12)
     again = table.surrogates(4000, np.random.default_rng(3))
