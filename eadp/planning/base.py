@@ -317,15 +317,32 @@ HOME_RADII = 1.5
 """Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
 
 
+class WayHome(NamedTuple):
+    """Where to return to, and how.
+
+    Attributes
+    ----------
+    position_m : (float, float)
+        [m].
+    turn_radius_m : float
+        Least radius of a turn [m].
+    turns_back : bool
+        Whether to fly home where the plan cannot be completed with the reserve kept.
+    """
+
+    position_m: Point
+    turn_radius_m: float
+    turns_back: bool = False
+
+
 @dataclass(frozen=True)
 class Mission:
     """The mission as known before take-off.
 
-    `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest; `home_m` is
-    the location to return to [m], if any, and `gust_time_s` the time constant of gusts [s]. `turn_radius_m` is the
-    least; `returns_home` is whether to fly home where the plan cannot be completed with the reserve kept. `airframe`
-    gives the power of climbs and of the stages' airspeeds, None that of level flight alone; `altitude_m` is that of
-    take-off [m]. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
+    `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest;
+    `gust_time_s` is the time constant of gusts [s]. `airframe` gives the power of climbs and of the stages' airspeeds,
+    None that of level flight alone; `altitude_m` is that of take-off [m]. `live` is whether forecasts are shown as they
+    are made: none is older than a re-planning then.
     """
 
     plan: Plan
@@ -336,12 +353,10 @@ class Mission:
     start_m: Point | None = None
     energy: EnergyModel | None = None
     motion_w: float | None = None
-    home_m: Point | None = None
+    way_home: WayHome | None = None
     rules: Rules = field(default_factory=Rules)
     max_motion_w: float = math.inf
     gust_time_s: float = GUST_TIME_S
-    turn_radius_m: float = 0.0
-    returns_home: bool = False
     airframe: FixedWing | None = None
     altitude_m: float = 0.0
     live: bool = False

@@ -29,7 +29,7 @@ from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
-from eadp.planning.base import Mission, Planner
+from eadp.planning.base import Mission, Planner, WayHome
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import TakeOff, Timing, World
@@ -39,8 +39,8 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
 
 CORNERS_LIMIT = 6
-COMMANDED = ComputationRate()
 RETURN_HOME = "home"
+COMMANDED = ComputationRate()
 """A computation that runs as commanded."""
 
 Content = TypeVar("Content")
@@ -213,7 +213,7 @@ def _world(
 
 def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mission:
     """What the planner knows of a world before take-off."""
-    vehicle = world.vehicle
+    vehicle, turns_back = world.vehicle, scenario.keys.on_infeasible == RETURN_HOME
     return Mission(
         plan=world.plan,
         computing=world.computing,
@@ -223,12 +223,10 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         start_m=world.start.position_m,
         energy=energy,
         motion_w=vehicle.cruise_power_w,
-        home_m=world.home_m,
+        way_home=None if world.home_m is None else WayHome(world.home_m, vehicle.turn_radius_m, turns_back),
         rules=world.rules,
         max_motion_w=vehicle.max_motion_w,
         gust_time_s=world.wind.gust_time_s,
-        turn_radius_m=vehicle.turn_radius_m,
-        returns_home=scenario.keys.on_infeasible == RETURN_HOME,
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
         altitude_m=world.start.altitude_m,
     )
@@ -385,10 +383,10 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
 
 def _check_planner(scenario: Scenario, mission: Mission) -> None:
     """The planner's own settings fit the mission, and it can turn back where that is asked for."""
-    name = scenario.planner.name
-    if mission.returns_home and mission.home_m is None:
+    name, turns_back = scenario.planner.name, scenario.keys.on_infeasible == RETURN_HOME
+    if turns_back and mission.way_home is None:
         raise InputError(scenario.fault("on_infeasible", "home, which has no location", "home: {position_m: [x, y]}"))
-    if mission.returns_home and not planner_class(name).optimises_to_end:
+    if turns_back and not planner_class(name).optimises_to_end:
         raise InputError(
             scenario.fault("on_infeasible", f"home, with planner {name}", "planner joint, which forecasts")
         )

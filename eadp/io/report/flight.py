@@ -99,7 +99,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
         "field": _field(plan, columns),
-        "plan": _plan_lines(plan, flown, world.start.position_m, flight.inputs.mission.home_m),
+        "plan": _plan_lines(plan, flown, world.start.position_m, world.home_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),
     }

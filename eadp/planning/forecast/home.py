@@ -30,16 +30,17 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     """
     evaluator, known = evaluation.evaluator, evaluation.known
     mission, objective, battery = evaluator.mission, evaluator.objective, evaluator.mission.battery
-    if mission.home_m is None:
+    if mission.way_home is None:
         return None
-    dx, dy = mission.home_m[0] - known.position_m[0], mission.home_m[1] - known.position_m[1]
+    (x, y), turn_radius_m, _ = mission.way_home
+    dx, dy = x - known.position_m[0], y - known.position_m[1]
     distance, seconds, speed = math.hypot(dx, dy), 0.0, known.airspeed_mps
     if distance >= AT_HOME_M:
         course = np.array([dx / distance]), np.array([dy / distance])
         ground_mps = float(ground_speeds_mps(*course, speed, known.wind.mps)[0][0])
         if ground_mps <= 0:
             return -math.inf
-        seconds = distance / ground_mps + 2 * math.pi * HOME_RADII * mission.turn_radius_m / speed
+        seconds = distance / ground_mps + 2 * math.pi * HOME_RADII * turn_radius_m / speed
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))

@@ -102,7 +102,7 @@ class JointPlanner(TrackingPlanner):
         self._started, self._ambiguous = 1, False
         self._home: tuple[float | None, float] = (None, 0.0)
         # a way home is forecast again and again, and so is what is shown
-        self._often = mission.live or mission.home_m is not None
+        self._often = mission.live or mission.way_home is not None
 
     @classmethod
     def preflight(
@@ -307,7 +307,8 @@ class JointPlanner(TrackingPlanner):
         """Whether the plan is infeasible, and home is out of reach by the next re-planning, or short by less."""
         (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
-        if spare is None or not self._mission.returns_home or plan.solution.feasible:
+        way_home = self._mission.way_home
+        if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
             return False
         falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
         return -plan.evaluation.shortfall(0) < spare < falls

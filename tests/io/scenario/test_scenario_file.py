@@ -177,7 +177,7 @@ def test_start_and_home_are_latitudes_and_longitudes_too(line):
     north, east = to_geodetic_deg(0.0, 800.0, ORIGIN), to_geodetic_deg(-200.0, 5.0, ORIGIN)
     keys = {"home": dict(zip(("lat_deg", "lon_deg"), north, strict=True)), "start.lat_deg": east[0]}
     inputs = load_flight(line, overrides={**keys, "start.lon_deg": east[1]})
-    assert inputs.mission.home_m == pytest.approx((0.0, 800.0), abs=1e-3)
+    assert inputs.mission.way_home.position_m == pytest.approx((0.0, 800.0), abs=1e-3)
     assert inputs.world.start.position_m == pytest.approx((-200.0, 5.0), abs=1e-3)
 
 

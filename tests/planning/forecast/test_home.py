@@ -36,7 +36,7 @@ def test_the_way_home_takes_a_turn_and_a_line_at_least_power(home, wind_mps):
     course = np.subtract(home, start) / math.dist(home, start)
     along, across = np.dot(wind_mps, course), np.dot(wind_mps, (-course[1], course[0]))
     ground_mps = along + math.sqrt(mission.cruise_mps**2 - across**2)
-    turn_m = 2 * math.pi * HOME_RADII * mission.turn_radius_m
+    turn_m = 2 * math.pi * HOME_RADII * mission.way_home.turn_radius_m
     seconds = math.dist(home, start) / ground_mps + turn_m / mission.cruise_mps
     least_w = mission.motion_w + mission.computing.power_w((-1000.0, 2.0), mission.plan.stages[0].sets)
     battery = mission.battery
