@@ -143,7 +143,7 @@ class ParameterLog:
         for time_s, cursor, joined_m, parameters in self._events:
             if joined_m is not None:
                 joined, since_s = joined_m, time_s
-                ground.start_leg(time_s, cursor, predictor.leg(cursor, joined_m).first.length_m)
+                ground.start_leg(time_s, cursor, predictor.length_m(cursor, joined_m))
             ground.hold(time_s, cursor, parameters)
         ended_s = self._since_s if self._ended_s is None else self._ended_s
         flown = ground.until(ended_s)

@@ -234,6 +234,11 @@ class RoutePredictor:
         made.add(*self._leg(cursor, joined_m))
         return made.route()
 
+    def length_m(self, cursor: PlanCursor, joined_m: Point) -> float:
+        """Length of the whole of a stage, from where it is joined [m]; raises PathUndefined as `route`."""
+        ox, oy = cursor.offset_m
+        return self._shape(cursor, (joined_m[0] - ox, joined_m[1] - oy)).length_m
+
     def _rest_m(self, cursor: PlanCursor, start: Point) -> float:
         """Length of the stages of a lap after this one [m]."""
         total_m, following = 0.0, cursor.next()
