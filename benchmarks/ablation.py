@@ -104,15 +104,13 @@ def _rated(rate_per_h: float) -> Variant:
     return Variant(keys={"planner.joint.loss_rate_per_h": rate_per_h})
 
 
-ALL = 1 - 1e-9
-"""Share of the time in which the upper of two configurations can be flown, as a threshold: all of it."""
 VARIANTS: Mapping[str, Variant] = {
     AS_IT_IS: Variant(),
     "one share of c1 for all segments": Variant(((PlanCursor, "later_laps", property(lambda _: False)),)),
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
-    "computations rise where they last to the end alone (`RISE` = 1)": Variant(((policy, "RISE", ALL),)),
+    "computations fall from the start (`EARLY_S` = 0)": Variant(((policy, "EARLY_S", 0.0),)),
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
     "changes to the end (`LAST_S` = 0)": Variant(((policy, "LAST_S", 0.0),)),

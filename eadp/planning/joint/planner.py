@@ -255,7 +255,9 @@ class JointPlanner(TrackingPlanner):
         """The computations of a plan to fly with now, for how long [s], and whether they fall."""
         before = self._decision.parameters
         now_w = self._power_w(plan.evaluation, before)
-        computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
+        computations, lasts_s = self._policy.computations(
+            o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
+        )
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         return computations, lasts_s, after_w < now_w - 1e-9
 
@@ -322,11 +324,13 @@ class JointPlanner(TrackingPlanner):
                 self._infeasible_since_s = o.time_s
             since = f"infeasible since {self._infeasible_since_s:.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
+            lowest_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
+            flown = "lowest" if self._power_w(evaluation, chosen) <= lowest_w + 1e-9 else "the same"
             if beyond_w > 0:
-                return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way; lowest configuration"
+                return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way; {flown} configuration"
             short = evaluation.shortfall(0)
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
-            return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; lowest configuration"
+            return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration"
         self._infeasible_since_s = None
         moved = [
             f"{name} {old:g} → {new:g}"

@@ -15,14 +15,14 @@ from eadp.planning.base import JUMPED
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.joint.program import Solution
 
-RISE, HELD_S = 0.25, 5.0
-"""Of the two configurations around the sustained power, the upper one is flown first, and the lower one for the rest.
-It rises to the upper one if that can be flown for more than this share of the remaining time, and stays while it can be
-for more than this time [s]. The variance of the forecast shrinks in flight: charge saved at first is spent later."""
+SETTLED_S, HELD_S = 60.0, 5.0
+"""Computations do not rise again for this long after a fall. Of the two configurations around the sustained power, the
+upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long,
+and stays while it can be for more than the second time [s]."""
 
-SETTLED_S, LAST_S = 60.0, 35.0
-"""Time after a fall in which computations do not rise again; and time before the end in which nothing changes, unless
-charge was lost [s]."""
+EARLY_S, LAST_S = 30.0, 35.0
+"""Time from the start in which computations do not fall for the margin alone, since the deviation of the forecast halves
+in it; and time before the end in which nothing changes. A loss of charge is answered in both [s]."""
 
 
 class Policy:
@@ -51,7 +51,7 @@ class Policy:
         self._fell_s = time_s
 
     def computations(
-        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
     ) -> tuple[Vector, float]:
         """The computations to fly with now, and for how long [s]: those sustained to the end; asking changes nothing.
 
@@ -64,6 +64,8 @@ class Policy:
         evaluation : Evaluation
             Of one place.
         solution : Solution
+        lost : bool
+            Whether charge was lost in this flight.
         """
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
@@ -75,11 +77,15 @@ class Policy:
             if share < 1:  # the upper one falls before the end is so near that nothing changes
                 remaining_s = float(evaluation.totals.seconds[0])
                 lasts_s = min(share * remaining_s, evaluation.earliest_s(0) - LAST_S - HELD_S)
-            rises = below + (lasts_s > HELD_S and share > RISE)
+            rises = below + (lasts_s > SETTLED_S)
             stays = held <= below + (lasts_s > HELD_S)
             waits = time_s - self._fell_s < SETTLED_S
             chosen = (held if waits else rises) if rises > held else held if stays else below
             lasts_s = lasts_s if chosen > below else math.inf
+        if chosen < held and time_s < EARLY_S and not lost:
+            expected_soc = evaluation.final_charge(0, solution.filling).mean
+            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
+                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 

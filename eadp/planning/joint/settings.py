@@ -27,7 +27,7 @@ class JointSettings:
     trade_offs: tuple[TradeOff, ...] = ()
     """Rows R c − r ≥ 0 that the computations keep to."""
 
-    loss_rate_per_h: NotNegative = 1.0
+    loss_rate_per_h: NotNegative = 0.5
     """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
 
     max_interval_s: NotNegative = 30.0
