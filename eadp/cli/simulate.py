@@ -18,6 +18,7 @@ from eadp.cli.options import (
     SetOption,
 )
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.models.airspace import BOUNDARY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -94,6 +95,11 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
     lines = [
         *_forecast(summary["energy_forecast"]),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
+        *(
+            f"airspace   {'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from "
+            f"{each['entered_s']:.1f} s on, {each['inside_m']:.0f} m"
+            for each in summary["obstacles"]
+        ),
         f"energy     {summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W, "
         f"from {power['min']:.2f} to {power['max']:.2f} W",
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",

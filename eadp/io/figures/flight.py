@@ -18,6 +18,7 @@ from eadp.io.figures.canvas import (
     GREY,
     START,
     Axes,
+    draw_airspace,
     draw_area,
     figure_pair,
     label_map,
@@ -85,6 +86,7 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
     _draw_field(axes, world.plan, steps)
+    draw_airspace(axes, world.plan.site.airspace)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
     named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):

@@ -85,6 +85,7 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
+        "obstacles": [entry._asdict() for entry in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "replans": report.replans,

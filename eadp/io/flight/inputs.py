@@ -19,9 +19,11 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
+from eadp.models.airspace import EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
 from eadp.models.energy import EnergyModel
+from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
@@ -39,7 +41,7 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
 
 CORNERS_LIMIT = 6
-RETURN_HOME = "home"
+RETURN_HOME, IGNORE = "home", "ignore"
 COMMANDED = ComputationRate()
 """A computation that runs as commanded."""
 
@@ -177,7 +179,12 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
     foreign = is_mission(files.text(path))
     reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
     text, (plan, findings) = files.read(path, reader)
+    if keys.obstacles == IGNORE:
+        plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
     warnings = [finding.fault(text.name) for finding in findings]
+    radius_m, wind_mps = plan.min_radius_m, keys.wind.speed_mps
+    if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
+        warnings.append(Fault(text.name, 1, 1, tight, severity="warning"))
     if not isinstance(vehicle, FixedWing) and _commands(plan):
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
@@ -207,7 +214,7 @@ def _world(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.site.origin_deg),
+        home_m=scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m,
     )
 
 

@@ -99,6 +99,10 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
         "field": _field(plan, columns),
+        "airspace": {
+            "obstacles": [[obstacle.name, obstacle.outline] for obstacle in plan.site.airspace.obstacles],
+            "boundary": plan.site.airspace.boundary,
+        },
         "plan": _plan_lines(plan, flown, world.start.position_m, world.home_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),

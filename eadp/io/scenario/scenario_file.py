@@ -172,6 +172,9 @@ class ScenarioFile:
     on_infeasible: Literal["continue", "home"] = "continue"
     """Where the reserve cannot be kept to the end: continue the plan, or fly home while that keeps the reserve."""
 
+    obstacles: Literal["avoid", "ignore"] = "avoid"
+    """Whether the plan's obstacles and boundary count: a flight that enters one, or leaves it, is not completed."""
+
     step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
     """Time step of the simulation [s]."""
 
