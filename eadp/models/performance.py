@@ -37,12 +37,12 @@ def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) ->
 
 def too_tight(airframe: Airframe, airspeed_mps: float, radius_m: float, wind_mps: float) -> str:
     """What is wrong with a path whose tightest turn has a radius [m], in a wind [m/s]; '' where it can be held."""
-    least_m = ground_radius_m(airframe, airspeed_mps, wind_mps)
-    if radius_m >= least_m:
+    min_m = ground_radius_m(airframe, airspeed_mps, wind_mps)
+    if radius_m >= min_m:
         return ""
     greatest_mps = airframe.airspeed_mps * math.sqrt(radius_m / airframe.turn_radius_m) - airspeed_mps
     held = f"up to {greatest_mps:.1f} m/s of wind" if greatest_mps >= 0 else "in no wind"
-    return f"turns of {radius_m:g} m, which the aircraft holds {held}; in {wind_mps:g} m/s it needs {least_m:.1f} m"
+    return f"turns of {radius_m:g} m, which the aircraft holds {held}; in {wind_mps:g} m/s it needs {min_m:.1f} m"
 
 
 @dataclass(frozen=True)
