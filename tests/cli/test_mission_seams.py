@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 from common import ROOT
@@ -123,3 +124,100 @@ def test_bad_headers(eadp, tmp_path, header, message):
     assert (answer.code, answer.out) == (2, "")
     assert answer.err.startswith(f"{path}:1:")
     assert message in answer.err
+
+
+# --- what is forecast is what is exported
+
+HALVES = "x_m,y_m\n0,0\n700,0\n700,250\n350,250\n350,500\n0,500\n"
+SCENARIO = """schema: eadp.scenario/1
+wind: {speed_mps: 3, from_deg: 240}
+reserve_soc: 0.1
+start: {altitude_m: 25} # a mission starts on the ground otherwise
+"""
+
+
+@pytest.fixture
+def blocks(eadp, tmp_path):
+    """A plan of a field of two blocks, and its scenario."""
+    (tmp_path / "field.csv").write_text(HALVES)
+    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+    plan = tmp_path / "blocks.plan"
+    options = ("--metres", "--swath", "30", "--pattern", "zamboni", "--wind", "3,240")
+    assert eadp("cover", tmp_path / "field.csv", *options, "-o", plan).code == 0
+    return plan, tmp_path / "scenario.yaml"
+
+
+@pytest.mark.parametrize("capacity_ah", [0.9, 1.0, 1.1, 1.2, 3.0])
+@pytest.mark.parametrize("to", ["qgc", "ardupilot"])
+def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
+    plan, scenario = blocks
+    mission = tmp_path / "mission"
+    given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+    expected = json.loads(eadp("simulate", plan, *given, "--format", "json").out)["energy_forecast"]
+    answer = eadp("export", plan, "--to", to, "--origin", "55.37,10.43", *given, "-o", mission)
+    assert answer.code == 0
+    assert f"{expected['time_s']:.0f} s, {expected['energy_wh']:.2f} Wh" in answer.err
+    flown = json.loads(eadp("simulate", mission, *given, "--format", "json").out)
+    assert flown["energy_forecast"]["time_s"] == pytest.approx(expected["time_s"], rel=0.01)
+    assert flown["energy_forecast"]["energy_wh"] == pytest.approx(expected["energy_wh"], rel=0.01)
+
+
+def test_a_value_for_each_block_is_forecast_and_exported(eadp, blocks):
+    plan, scenario = blocks
+    found = []
+    for capacity_ah in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
+        given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+        summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
+        chosen = summary["energy_forecast"]["parameters"]["c1"]
+        if isinstance(chosen, dict):
+            first, *later = chosen["segments"]
+            answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
+            assert f"c1 = {first:g} then {later[0]:g}" in answer.err
+            found.append(chosen)
+    assert found
+
+
+def test_the_rest_of_a_mission(eadp, blocks):
+    plan, scenario = blocks
+    place = ("--to", "geojson", "--origin", "55.37,10.43")
+    whole, rest = (
+        json.loads(eadp("export", plan, *place, "--scenario", scenario, *more).out)["features"][0]["geometry"]
+        for more in ((), ("--from", "3,2"))
+    )
+    count = len(rest["coordinates"])
+    assert 0 < count < len(whole["coordinates"])
+    assert rest["coordinates"] == whole["coordinates"][-count:]
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("x", "no stage and lap"), ("99,0", "stage 99 is not flown"), ("3,99", "a lap from 0 to")]
+)
+def test_a_rest_that_is_not_flown(eadp, blocks, place, message):
+    answer = eadp("export", blocks[0], "--to", "qgc", "--origin", "55.37,10.43", "--from", place)
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err
+
+
+def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
+    mission = tmp_path / "mission.plan"
+    assert eadp("export", covered, "--to", "qgc", "--origin", "55.37,10.43", "-o", mission).code == 0
+    fences = json.loads(mission.read_text())["geoFence"]["polygons"]
+    assert [each["inclusion"] for each in fences] == [False, True]
+    text = eadp("plan", mission, "--format", "plan").out
+    found = headers(text)
+    shift = [float(number) for number in found["avoid"].split()[-1].split(",")]
+    # the corners by the origin of the mission, the home, which lies at (-50, -50)
+    assert shift == pytest.approx([250 + 50, 260 + 50], abs=0.01)
+    assert (
+        "obstacles and boundary are not in the format gpx"
+        in eadp("export", covered, "--to", "gpx", "--origin", "55.37,10.43").err
+    )
+    circle = {"circle": {"center": [55.37, 10.43], "radius": 40}, "inclusion": False, "version": 1}
+    document = json.loads(mission.read_text())
+    document["geoFence"] = {"circles": [circle], "polygons": [], "version": 2}
+    mission.write_text(json.dumps(document))
+    corners = headers(eadp("plan", mission, "--format", "plan").out)["avoid"].split()[4:]
+    assert len(corners) == 32
+    # around the circle, by no more than a hundredth
+    radii = [math.dist(tuple(map(float, corner.split(","))), (50, 50)) for corner in corners]
+    assert radii == pytest.approx([40 / math.cos(math.pi / 32)] * 32, abs=0.05)

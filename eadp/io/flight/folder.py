@@ -22,6 +22,7 @@ from eadp.io.flight.coverage import flown_coverage
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
@@ -103,7 +104,7 @@ def summarise(
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
             "max_ms": max(report.solve_ms, default=None),
         },
-        "energy_forecast": None if expected is None else _expected(expected),
+        "energy_forecast": None if expected is None else _expected(expected, world.plan),
         "seed": world.seed,
     }
 
@@ -126,8 +127,9 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def _expected(expected: Preflight) -> dict[str, Any]:
+def _expected(expected: Preflight, plan: Plan) -> dict[str, Any]:
     forecast = expected.forecast
+    segments = {name: {"segments": list(values)} for name, values in expected.segments(plan).items()}
     return {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
@@ -138,7 +140,7 @@ def _expected(expected: Preflight) -> dict[str, Any]:
         "energy_std_wh": forecast.energy_std_wh,
         "soc_end": forecast.soc_end,
         "soc_end_std": forecast.soc_end_std,
-        "parameters": expected.parameters,
+        "parameters": expected.parameters | segments,
         "quality": expected.quality,
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}

@@ -118,7 +118,9 @@ class JointPlanner(TrackingPlanner):
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.knapsack)
-        return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
+        return Preflight.of(
+            plan.evaluation, solution.filling, places.parameters(plan.shares), places.later(plan.shares)
+        )
 
     @property
     def next_update_s(self) -> float:
