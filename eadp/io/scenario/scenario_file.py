@@ -311,7 +311,7 @@ def scenario_of(
         _put(document, key, copy.deepcopy(given))
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
-    keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
+    keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document), RENAMED)
     # null restores a default, which is what the key has in a battery of its own
     battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
