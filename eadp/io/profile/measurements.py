@@ -43,7 +43,11 @@ _A_HEADER = "a header such as fps,power_w"
 _SOURCE = re.compile(r"^\s*#\s*source:(.*)$", re.IGNORECASE | re.MULTILINE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
-_NO_PARAMETER = re.compile(r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z", re.IGNORECASE)
+_NO_PARAMETER = re.compile(
+    r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
+    r"|(?:std|standard_error|leave_one_out_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
+    re.IGNORECASE,
+)
 
 PointFaults = dict[tuple[float, ...], Fault]
 """An empty fault at the location of each configuration in its file."""

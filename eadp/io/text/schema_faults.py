@@ -110,6 +110,7 @@ def validated(
     InputError
         With every fault of the schema, or of `check`.
     """
+    content: Model
     content, problems = _content(model, value)
     if problems:
         problems = [each for each in problems if each["input"] is not None or each["type"] in _UNKNOWN]

@@ -240,7 +240,8 @@ def faults_of(tmp_path, body):
         ),
         (
             "wind: {5: }",
-            "2:8: error: unknown key wind.5; expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
+            "2:8: error: unknown key wind.5; "
+            "expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
         ),
         (
             "wind: {speed_mps:6}",
