@@ -43,3 +43,87 @@ def test_outputs_that_no_file_can_be_are_refused_before_any_is_written(eadp, tmp
     plan, picture = tmp_path / "a.plan", f"{'x' * 300}.svg"
     assert refused(eadp("cover", *MEADOW, "-o", plan, "--plot", picture), "cannot be written: File name too long")
     assert not plan.exists()
+
+
+# --- settings
+
+SHORT = ("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=1", "--set")
+PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("battery.capacity_ah=3200", "less than or equal to 1000"),  # mAh
+        ("battery.voltage_v=14800", "less than or equal to 1000"),  # mV
+        ("battery.resistance_ohm=50", "less than or equal to 10"),  # mΩ
+        ("battery.soc=95", "less than or equal to 1"),  # per cent
+        ("reserve_soc=10", "less than 1"),
+        ("faults=[{at_s: 9, soc_drop: 6}]", "less than or equal to 1"),
+        ("faults=[{at_s: 9, soc_drop: -0.06}]", "greater than or equal to 0"),
+        ("vehicle.airframe.mass_kg=1200", "less than or equal to 500"),  # g
+        ("vehicle.airframe.wing_area_m2=3200", "less than or equal to 100"),  # cm²
+        ("vehicle.airframe.max_bank_deg=0.78", "greater than or equal to 2"),  # rad
+        ("vehicle.airframe.max_climb_rate_mps=600", "less than or equal to 100"),  # ft/min
+        ("vehicle.airframe.roll_time_constant_s=300", "less than or equal to 30"),  # ms
+        ("vehicle.airframe.air_density_kgpm3=1225", "less than or equal to 2"),  # g/m³
+        ("vehicle.airframe.airspeed_mps=54", "an aeroplane that can fly so"),  # km/h
+        ("wind.speed_mps=20", "a wind below the airspeed"),  # km/h
+        ("wind.gust_std_mps=150", "less than or equal to 100"),
+        ("wind.from_deg=2700", "less than or equal to 360"),
+        ("start.heading_deg=-1800", "greater than or equal to -360"),
+        ("start.altitude_m=100000", "less than or equal to 30000"),  # mm
+        ("wind.speed_mps=6,5", "a number with a decimal point, as in 6.5"),
+        ("c1=-500,5", "a number with a decimal point, as in -500.5"),
+        ("c1=2026-11-23", "a number"),
+        ("guidance.wind_corrected=yes", "true or false"),
+    ],
+)
+def test_settings_in_other_units(eadp, setting, expected):
+    assert refused(eadp(*SHORT, setting), f"; expected {expected}")
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (
+            "battery.capacity_ah=850",
+            "850 Ah, which are 1.258e+04 Wh, in an aircraft of 1.2 kg; expected at most 500 Wh/kg",
+        ),
+        ("wind.gust_std_mps=15", "gusts with a standard deviation of 15 m/s, at an airspeed of 15 m/s"),
+    ],
+)
+def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
+    answer = eadp(*SHORT, setting)
+    assert answer.out
+    assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
+
+
+@pytest.mark.parametrize("option", ["--sensor-width-mm", "--focal-length-mm"])
+def test_a_camera_in_metres(eadp, option):
+    camera = {"--altitude": "100", "--sensor-width-mm": "13.2", "--focal-length-mm": "8.8", option: "0.0132"}
+    words = [word for pair in camera.items() for word in pair]
+    assert refused(
+        eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *words), f"{option}:1:1: error: 0.0132 is"
+    )
+
+
+# --- places
+
+
+def test_latitude_and_longitude_swapped(eadp, tmp_path):
+    plan = tmp_path / "placed.plan"
+    plan.write_text(PLACED)
+    home = ("--set", "home.lat_deg=10.43", "--set", "home.lon_deg=55.37")
+    assert refused(
+        eadp("simulate", plan, *home), "too far from the plan's origin, but near it with lon_deg and lat_deg"
+    )
+    assert refused(eadp("export", plan, "--to", "kml", "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
+    assert refused(eadp("cover", *MEADOW, "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
+
+
+def test_degrees_for_metres(eadp, tmp_path):
+    plan = tmp_path / "placed.plan"
+    plan.write_text(PLACED)
+    answer = eadp("simulate", plan, "--set", "home.position_m=[55.37, 10.43]", "--set", "time_limit_s=1")
+    assert "--set home.position_m:1:1: warning: (55.37, 10.43) m, which are the degrees of the plan's" in answer.err

@@ -21,6 +21,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
+from eadp.models.doubts import aircraft_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
@@ -168,6 +169,7 @@ def load_flight(
     _check_names(plan, scenario)
     mission = _mission(world, scenario, energy)
     _check_planner(scenario, mission)
+    warnings += _doubts(scenario, plan)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 
@@ -230,6 +232,17 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
         altitude_m=world.start.altitude_m,
     )
+
+
+def _doubts(scenario: Scenario, plan: Plan) -> list[Fault]:
+    """Warnings about settings that may mean something else."""
+    keys, origin_deg = scenario.keys, plan.site.origin_deg
+    found = [
+        *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
+        *position_doubts("start", keys.start.position_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, origin_deg),
+    ]
+    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
