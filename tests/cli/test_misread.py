@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 
 import pytest
 from common.answers import refused
+
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.plan.trace import nominal_legs
 
 MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
 
@@ -127,3 +132,25 @@ def test_degrees_for_metres(eadp, tmp_path):
     plan.write_text(PLACED)
     answer = eadp("simulate", plan, "--set", "home.position_m=[55.37, 10.43]", "--set", "time_limit_s=1")
     assert "--set home.position_m:1:1: warning: (55.37, 10.43) m, which are the degrees of the plan's" in answer.err
+
+
+# --- numbers that are printed as edges
+
+
+@pytest.mark.parametrize(("radius", "swath"), [("30", "30"), ("12", "25"), ("40", "21"), ("20", "30")])
+def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, swath):
+    field, file = tmp_path / "field.csv", tmp_path / "field.plan"
+    field.write_text("x_m,y_m\n0,0\n600,0\n600,200\n250,200\n250,500\n0,500\n")
+    options = ("--min-radius", radius, "--swath", swath, "--pattern", "zamboni")
+    answer = eadp("cover", field, *options, "-o", file)
+    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("c1 = ")[2]
+    plan, _ = read_plan(read_text(str(file)))
+    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *map(float, printed.split(", ")))]
+    assert all(fewer < more for more, fewer in itertools.pairwise(legs))
+    assert f"c1 = {printed}\n" in file.read_text()
+
+
+def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):
+    plan = tmp_path / "a.plan"
+    plan.write_text("0.1; 90; x - c1\n0, 400\n[-694.539806, 0]\n")
+    assert refused(eadp("simulate", plan, "--set", "c1=-694.54"), "c1 = -694.54 is", "a value in [-694.539806, 0]")

@@ -345,8 +345,8 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
         box = plan.hull(i)
         value = given.pop(name, box.hi)
         if box.clip(value) != value:
-            message = f"{name} = {value:g} is outside its set"
-            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:g}, {box.hi:g}]"))
+            message = f"{name} = {value:.10g} is outside its set"
+            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:.10g}, {box.hi:.10g}]"))
         values.append(value)
     for name in given:
         expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
