@@ -214,9 +214,8 @@ class CoverageReport:
         if blocks:
             lines.append(f"laps       one less in each block at c1 = {self._steps_text}")
         tightest = min(end.min_radius_m for end in self.ends)
-        lines.append(
-            f"turns      {f'{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider' if math.isfinite(tightest) else 'none'}"
-        )
+        wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
+        lines.append(f"turns      {wide}")
         if solution.laps is not None:
             lines.append(f"spacing    {self.fixed_spacing()}")
         elif solution.other_share is not None:
