@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 
 import pytest
@@ -154,3 +155,86 @@ def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):
     plan = tmp_path / "a.plan"
     plan.write_text("0.1; 90; x - c1\n0, 400\n[-694.539806, 0]\n")
     assert refused(eadp("simulate", plan, "--set", "c1=-694.54"), "c1 = -694.54 is", "a value in [-694.539806, 0]")
+
+
+# --- texts and tables
+
+LOG = [(0.5 * i, 30 + 5 * math.cos(0.25 * i)) for i in range(400)]
+
+
+def table(head, rows, mark=","):
+    return "\n".join([head, *(mark.join(map(str, row)) for row in rows)]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "body", "message"),
+    [
+        ("plan", "0,1; 90; x - c1\n0, 400\n[-10, 10]\n", "1:2: error: ',' cannot stand here"),
+        ("plan", "0.1; 90; x - 0,5*c1\n0, 400\n[-10, 10]\n", "1:15: error: ',' cannot stand here"),
+        ("plan", "0.1; 90; x - c1\n0, 400\n[-10,5, 10]\n", "3:7: error: ',' cannot stand here"),
+        ("plan", "%: origin 55,37 10,43\n0.1; 90; x\n0, 400\n", "1:11: error: no origin"),
+        ("plan", "%: origin 155.37 10.43\n0.1; 90; x\n0, 400\n", "latitude and longitude seem to be swapped"),
+        ("plan", "0.1; 1.5708; x\n0, 400\n", "expected a rotation of 90 or 270"),
+        ("profile", "fps,power_w\n2,5,5,1\n3,6\n", "2:5: error: 4 fields; expected 2"),
+        (
+            "profile",
+            'fps,power_w\n"2,5",5\n3,6\n',
+            "2:1: error: 2,5 is not a number; expected a decimal point, as in 2.5",
+        ),
+        ("profile", "fps,power_w\n2,5\n3,-6\n", "3:3: error: a power of -6 W"),
+        ("profile", "time_s,stage,x_m,y_m,power_w\n0,1,2,3,4\n1,1,2,4,4\n", "1:14: error: x_m is a position"),
+        ("profile", "lat_deg,lon_deg,power_w\n0,1,2\n1,1,2\n", "1:1: error: lat_deg is a position"),
+        ("fit", table("time,power", LOG), "1:1: error: time has no unit"),
+        ("fit", table("timestamp,power_w", LOG), "error: a row every 5e-07 s, if timestamp is in µs"),
+    ],
+)
+def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
+    file = tmp_path / "file"
+    file.write_text(body)
+    assert refused(eadp(command, file), message)
+
+
+@pytest.mark.parametrize(
+    ("command", "body", "message"),
+    [
+        ("plan", "0.1; 90; x\n0,5, 400\n", "2:1: warning: a trigger with a radius of 400 m, or a decimal comma"),
+        ("plan", "0.1; 90; x\n0, 400,5\n", "2:1: warning: a trigger with a radius of 5 m, or a decimal comma"),
+        ("plan", "0.1; 90; x\n0, 400, 5\n", ""),
+        ("plan", "0.1; 90; x\n0,400,5\n", ""),
+        ("profile", "fps,power_w\n2,500\n3,6000\n", "3:3: warning: a power of 6000 W; expected at most 1000 W"),
+        ("fit", table("time_s,power_w", LOG), ""),
+        (
+            "fit",
+            table("time_s,power_w", [(1000 * t, p) for t, p in LOG]),
+            "1:1: warning: a row every 500 s, over 55.4 h",
+        ),  # ms
+        (
+            "fit",
+            table("time_s,power_w", [(t, 1000 * p) for t, p in LOG]),
+            "1:1: warning: a mean power of 2.998e+04 W",
+        ),  # mW
+        (
+            "fit",
+            table("time_s,voltage_v,current_a", [(t, 15, 70 * p) for t, p in LOG]),
+            "warning: a mean power of",
+        ),  # mA
+        ("fit", table("time_s,power_w", [(t, -p) for t, p in LOG]), "1:1: warning: a mean power of -29.98 W"),
+    ],
+)
+def test_texts_that_may_mean_something_else(eadp, tmp_path, command, body, message):
+    file = tmp_path / "file"
+    file.write_text(body)
+    answer = eadp(command, file)
+    assert answer.out
+    assert message in answer.err
+    assert message or not answer.err
+
+
+@pytest.mark.parametrize("value", ["-500,5", "2026-11-23", "-5000"])
+def test_parameters_of_a_plan_are_checked_though_nothing_is_drawn(eadp, value):
+    assert refused(eadp("plan", "plans/survey.plan", "--set", f"c1={value}"), "--set:1:4")
+
+
+@pytest.mark.parametrize("option", [("--wind", "5,2700"), ("--wind", "6,5,270"), ("--heading", "450")])
+def test_bearings_of_a_coverage(eadp, option):
+    assert refused(eadp("cover", *MEADOW, *option), f"{option[0]}:1:1: error")

@@ -296,6 +296,8 @@ def wind_vector_mps(given: Pair) -> Point:
     speed, from_deg = _two_numbers("--wind", given, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
     if speed < 0:
         raise _fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
+    if abs(from_deg) > 360:
+        raise _fault("--wind", _raw(given), f"a bearing of {from_deg:g}°", "0 to 360: where the wind comes from")
     angle = blowing_to_rad(from_deg)
     return speed * math.cos(angle), speed * math.sin(angle)
 

@@ -121,4 +121,5 @@ def number_fault(raw: str, largest: float = math.inf) -> tuple[str, str] | None:
         return f"{shown} is not finite", "a finite number"
     if re.match(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
         return f"{shown} is a date", "a number, of a time in seconds"
-    return f"{shown} is not a number", "a number"
+    comma = DECIMAL_COMMA.match(raw)
+    return f"{shown} is not a number", f"a decimal point, as in {raw.replace(',', '.')}" if comma else "a number"
