@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -117,7 +118,7 @@ def command(
     wanted = format_ or (CoverFormat.plan if out in (None, "-") else CoverFormat.text)
     if out == "-" and wanted is not CoverFormat.plan:
         raise usage_fault("--out", out, f"standard output is taken by --format {wanted.value}", "a file")
-    _check_outputs([] if file == "-" else [Path(file).resolve()], {"--out": out, "--plot": plot})
+    _check_outputs([] if file == "-" or "\0" in file else [os.path.realpath(file)], {"--out": out, "--plot": plot})
     name = "<stdin>" if file == "-" else file
     options = CoverageOptions(
         min_radius,
@@ -168,16 +169,17 @@ def command(
     return 0
 
 
-def _check_outputs(taken: list[Path], outputs: dict[str, str | None]) -> None:
+def _check_outputs(taken: list[str], outputs: dict[str, str | None]) -> None:
     """Refuse, before anything is written, a file that cannot be written and one that is used twice."""
     from eadp.io.figures.canvas import check_figure_name
+    from eadp.io.text.streams import output_file
 
     for option, name in outputs.items():
         if name is None or name == "-":
             continue
         if option == "--plot":
             check_figure_name(name)
-        path = Path(name).resolve()
+        path = str(output_file(name))
         if not Path(name).absolute().parent.is_dir():
             raise usage_fault(option, name, "no such folder", "a file in an existing folder")
         if path in taken:

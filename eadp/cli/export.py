@@ -72,6 +72,7 @@ def command(
     Exit code 0 if it is written, 2 on bad input.
     """
     from eadp.cli.plan import parameters_of
+    from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
     from eadp.io.mission.export import FENCED
     from eadp.io.mission.path import PlannedPath, planned_sections
     from eadp.io.mission.reader import PlanReader
@@ -111,6 +112,9 @@ def command(
     place = flown.site.origin_deg or points.get("--origin")
     if place is None:
         raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
+    if "--home" in points and to_near_local_m(*points["--home"], place) is None:
+        expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
+        raise usage_fault("--home", home or "", "is far from the plan's origin", expected)
     if altitude is None and any(stage.altitude_m is None for stage in flown.stages):
         message = f"altitude {airframe.cruise_altitude_m:g} m, the aircraft's; --altitude sets another"
         warn([Fault(name, 1, 1, message, severity="note")])

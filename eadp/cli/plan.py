@@ -85,7 +85,7 @@ def command(
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)
     plan, findings = PlanReader(laps=laps).turning(min_radius or None)(text)
-    report = None
+    parameters, report = parameters_of(plan, set_), None
     if check:
         from eadp.validation.check import check_plan
         from eadp.validation.proof import StageProof, prove_plan
@@ -97,8 +97,8 @@ def command(
     lines = [finding.fault(text.name) for finding in findings]
     try:
         if plot is not None:
-            _draw(plot, plan, parameters_of(plan, set_), machine=machine)
-        points = _trace_csv(plan, parameters_of(plan, set_), trace) if trace is not None else None
+            _draw(plot, plan, parameters, machine=machine)
+        points = _trace_csv(plan, parameters, trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
     if points is not None:

@@ -107,6 +107,11 @@ class CoverageReport:
     def _steps(self) -> list[float]:
         return self.solution.blocks[0].steps() if self.solution.blocks else []
 
+    @property
+    def _steps_text(self) -> str:
+        """Whole numbers at which the laps are saved, at the lowest c1 where there is none above it."""
+        return ", ".join(number_text(max(math.floor(c1), self.solution.min_c1)) for c1 in self._steps)
+
     def titled_paths(self) -> dict[str, CoveragePath]:
         """The path at each end of c1 under a title."""
         paths = {}
@@ -127,7 +132,7 @@ class CoverageReport:
         if least is not full:
             at = number_text(least.c1)
             lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {at}"
-            lines.append(f"A lap less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
+            lines.append(f"A lap less in each block at c1 = {self._steps_text}")
         return lines
 
     def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
@@ -208,9 +213,10 @@ class CoverageReport:
             why = "; ground is left where a line would have no room for a turn" if short else ""
             lines.append(f"stays      {' and '.join(kept)}{why}")
         if blocks:
-            lines.append(f"laps       one less in each block at c1 = {', '.join(f'{c1:.0f}' for c1 in self._steps)}")
+            lines.append(f"laps       one less in each block at c1 = {self._steps_text}")
         tightest = min(end.min_radius_m for end in self.ends)
-        lines.append(f"turns      {f'{tightest:.2f} m or wider' if math.isfinite(tightest) else 'none'}")
+        wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
+        lines.append(f"turns      {wide}")
         if solution.laps is not None:
             lines.append(f"spacing    {self.fixed_spacing()}")
         elif solution.other_share is not None:

@@ -40,6 +40,13 @@ CELL_V: dict[Chemistry, tuple[float, float]] = {
 """Open-circuit voltage of a full and an empty cell, linear between [V]: within 0.13 V of usual curves above a tenth of
 the charge. An empty cell's real voltage is lower: the curve bends down at its end."""
 
+Voltage = Annotated[float, Gt(0), Le(1e3)]
+"""Packs of cars have up to 900 V; volts in mV are above."""
+Resistance = Annotated[float, Ge(0), Le(10)]
+"""A single cell of 0.1 Ah has about 0.3 Ω; most packs in mΩ are above 10."""
+Capacity = Annotated[float, Ge(1e-6), Le(1e3)]
+"""An aircraft of 150 kg that is half battery has 300 Ah at 50 V; most capacities in mAh are above 1000."""
+
 VOLTAGE_STEP_V = 0.05
 ENDURANCE_STEPS = 1000
 
@@ -51,13 +58,13 @@ class Battery:
     With `cells`, the open-circuit voltages are those of so many cells of the chemistry.
     """
 
-    voltage_v: Annotated[float, Gt(0), Le(1e4)] = 14.8
+    voltage_v: Voltage = 14.8
     """Open-circuit voltage at full charge; at every charge if `voltage_empty_v` is not given [V]."""
 
-    resistance_ohm: Annotated[float, Ge(0), Le(1e3)] = 0.05
+    resistance_ohm: Resistance = 0.05
     """Inner resistance [Ω]."""
 
-    capacity_ah: Annotated[float, Ge(1e-6), Le(1e6)] = 3.2
+    capacity_ah: Capacity = 3.2
     """Charge of the full battery [Ah]."""
 
     k_b_per_s: Annotated[float, Ge(1e-9), Le(1e3)] = 1 / 3600
@@ -73,13 +80,13 @@ class Battery:
     prescribed: Annotated[tuple[tuple[Seconds, Share], ...], MinLen(1)] = ()
     """A trace [[time in s, state of charge], …] that is replayed instead: linear between points, held at its ends."""
 
-    voltage_empty_v: Annotated[float, Gt(0), Le(1e4)] | None = None
+    voltage_empty_v: Voltage | None = None
     """Open-circuit voltage of the empty battery; the voltage is linear in the charge then [V]."""
 
     max_c_rate: Annotated[float, Ge(1e-6), Le(1e6)] | None = None
     """Largest discharge current as a multiple of the capacity, at every charge; none by default [1/h]."""
 
-    cutoff_voltage_v: Annotated[float, Gt(0), Le(1e4)] | None = None
+    cutoff_voltage_v: Voltage | None = None
     """Voltage under load below which the battery counts as empty; none by default [V]."""
 
     chemistry: Chemistry | None = None

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from eadp.core.bounds import Coordinate, Duration, Efficiency, NotNegative, Watts
+from eadp.core.bounds import Altitude, Efficiency, NotNegative, Watts
 from eadp.core.flight.aerodynamics import (
     GRAVITY_MPS2,
     drag_n,
@@ -21,8 +21,20 @@ from eadp.core.flight.aerodynamics import (
     turn_radius_m,
 )
 
-Mass = Annotated[float, Ge(1e-3), Le(1e4)]
-Airspeed = Annotated[float, Ge(0.1), Le(1e3)]
+Mass = Annotated[float, Ge(0.01), Le(500)]
+"""Aircraft from 0.1 kg to 150 kg are flown: a bound refuses none of them, and most masses in grams."""
+WingArea = Annotated[float, Ge(1e-3), Le(100)]
+"""Of 0.1 kg to 150 kg: 0.01 m² of a small one's wing to 30 m² of a solar one's. An area in cm² is refused."""
+Airspeed = Annotated[float, Ge(0.5), Le(200)]
+"""Indoor aircraft fly at 1 m/s; propellers lose their thrust long before 200 m/s."""
+Bank = Annotated[float, Ge(2), Le(80)]
+"""A bank in radians is below 2."""
+ClimbRate = Annotated[float, Gt(0), Le(100)]
+"""Below the speed of any climb on propellers; rates in feet per minute are mostly above it."""
+RollTime = Annotated[float, Gt(0), Le(30)]
+"""Aeroplanes of some tonnes take about a second; milliseconds are mostly above."""
+AirDensity = Annotated[float, Ge(0.01), Le(2)]
+"""From that at 30 km, or of other planets' thin air, to that of the coldest air at sea level."""
 Rate = Annotated[float, Gt(0), Le(1e3)]
 
 
@@ -57,7 +69,7 @@ class PaperVehicle:
     climb_gain: NotNegative = 5.0
     """Throttle against climbing [s/m]."""
 
-    cruise_altitude_m: Coordinate = 25.0
+    cruise_altitude_m: Altitude = 25.0
     """Altitude held [m]."""
 
     idle_power_w: Watts = 16.0
@@ -154,7 +166,7 @@ class FixedWing(_Aeroplane):
     mass_kg: Mass = 1.2
     """Mass [kg]."""
 
-    wing_area_m2: Annotated[float, Ge(1e-3), Le(1e4)] = 0.32
+    wing_area_m2: WingArea = 0.32
     """Wing area [m²]."""
 
     aspect_ratio: Annotated[float, Ge(0.1), Le(100)] = 4.5
@@ -169,7 +181,7 @@ class FixedWing(_Aeroplane):
     max_lift_coefficient: Annotated[float, Ge(1e-2), Le(10)] = 1.1
     """Lift coefficient at which the wing stalls."""
 
-    air_density_kgpm3: Annotated[float, Ge(1e-3), Le(100)] = 1.225
+    air_density_kgpm3: AirDensity = 1.225
     """Air density [kg/m³]."""
 
     propulsive_efficiency: Efficiency = 0.55
@@ -184,16 +196,16 @@ class FixedWing(_Aeroplane):
     airspeed_mps: Airspeed = 15.0
     """Airspeed that the throttle holds [m/s]."""
 
-    cruise_altitude_m: Coordinate = 25.0
+    cruise_altitude_m: Altitude = 25.0
     """Altitude held [m]."""
 
-    max_bank_deg: Annotated[float, Gt(0), Le(80)] = 45.0
+    max_bank_deg: Bank = 45.0
     """Greatest bank [°]."""
 
-    roll_time_constant_s: Duration = 0.3
+    roll_time_constant_s: RollTime = 0.3
     """Time constant of the roll to a bank [s]."""
 
-    max_climb_rate_mps: Annotated[float, Gt(0), Le(1e3)] = 3.0
+    max_climb_rate_mps: ClimbRate = 3.0
     """Greatest rate of climb and descent [m/s]."""
 
     speed_gain_per_s: Rate = 1.0
@@ -320,16 +332,16 @@ class PowerCurve(_Aeroplane):
     airspeed_mps: Airspeed = 15.0
     """Airspeed that the throttle holds [m/s]."""
 
-    cruise_altitude_m: Coordinate = 25.0
+    cruise_altitude_m: Altitude = 25.0
     """Altitude held [m]."""
 
-    max_bank_deg: Annotated[float, Gt(0), Le(80)] = 45.0
+    max_bank_deg: Bank = 45.0
     """Greatest bank [°]."""
 
-    roll_time_constant_s: Duration = 0.3
+    roll_time_constant_s: RollTime = 0.3
     """Time constant of the roll to a bank [s]."""
 
-    max_climb_rate_mps: Annotated[float, Gt(0), Le(1e3)] = 3.0
+    max_climb_rate_mps: ClimbRate = 3.0
     """Greatest rate of climb and descent [m/s]."""
 
     speed_gain_per_s: Rate = 1.0

@@ -265,7 +265,7 @@ class PlanTracker:
             i = names.index(name)
             reported[i] = clipped = sets[i].clip(value) if sets else value
             if clipped != value:
-                known = f"a value in [{sets[i].lo:g}, {sets[i].hi:g}]"
+                known = f"a value in [{sets[i].lo:.10g}, {sets[i].hi:.10g}]"
                 what = f"{name} = {value:g} is outside its set; clipped"
                 self._messages.once("parameters", what, known, f"{name} outside")
         return reported

@@ -474,3 +474,18 @@ def test_without_a_time_limit_a_flight_has_three_times_its_forecast():
     forecast = inputs.preflight().forecast
     late_s = max(inputs.world.clock.time_limit_s / 3, forecast.remaining_s)
     assert forecast.remaining_s <= late_s < 1.15 * forecast.remaining_s
+
+
+def test_a_weight_that_is_not_given_is_1(eadp, tmp_path):
+    def quality(weights, *options):
+        file = tmp_path / "s.yaml"
+        file.write_text(
+            f"schema: eadp.scenario/1\nprofile: {ROOT}/profiles/pednet-jetson-nano.yaml\nparameters: {{c1: -500}}\n"
+            f"time_limit_s: 30\nplanner: {{name: static, weights: {weights}}}\n"
+        )
+        answer = eadp("simulate", PLAN, "--scenario", file, "--format", "json", *options)
+        return json.loads(answer.out)["quality"]
+
+    alike = quality("{}")
+    assert quality("{c2: 1}") == quality("{c1: 1, c2: 1}") == quality("{}", "--set", "planner.weights.c2=1") == alike
+    assert quality("{c1: 0}") != alike

@@ -32,7 +32,9 @@ from eadp.models.vehicle import Airframe
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
-MAX_ALTITUDE_M, MAX_LENGTH_MM = 1e5, 1e5
+MAX_ALTITUDE_M = 1e5
+MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
+"""Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
@@ -123,16 +125,16 @@ class CameraOptions:
 
     def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
         """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
-        for name, value, limit in (
-            ("--altitude", self.altitude_m, MAX_ALTITUDE_M),
-            (option, size_mm, MAX_LENGTH_MM),
-            ("--focal-length-mm", self.focal_length_mm, MAX_LENGTH_MM),
+        for name, value, lowest, limit in (
+            ("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M),
+            (option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
+            ("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
         ):
             if value is None:
                 message = f"the camera needs {name} too"
                 raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
-            if not 0 < value <= limit:
-                raise _fault(name, f"{value:g}", f"{value:g} is out of range", f"above 0, at most {limit:g}")
+            if not lowest < value <= limit:
+                raise _fault(name, f"{value:g}", f"{value:g} is out of range", f"above {lowest:g}, at most {limit:g}")
         assert self.altitude_m is not None
         assert size_mm is not None
         assert self.focal_length_mm is not None
@@ -203,7 +205,7 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
         if self.heading_deg is None:
             return None
-        if not math.isfinite(self.heading_deg):
+        if not abs(self.heading_deg) <= 360:
             raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
         return heading_rad(self.heading_deg)
 
@@ -322,6 +324,8 @@ def wind_vector_mps(given: Pair) -> Point:
     speed, from_deg = _two_numbers("--wind", given, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
     if speed < 0:
         raise _fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
+    if abs(from_deg) > 360:
+        raise _fault("--wind", _raw(given), f"a bearing of {from_deg:g}°", "0 to 360: where the wind comes from")
     angle = blowing_to_rad(from_deg)
     return speed * math.cos(angle), speed * math.sin(angle)
 

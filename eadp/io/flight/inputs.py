@@ -22,6 +22,7 @@ from eadp.io.text.yaml import Document
 from eadp.models.airspace import EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile
+from eadp.models.doubts import aircraft_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
@@ -170,6 +171,7 @@ def load_flight(
     _check_names(plan, scenario)
     mission = _mission(world, scenario, energy)
     _check_planner(scenario, mission)
+    warnings += _doubts(scenario, plan)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 
@@ -237,6 +239,17 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
         altitude_m=world.start.altitude_m,
     )
+
+
+def _doubts(scenario: Scenario, plan: Plan) -> list[Fault]:
+    """Warnings about settings that may mean something else."""
+    keys, origin_deg = scenario.keys, plan.site.origin_deg
+    found = [
+        *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
+        *position_doubts("start", keys.start.position_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, origin_deg),
+    ]
+    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
 def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
@@ -339,8 +352,8 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
         box = plan.hull(i)
         value = given.pop(name, box.hi)
         if box.clip(value) != value:
-            message = f"{name} = {value:g} is outside its set"
-            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:g}, {box.hi:g}]"))
+            message = f"{name} = {value:.10g} is outside its set"
+            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:.10g}, {box.hi:.10g}]"))
         values.append(value)
     for name in given:
         expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"

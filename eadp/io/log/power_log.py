@@ -19,6 +19,9 @@ from eadp.errors import Fault, InputError
 
 LARGEST_W = 1e9
 """Largest power, voltage or current [W, V, A]: beyond it, a log is not of a small aircraft."""
+LARGE_W, SLOW_S, LONG_S = 1e4, 60.0, 86_400.0
+"""Mean power [W], time between rows and length [s] beyond which a log's units may be others: an electric aircraft of
+150 kg draws about 6 kW, and batteries last for hours."""
 SHORTEST_S = 1e-3
 RESTARTS = 3
 """Most restarts of the clock; where times decrease more often, rows are out of order."""
@@ -141,12 +144,29 @@ def in_order(
     if times[gap + 1] - times[gap] > times[-1] / 2:
         message = f"a gap of {times[gap + 1] - times[gap]:g} s before this row, more than half of the log"
         warnings.append(Fault(name, int(readings.lines[gap + 1]), 1, message, severity="warning"))
+    warnings += _doubts(name, times, readings.factors.prod(axis=1))
     found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
     factors, others = readings.factors, readings.others
     volts, amps = (factors[:, 0], factors[:, 1]) if factors.shape[1] == 2 else (None, None)
     where = others[:, :2] if position and np.isfinite(others[:, :2]).all(axis=1).sum() >= MIN_SAMPLES else None
     named = {label: others[:, 2 * position + i] for i, label in enumerate(also)}
     return PowerLog(name, times, factors.prod(axis=1), found, volts, amps, where, named, counts)
+
+
+def _doubts(name: str, times_s: FloatArray, power_w: FloatArray) -> list[Fault]:
+    """Warnings about values that may be in other units, or of another sign."""
+    step_s, mean_w = float(np.median(np.diff(times_s))), float(power_w.mean())
+    found = []
+    if step_s > SLOW_S or times_s[-1] > LONG_S:
+        message = f"a row every {step_s:.3g} s, over {times_s[-1] / 3600:.3g} h"
+        found.append((message, "a log of a flight; --time-unit sets the unit of the time"))
+    if mean_w > LARGE_W:
+        found.append(
+            (f"a mean power of {mean_w:.4g} W", f"at most {LARGE_W:g} W; columns in mW, mV or mA are named so")
+        )
+    if mean_w < 0:
+        found.append((f"a mean power of {mean_w:.4g} W", "power that is drawn, above 0"))
+    return [Fault(name, 1, 1, message, expected, severity="warning") for message, expected in found]
 
 
 def _sorted(name: str, readings: LogReadings, warnings: list[Fault], counts: dict[str, int | float]) -> LogReadings:

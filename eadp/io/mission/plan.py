@@ -51,6 +51,13 @@ class _Visit(NamedTuple):
     commands: tuple[tuple[float, ...], ...]
 
 
+def _is_placed(item: DraftItem) -> bool:
+    """Whether an item has a position, and not that of the aircraft."""
+    latitude, longitude = item.parameters[4:6]
+    placed = abs(latitude) <= 90 and abs(longitude) <= 180 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
+    return item.command in _POSITIONED and placed
+
+
 @dataclass
 class MissionPlan:
     """The plan of a draft, for an aircraft with the turns and speeds of a reader; faults and findings by the way."""
@@ -89,7 +96,18 @@ class MissionPlan:
             message = f"home at latitude {latitude:.10g}, longitude {longitude:.10g}, altitude {altitude:.10g}"
             expected = "degrees within ±90 and ±180, and metres"
         elif latitude == longitude == 0:
+            first = next((item for item in self.draft.items if _is_placed(item)), None)
+            above_sea = [
+                item for item in self.draft.items if _is_placed(item) and d.FRAMES.get(item.frame) == d.ABSOLUTE
+            ]
+            if first is not None and not above_sea:
+                self.draft.home = (*first.parameters[4:6], 0.0)
+                message = f"home has no position: taken as that of {first.label}, its first item with one"
+                self._find(self.draft.home_location, "no-home", message)
+                return
             message, expected = "home has no position", "its latitude and longitude"
+            if above_sea:
+                expected += f", and its altitude: that of {above_sea[0].label} is above the sea"
         else:
             return
         raise self.source.error(self.draft.home_location, message, expected)

@@ -38,6 +38,8 @@ _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
 _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
 _HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
 _COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
+"""Three numbers of which two are written as one with a decimal comma: `0,5, 400`."""
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
@@ -320,6 +322,11 @@ class _Reader:
         end = _second_comma(line.text)
         if end is not None:
             draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *_RADIUS)
+            if _LIKE_DECIMALS.search(line.text):
+                message = (
+                    f"a trigger with a radius of {printable(line.text[end + 1 :].strip(), 40)} m, or a decimal comma"
+                )
+                self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
         expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
         draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
 

@@ -27,6 +27,9 @@ Of many samples, such as a sensor's over time, the largest standard error; a lar
 LARGEST = 1e30
 """Largest magnitude of a number in a profile: no power or parameter, and far from where floats end."""
 
+LARGE_W = 1e3
+"""Power beyond which measurements may be in mW [W]: onboard computers draw up to some hundred."""
+
 PARAMETERS_LIMIT = 8
 """Most parameters of a configuration: interpolating between points costs 2^parameters."""
 
@@ -43,7 +46,13 @@ _A_HEADER = "a header such as fps,power_w"
 _SOURCE = re.compile(r"^\s*#\s*source:(.*)$", re.IGNORECASE | re.MULTILINE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
-_NO_PARAMETER = re.compile(r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z", re.IGNORECASE)
+_NO_PARAMETER = re.compile(
+    r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
+    r"|(?:std|standard_error|leave_one_out_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
+    re.IGNORECASE,
+)
+
+_POSITION = re.compile(r"[xy]_m\Z|(?:lat|lon|latitude|longitude)(?:_deg)?\Z", re.IGNORECASE)
 
 PointFaults = dict[tuple[float, ...], Fault]
 """An empty fault at the location of each configuration in its file."""
@@ -121,6 +130,12 @@ def read_measurements(
     averages = [average([[reading.power_w for reading in run] for run in runs]) for runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
     warnings += _check_agreement(readings, averages, layout)
+    large = max(
+        (reading for runs in readings.values() for run in runs for reading in run), key=lambda each: each.power_w
+    )
+    if large.power_w > LARGE_W:
+        message = f"a power of {large.power_w:g} W"
+        warnings.append(large.row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw"))
     try:
         profile = Profile(
             names=tuple(layout.names),
@@ -261,6 +276,9 @@ def _is_parameter(heading: ColumnHeading) -> bool:
 def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration | None) -> _Layout:
     _check_headings(row, headings)
     power = _power_column(row, headings)
+    if places := [i for i, heading in enumerate(headings) if _POSITION.match(heading.name)]:
+        message = f"{headings[places[0]].name} is a position: this is the log of a flight"
+        raise InputError(row.fault(places[0], message, "measurements of configurations; eadp fit reads logs"))
     parameters = [i for i, heading in enumerate(headings) if _is_parameter(heading)]
     warnings = [
         row.fault(i, f"{heading.name} is no parameter of the computations: ignored")

@@ -59,7 +59,7 @@ def check_page(path: Path) -> None:
     try:
         with path.open("rb") as stream:
             ours = GENERATOR in stream.read(HEAD_BYTES)
-    except OSError:  # no file, or one whose writing will fail
+    except (OSError, ValueError):  # no file, or one whose writing will fail
         return
     if not ours:
         raise InputError.at(str(path), 1, 1, "exists already, and is no page of eadp", "another name")

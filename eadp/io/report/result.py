@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -47,16 +48,16 @@ def write_report(result: str, out: str | None = None, keep: str | None = None) -
 def page_of(result: str) -> Path:
     """Where the page of a result goes by default."""
     path = Path(result)
-    if path.is_dir():
+    if os.path.isdir(path):
         return path / REPORT
     return path.with_name(f"{path.name}.html") if path.suffix == ".html" else path.with_suffix(".html")
 
 
 def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:
     """The kind of a result's page, and its data."""
-    faulty = path / SUMMARY if path.is_dir() else path
+    faulty = path / SUMMARY if os.path.isdir(path) else path
     try:
-        if path.is_dir():
+        if os.path.isdir(path):
             return "flight", flight_data(read_folder(path))
         if _is_database(path):
             return "sweep", sweep_data(str(path), page, keep)

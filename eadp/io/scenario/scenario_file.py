@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from annotated_types import Ge, Le, Lt
 from pydantic import Field, TypeAdapter
 
-from eadp.core.bounds import Coordinate, Degrees, Duration, Latitude, Longitude, Reserve
+from eadp.core.bounds import Altitude, Coordinate, Degrees, Duration, Latitude, Longitude, Reserve
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
@@ -103,7 +103,7 @@ class Start(Home):
     heading_deg: Degrees | None = None
     """Compass bearing of the nose, 0 north, 90 east [°]; by default along the first path."""
 
-    altitude_m: Coordinate | None = None
+    altitude_m: Altitude | None = None
     """Altitude [m]; by default that of the first stage or of the airframe's cruise, and 0 for a mission, from home."""
 
     @property
@@ -246,8 +246,11 @@ class Scenario:
             raise InputError(self.fault(f"{key}.lat_deg", message, f"{key}.position_m, or %: origin in the plan"))
         point = to_near_local_m(place.lat_deg, place.lon_deg, origin_deg)
         if point is None:
-            expected = f"at most {FARTHEST_M / 1000:g} km"
-            raise InputError(self.fault(f"{key}.lat_deg", "too far from the plan's origin", expected))
+            swapped = abs(place.lon_deg) <= 90 and to_near_local_m(place.lon_deg, place.lat_deg, origin_deg)
+            message = "too far from the plan's origin" + (
+                ", but near it with lon_deg and lat_deg swapped" if swapped else ""
+            )
+            raise InputError(self.fault(f"{key}.lat_deg", message, f"at most {FARTHEST_M / 1000:g} km"))
         return point
 
     def fault(self, key: str, message: str, expected: str = "") -> Fault:
@@ -314,7 +317,7 @@ def scenario_of(
         _put(document, key, copy.deepcopy(given))
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
-    keys = validated(ScenarioFile, document, value, lambda keys: _faults(keys, document), RENAMED)
+    keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document), RENAMED)
     # null restores a default, which is what the key has in a battery of its own
     battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +24,11 @@ from eadp.planning.gate import Sample
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100
 """Maximum number of warnings about unknown keys."""
+
+MAX_SPEED_SHARE = 2.5
+"""Largest ground speed over the airspeed: a wind below the airspeed at most doubles it. Most speeds in km/h are above."""
+MAX_CAPACITY_SHARE = 2.0
+"""Largest charge drawn over the battery's capacity, which may be stated too small; a charge in mAh is above."""
 
 BOM = b"\xef\xbb\xbf"
 
@@ -100,6 +106,10 @@ class TelemetryReader:
         self._name = name
         self._origin_deg = mission.plan.site.origin_deg if mission is not None else None
         self._battery = mission.battery if mission is not None else Battery()
+        self._fastest_mps = math.inf
+        if mission is not None:
+            commanded = [stage.airspeed_mps for stage in mission.plan.stages if stage.airspeed_mps is not None]
+            self._fastest_mps = MAX_SPEED_SHARE * max([mission.cruise_mps, *commanded])
         self._placed = True
         self._unknown: set[str] = set()
         self._missing: set[str] = set()
@@ -123,6 +133,10 @@ class TelemetryReader:
             return None, document, [replace(error.faults[0], line=number, source="", severity="warning")]
         warnings = self._unknown_keys(number, document)
         line, faults = self._line(number, document)
+        if line is not None and (beyond := self._beyond(line)):
+            faults += [self.fault(number, document, key, what, expected) for key, (what, expected) in beyond.items()]
+            document.update(dict.fromkeys(beyond))
+            line = line.model_copy(update=dict.fromkeys(beyond))
         sample, more = (None, []) if line is None else self._sample(number, line, document)
         missing = [key for key in EXPECTED if key not in document and INSTEAD.get(key) not in document]
         useless = sample is None or all(value is None for value in sample[1:5])
@@ -189,6 +203,19 @@ class TelemetryReader:
         if document.get("time_s") is None:
             return None, faults
         return TelemetryLine.model_validate({key: document[key] for key in known}), faults
+
+    def _beyond(self, line: TelemetryLine) -> dict[str, tuple[str, str]]:
+        """Values that the aircraft cannot have, by key: what is wrong, and what is expected."""
+        found = {}
+        for key, vector in (("velocity_mps", line.velocity_mps), ("wind_mps", line.wind_mps)):
+            if vector is not None and math.hypot(*vector) > self._fastest_mps:
+                expected = f"at most {self._fastest_mps:g} m/s: {MAX_SPEED_SHARE:g} times the airspeed"
+                found[key] = f"{key} is {math.hypot(*vector):.3g} m/s", expected
+        drawn_ah, most_ah = line.current_consumed_ah, MAX_CAPACITY_SHARE * self._battery.capacity_ah
+        if drawn_ah is not None and drawn_ah > most_ah:
+            expected = f"at most {most_ah:g} Ah: {MAX_CAPACITY_SHARE:g} times the battery's capacity"
+            found["current_consumed_ah"] = f"current_consumed_ah is {drawn_ah:g} Ah", expected
+        return found
 
     def _sample(self, number: int, line: TelemetryLine, document: JsonObject) -> tuple[Sample, list[Fault]]:
         """The sample of a line, and a warning where its latitude and longitude are no position."""

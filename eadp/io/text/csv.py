@@ -12,7 +12,8 @@ from itertools import accumulate
 from eadp.errors import Fault, printable
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\Z")
-_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?\Z")
+DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?\Z")
+"""A number with a decimal comma."""
 ISO_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}")
 """Start of a time by ISO 8601."""
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)\Z", re.IGNORECASE)
@@ -64,7 +65,7 @@ def read_row(file: str, line: int, source: str, mark: str = ",") -> Row:
     fields = [text.strip() for text in _split(source, mark)]
     fields = [*map(_unquoted, fields)] if '"' in source else fields
     if mark == ";":
-        fields = [text.replace(",", ".") if _DECIMAL_COMMA.match(text) else text for text in fields]
+        fields = [text.replace(",", ".") if DECIMAL_COMMA.match(text) else text for text in fields]
     return Row(file, line, source, fields, mark)
 
 
@@ -120,4 +121,5 @@ def number_fault(raw: str, largest: float = math.inf) -> tuple[str, str] | None:
         return f"{shown} is not finite", "a finite number"
     if re.match(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", raw):
         return f"{shown} is a date", "a number, of a time in seconds"
-    return f"{shown} is not a number", "a number"
+    comma = DECIMAL_COMMA.match(raw)
+    return f"{shown} is not a number", f"a decimal point, as in {raw.replace(',', '.')}" if comma else "a number"

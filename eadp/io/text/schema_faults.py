@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
 
@@ -36,6 +37,7 @@ _EXPECTED = {
     "mapping_type": "a mapping of keys",
     "dataclass_type": "a mapping of keys",
 }
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 SUGGESTIONS = 100
 """Most unknown keys for which known ones are searched."""
 _INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
@@ -97,7 +99,7 @@ def validated(
     ----------
     model, document
     value
-        What is validated, made of mappings, lists, strings and numbers.
+        What is validated, made of mappings, lists, strings and numbers. A known key that is null is an absent one.
     check : function, optional
         Finds what the schema alone cannot express.
     renamed : mapping, optional
@@ -108,17 +110,29 @@ def validated(
     InputError
         With every fault of the schema, or of `check`.
     """
-    schema: Any = model
-    try:
-        # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
-        content: Model = _adapter(schema).validate_json(json.dumps(value))
-    except ValidationError as error:
+    content: Model
+    content, problems = _content(model, value)
+    if problems:
+        problems = [each for each in problems if each["input"] is not None or each["type"] in _UNKNOWN]
+        if not problems:  # but of known keys that are null
+            value = without_nulls(value)
+            content, problems = _content(model, value)
+    if problems:
         names = chain(repeat(renamed or {}, SUGGESTIONS), repeat(None))
-        found = [_schema_fault(document, each, model, value, new) for each, new in zip(error.errors(), names)]  # noqa: B905
-        raise InputError(*_merged(found)) from None
+        found = [_schema_fault(document, each, model, value, new) for each, new in zip(problems, names)]  # noqa: B905
+        raise InputError(*_merged(found))
     faults = check(content) if check is not None else []
     refuse(faults)
     return content
+
+
+def _content(model: Any, value: Any) -> tuple[Any, list[Any]]:
+    """A value as a schema's dataclass or model; else None, and pydantic's complaints."""
+    try:
+        # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
+        return _adapter(model).validate_json(json.dumps(value)), []
+    except ValidationError as error:
+        return None, error.errors()
 
 
 def _merged(faults: list[Fault]) -> list[Fault]:
@@ -139,7 +153,7 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, rena
     key = ".".join(printable(str(part), 80) for part in path)
     if kind in ("missing", "missing_argument"):
         return document.fault(path, f"the key {key} is missing")
-    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+    if kind in _UNKNOWN:
         suggestion = "" if renamed is None else _instead(model, path, renamed)
         return document.fault(path, f"unknown key {key}", suggestion)
     message = printable(str(problem["msg"]).removeprefix("Value error, "))
@@ -147,6 +161,8 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, rena
         return document.fault(path, f"{key}: {message}" if key else message)
     reworded = re.sub(r"^\w+ should (be|have|match) ", "", message).partition(" after validation")[0]
     expected = _EXPECTED.get(kind, reworded)
+    if kind == "float_type" and isinstance(wrong, str) and DECIMAL_COMMA.match(wrong.strip()):
+        expected = f"a number with a decimal point, as in {wrong.strip().replace(',', '.')}"
     shown = printable(repr(wrong), 60)
     if isinstance(wrong, dict | list | tuple):
         shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"

@@ -28,8 +28,8 @@ RENAMED = {
 
 
 def _model_of(airframe: Any) -> str:
-    model = airframe.get("model", DEFAULT) if isinstance(airframe, dict) else getattr(airframe, "model", DEFAULT)
-    return str(model)
+    model = airframe.get("model") if isinstance(airframe, dict) else getattr(airframe, "model", None)
+    return DEFAULT if model is None else str(model)
 
 
 if TYPE_CHECKING:
@@ -75,7 +75,9 @@ def vehicle_of(document: Document) -> VehicleFile:
     """
     value = without_nulls(document.value)
     refuse(airframe_faults(document, value) + two_voltages(document, value))
-    return validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery), RENAMED)
+    return validated(
+        VehicleFile, document, document.value, lambda keys: battery_faults(document, keys.battery), RENAMED
+    )
 
 
 def two_voltages(document: Document, value: Any, at: Path = ()) -> list[Fault]:

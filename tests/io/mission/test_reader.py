@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 
+import numpy as np
 import pytest
 from common import ROOT
 from common.answers import refused
@@ -363,6 +364,28 @@ def test_a_fault_of_a_field_is_at_the_field(line, column, text, words):
 )
 def test_a_mission_that_cannot_be_flown_is_an_error(items, words):
     assert words in fault_of(wpl(*items)).message
+
+
+NO_HOME = HEAD.replace("47.0\t8.0", "0\t0")
+
+
+@pytest.mark.parametrize("format_", ["qgc", "wpl"])
+def test_a_home_that_is_not_set_is_the_first_position(format_):
+    items = [item(206, 20), waypoint(0, 0), waypoint(300, 0), waypoint(300, 300)]
+    unset = qgc(*items, plannedHomePosition=[0, 0, 0]) if format_ == "qgc" else wpl(*items).replace(HEAD, NO_HOME)
+    plan, (finding,) = read(unset)
+    expected, _ = read(qgc(*items))
+    assert plan.site.origin_deg == pytest.approx(expected.site.origin_deg, abs=1e-9)
+    assert np.array(ends(plan)) == pytest.approx(np.array(ends(expected)), abs=1e-4)  # WPL has nine digits
+    label = "mission.items[1]" if format_ == "qgc" else "item 2"
+    assert (finding.severity, finding.code) == ("warning", "no-home")
+    assert finding.message == f"home has no position: taken as that of {label}, its first item with one"
+
+
+def test_altitudes_above_the_sea_need_a_home():
+    fault = fault_of(qgc(waypoint(0, 0), waypoint(300, 0, frame=0, altitude=450), plannedHomePosition=[0, 0, 0]))
+    assert fault.message == "home has no position"
+    assert fault.expected == "its latitude and longitude, and its altitude: that of mission.items[1] is above the sea"
 
 
 @pytest.mark.parametrize(

@@ -205,3 +205,67 @@ def test_a_plan_without_an_origin_has_no_latitudes():
             overrides={"home": {"lat_deg": 55.37, "lon_deg": 10.43}},
         )
     assert "the plan has no origin" in str(refused.value.faults[0])
+
+
+# --- keys and values that mean something else than they seem to
+
+
+def faults_of(tmp_path, body):
+    """The faults of a scenario, without its name."""
+    file = tmp_path / "s.yaml"
+    file.write_text(f"schema: eadp.scenario/1\n{body}\n")
+    with pytest.raises(InputError) as refused:
+        read_scenario(str(file))
+    return [str(fault).splitlines()[0].removeprefix(f"{file}:") for fault in refused.value.faults]
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        (
+            "wind: {speed_mps: 6,5, from_deg: 270}",
+            "2:19: error: 6,5 has a decimal comma; expected a decimal point, as in 6.5",
+        ),
+        (
+            "vehicle: {airframe: {mass_kg: 2,6}}",
+            "2:31: error: 2,6 has a decimal comma; expected a decimal point, as in 2.6",
+        ),
+        (
+            "reserve_soc: 0,1",
+            "2:1: error: reserve_soc cannot be '0,1'; expected a number with a decimal point, as in 0.1",
+        ),
+        (
+            "start: {position_m: [1,5, 2]}",
+            "2:9: error: start.position_m cannot be a list of 3; expected at most 2 items",
+        ),
+        (
+            "wind: {5: }",
+            "2:8: error: unknown key wind.5; "
+            "expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
+        ),
+        (
+            "wind: {speed_mps:6}",
+            "2:8: error: unknown key wind.speed_mps:6; "
+            "expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
+        ),
+        ("faults: [null]", "2:10: error: faults.0 cannot be None; expected a mapping of keys"),
+        ("parameters: {c: }", "2:14: error: parameters.c cannot be 'c'; expected pattern "),
+    ],
+)
+def test_no_key_is_dropped(tmp_path, body, fault):
+    (found,) = faults_of(tmp_path, body)
+    assert found.startswith(fault)
+
+
+def test_unknown_keys_that_are_null_are_refused_beside_other_faults(tmp_path):
+    first, second = faults_of(tmp_path, "wingspam:\nwind: {speed_mps: -1, from_deg: }")
+    assert first.startswith("2:1: error: unknown key wingspam; expected one of ")
+    assert second.startswith("3:8: error: wind.speed_mps cannot be -1")
+
+
+def test_known_keys_that_are_null_are_absent(tmp_path):
+    file = tmp_path / "s.yaml"
+    body = "wind: {speed_mps: }\nbattery:\nparameters: {c1: ~}\nvehicle: {airframe: {model: null, mass_kg: }}\n"
+    file.write_text(f"schema: eadp.scenario/1\n{body}")
+    found, default = read_scenario(str(file)).keys, read_scenario(None).keys
+    assert (found.wind, found.parameters, found.vehicle) == (default.wind, default.parameters, default.vehicle)

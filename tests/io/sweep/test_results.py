@@ -277,3 +277,10 @@ def test_what_sqlite_says_of_a_damaged_schema_is_printable(path):
     with pytest.raises(InputError) as error:
         Results(path)
     assert all(line.isprintable() for line in str(error.value).splitlines())
+
+
+@pytest.mark.parametrize("name", [":memory:", "file:a?mode=memory"])
+def test_names_that_mean_something_to_sqlite_are_names_of_files(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with closing(Results(name)):
+        assert (tmp_path / name).is_file()

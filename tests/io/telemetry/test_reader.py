@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -82,6 +83,30 @@ def test_latitude_longitude_and_the_charge_drawn_stand_for_position_and_charge()
     wrong, _, warnings = reader.read(5, json.dumps({**line, "lat_deg": 91, "current_consumed_ah": -1}).encode())
     assert (wrong.position_m, wrong.soc) == (None, None)
     assert len(warnings) == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("velocity_mps", [54, 0], "velocity_mps is 54 m/s; expected at most 37.5 m/s: 2.5 times the airspeed"),  # km/h
+        ("wind_mps", [0, -38], "wind_mps is 38 m/s; expected at most 37.5 m/s: 2.5 times the airspeed"),
+        (
+            "current_consumed_ah",
+            340,
+            "current_consumed_ah is 340 Ah; expected at most 8 Ah: 2 times the battery's",
+        ),  # mAh
+    ],
+)
+def test_what_the_aircraft_cannot_have_counts_as_null(key, value, message):
+    plan = PlanReader()(Text("p", "0.1; 90; x\n0, 300\n"))[0]
+    reader = TelemetryReader("log", Mission(plan, join_profile(plan, None), Battery(capacity_ah=4.0), 15.0, ()))
+    line = {"time_s": 1.0, "x_m": 2.0, "y_m": 3.0, "power_w": 36.5}
+    sample, _, (warning,) = reader.read(1, json.dumps({**line, key: value}).encode())
+    assert f"warning: {message}" in str(warning)
+    assert (sample.velocity_mps, sample.wind_mps, sample.soc) == (None, None, None)
+    faster = replace(plan, stages=tuple(replace(stage, airspeed_mps=25.0) for stage in plan.stages))
+    fast = TelemetryReader("log", Mission(faster, join_profile(plan, None), Battery(capacity_ah=400.0), 15.0, ()))
+    assert fast.read(1, json.dumps({**line, "soc": 1, key: value}).encode())[2] == []
 
 
 def test_without_an_origin_there_are_no_latitudes():
