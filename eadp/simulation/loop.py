@@ -37,6 +37,9 @@ RETURNED = "returned home"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
+WIND_S = 1.0
+"""Longest time for which a wind that changes is held [s]."""
+
 TRACK_S = 0.1
 """Longest time between the points of a track that is checked for obstacles [s]."""
 
@@ -219,7 +222,12 @@ class _Flight:
         if self._k >= self._alarms[-1]:
             self._alarms.pop()
         self._inner_loop.fault(*self._losses[-1])
-        return min(end, self._next_update, self._losses[-1][0], self._alarms[-1])
+        stop, wind = min(end, self._next_update, self._losses[-1][0], self._alarms[-1]), self._world.wind
+        if wind.profile:
+            step_s = self._world.clock.step_s
+            self._inner_loop.blow(wind.steady_at_mps(self._k * step_s))
+            stop = min(stop, self._k + max(1, round(WIND_S / step_s)))
+        return stop
 
     def _pose(self) -> Pose:
         variable = self._inner_loop.variable

@@ -24,6 +24,7 @@ from eadp.io.figures.canvas import (
     label_map,
     legend_above,
     legend_below,
+    span_text,
     stage_style,
     write_headline,
 )
@@ -99,7 +100,7 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
     axes.plot(*final, "*", color="black", markersize=11, label="final point")
     axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
     label_map(axes, "Path flown")
-    speed = world.wind.speed_mps
+    speed = world.wind.speeds_mps[1]
     if speed:
         wx, wy = world.wind.steady_mps
         axes.annotate(
@@ -109,7 +110,8 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
             xycoords="axes fraction",
             arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
         )
-        axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+        style: dict[str, Any] = {"color": GREY, "ha": "right", "va": "center"}
+        axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
 
 
 def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:

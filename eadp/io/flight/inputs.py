@@ -184,7 +184,7 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
     warnings = [finding.fault(text.name) for finding in findings]
-    radius_m, wind_mps = plan.min_radius_m, keys.wind.speed_mps
+    radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
     if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
         warnings.append(Fault(text.name, 1, 1, tight, severity="warning"))
     if not isinstance(vehicle, FixedWing) and _commands(plan):
@@ -254,11 +254,12 @@ def _doubts(scenario: Scenario, plan: Plan) -> list[Fault]:
 
 def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
     """The aircraft can fly, and faster than the wind."""
-    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speed_mps
+    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
     if wind_mps >= vehicle.airspeed_mps:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
-        raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
+        key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
+        raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
     if isinstance(vehicle, FixedWing):
         _check_airspeeds(plan, text, vehicle, wind_mps)
 

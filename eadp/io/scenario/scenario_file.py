@@ -6,6 +6,7 @@ The settings stand beside what they set, in the dataclasses of models and planni
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -408,8 +409,10 @@ def _put(document: Document, key: str, value: Any) -> None:
 
 
 REPLACED = {
-    "wind.from_deg": ("towards_deg",),
-    "wind.towards_deg": ("from_deg",),
+    "wind.from_deg": ("towards_deg", "profile"),
+    "wind.towards_deg": ("from_deg", "profile"),
+    "wind.speed_mps": ("profile",),
+    "wind.profile": ("speed_mps", "from_deg", "towards_deg"),
     "battery.voltage_v": ("cells", "chemistry"),
     "battery.cells": ("voltage_v", "voltage_empty_v"),
 }
@@ -424,6 +427,11 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
         message = "wind.from_deg and wind.towards_deg are both given"
         faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
+    if isinstance(wind, dict) and wind.get("profile"):
+        for key in ("speed_mps", "from_deg", "towards_deg"):
+            if key in wind:
+                message = f"wind.{key} and wind.profile are both given"
+                faults.append(document.fault(("wind", key), message, "one of the two"))
     if isinstance(planner, dict) and "reserve_soc" in planner:
         message = "unknown key planner.reserve_soc"
         faults.append(document.fault(("planner", "reserve_soc"), message, "reserve_soc"))
@@ -437,6 +445,9 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     """What the schema alone cannot express."""
     faults = []
+    times_s = [row[0] for row in keys.wind.profile]
+    if any(later <= earlier for earlier, later in itertools.pairwise(times_s)):
+        faults.append(document.fault(("wind", "profile"), "wind.profile is not in order of time", "times that rise"))
     if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
         message = "guidance.k_d is negative: the aircraft turns away from its path"
         faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
