@@ -24,7 +24,7 @@ class Wind:
     """Where the wind blows towards, instead of `from_deg`: the papers' angle, 0 east, counter-clockwise [°]."""
 
     profile: tuple[tuple[NotNegative, MetresPerSecond, Degrees], ...] = ()
-    """Wind over time, instead of speed and direction: rows [time s, speed m/s, bearing it comes from °] in order of time.
+    """Wind over time, instead of speed and direction: rows [time s, speed m/s, bearing it comes from °], times rising.
     Between rows its components are linear; before the first and after the last they are constant. The forecast before
     take-off knows the wind at time 0 alone."""
 
