@@ -137,7 +137,7 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
     answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder, *often, *SHORT)
-    assert answer.out.startswith("forecast   completes with ")
+    assert answer.out.splitlines()[1].startswith("forecast   completes with ")
     assert "decisions.jsonl" in answer.out
     told = json.loads((folder / "summary.json").read_text())["energy_forecast"]
     assert f"{told['energy_wh']:.2f} ± {told['energy_std_wh']:.2f} Wh in {told['time_s']:.0f} ±" in answer.out
@@ -474,3 +474,50 @@ def test_without_a_time_limit_a_flight_has_three_times_its_forecast():
     forecast = inputs.preflight().forecast
     late_s = max(inputs.world.clock.time_limit_s / 3, forecast.remaining_s)
     assert forecast.remaining_s <= late_s < 1.15 * forecast.remaining_s
+
+
+def test_a_profile_beside_a_plan_without_computations_is_a_constant_load(eadp, line_plan):
+    profile = ("--profile", "profiles/pednet-jetson-nano.csv", "--format", "json")
+    bare, most = eadp("simulate", line_plan, "--format", "json"), eadp("simulate", line_plan, *profile)
+    some = eadp("simulate", line_plan, *profile, "--at", "fps=3")
+    assert bare.err == ""
+    assert "note: the plan has no parameter for it: a constant load of 10.21 W at fps=10 (the highest" in most.err
+    assert "a constant load of 6.08 W at fps=3 (as stated)" in some.err
+    flown = [json.loads(answer.out) for answer in (bare, some, most)]
+    watts = [summary["power_w"]["mean"] for summary in flown]
+    assert np.subtract(watts[1:], watts[0]) == pytest.approx([6.08, 10.21], abs=0.01)
+    hours = flown[0]["energy_forecast"]["time_s"] / 3600
+    energies = [summary["energy_forecast"]["energy_wh"] for summary in flown]
+    assert np.subtract(energies[1:], energies[0]) == pytest.approx([6.08 * hours, 10.21 * hours], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("plan", "options"),
+    [
+        (None, ("--at", "fps=3")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps=99")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "width=3")),
+        (PLAN, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps=3")),
+    ],
+)
+def test_a_constant_load_that_cannot_be(eadp, line_plan, plan, options):
+    answer = eadp("simulate", plan or line_plan, *options)
+    assert (answer.code, answer.out) == (2, "")
+    assert "error: " in answer.err
+
+
+def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
+    first = eadp("simulate", line_plan).out.splitlines()[0]
+    assert first == (
+        "aircraft   fixed-wing of 1.2 kg at 15 m/s (default); battery 14.8 V, 3.2 Ah (default); wind 0 m/s (default)"
+    )
+    chosen = ("wind.speed_mps=5", "wind.towards_deg=0", "battery.capacity_ah=9", "vehicle.airframe.mass_kg=2")
+    first = eadp("simulate", line_plan, *(part for key in chosen for part in ("--set", key))).out.splitlines()[0]
+    assert first == "aircraft   fixed-wing of 2 kg at 15 m/s; battery 14.8 V, 9 Ah; wind 5 m/s from 270°"
+
+
+def test_settings_that_are_not_used_are_named(eadp, line_plan):
+    answer = eadp("simulate", line_plan, "--set", "planner.weights.fps=2")
+    assert answer.code == 0
+    assert answer.err.count("note: not used: planner.weights") == 1
