@@ -123,6 +123,9 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
         f"from {power['min']:.2f} to {power['max']:.2f} W",
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
     ]
+    if summary["turned_back_s"] is not None:
+        x, y = summary["turned_back_m"]
+        lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
     lines += _endurance(summary["endurance"])
     for name, values in summary["parameters"].items():
         ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -521,3 +522,29 @@ def test_settings_that_are_not_used_are_named(eadp, line_plan):
     answer = eadp("simulate", line_plan, "--set", "planner.weights.fps=2")
     assert answer.code == 0
     assert answer.err.count("note: not used: planner.weights") == 1
+
+
+def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
+    folder = tmp_path / "home"
+    keys = ("battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home")
+    answer = eadp(
+        "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
+        *(part for key in keys for part in ("--set", key)),
+    )  # fmt: skip
+    assert answer.code == 1
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["completed"], summary["reason"]) == (False, "returned home")
+    assert summary["reserve_kept"] and summary["soc_final"] >= summary["soc_reserve"]
+    assert re.search("reserve [0-9.]+ kept$", answer.out, re.MULTILINE)
+    page = (folder / "report.html").read_text()
+    assert re.search("the reserve of [0-9.]+ % was kept", page)
+    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+    last = decisions[-1]
+    assert last["reason"].startswith("home: ")
+    assert last["time_s"] == summary["turned_back_s"]
+    assert f"home       decided at {last['time_s']:.2f} s" in answer.out
+    assert f"At {last['time_s']:g} s it decided: home: " in page
+    assert "turned back home" in (folder / "flight.svg").read_text()
+    with (folder / "flight.csv").open() as stream:
+        at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])
+    assert (float(at["x_m"]), float(at["y_m"])) == pytest.approx(tuple(summary["turned_back_m"]), abs=2)
