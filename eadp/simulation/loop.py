@@ -134,6 +134,9 @@ class Outcome:
     """Obstacles that the flight was in, by time; a flight that was in one is not completed."""
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
+    turned_back_s: float | None = None
+    turned_back_m: Point | None = None
+    """When [s] and where [m] the plan was given up for home."""
     records: list[DecisionRecord] = field(default_factory=list)
     estimates: list[PowerEstimate] = field(default_factory=list)
     """The planner's estimate of the power at each step of the log."""
@@ -261,6 +264,10 @@ class _Flight:
         """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
         decision = self._bridge.decision
         if decision.returns_home:
+            self._outcome.turned_back_s, self._outcome.turned_back_m = (
+                self._k * self._world.clock.step_s,
+                self._pose()[:2],
+            )
             self._executor, self._returning = _turned_back(self._world, self._executor, self._pose()), True
             return True
         if decision.parameters is self._decided:

@@ -18,7 +18,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
-from eadp.io.flight.coverage import flown_coverage
+from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
@@ -27,7 +27,7 @@ from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.forecast.held import Preflight
-from eadp.simulation.loop import Outcome, Step, World, fly
+from eadp.simulation.loop import RETURNED, Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"
 OVERRIDES = "overrides.txt"
@@ -66,7 +66,9 @@ def summarise(
     return {
         "schema": SCHEMA,
         "completed": outcome.completed,
-        "reserve_kept": outcome.completed and outcome.soc_final >= settings.reserve_soc,
+        "reserve_kept": (outcome.completed or outcome.reason == RETURNED) and outcome.soc_final >= settings.reserve_soc,
+        "turned_back_s": None if outcome.turned_back_s is None else round(outcome.turned_back_s, 9),
+        "turned_back_m": None if outcome.turned_back_m is None else list(outcome.turned_back_m),
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
@@ -269,7 +271,7 @@ def fly_flight(
     if (
         steps
         and inputs.world.plan.site.field is not None
-        and (covered := flown_coverage(inputs.world.plan, flight.lists, 1))
+        and (covered := flown_coverage(inputs.world.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
     ):
         summary["coverage"] = covered[1][-1]
     return flight

@@ -7,7 +7,7 @@ from typing import Any
 
 from eadp.errors import printable
 from eadp.models.battery import LIMITS, BatteryFault
-from eadp.planning.base import INFEASIBLE
+from eadp.planning.base import INFEASIBLE, TURNS_BACK
 from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
 
 SHOWN = 3
@@ -23,6 +23,7 @@ def flight_words(
         *_charge(summary, faults),
         *_forecast(summary),
         *_changes(summary, decisions),
+        *_turned_back(decisions),
         *_quality(summary),
         *_coverage(summary),
     ]
@@ -46,11 +47,11 @@ def _end(summary: Mapping[str, Any]) -> str:
 
 def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
     soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
-    kept = "above" if soc >= reserve else "below"
+    kept = "kept" if summary["reserve_kept"] else "not kept"
     mean = f", {power:.1f} W on average" if power is not None else ""
     words = [
-        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}, "
-        f"{kept} the reserve of {_percent(reserve)}."
+        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}; "
+        f"the reserve of {_percent(reserve)} was {kept}."
     ]
     for fault in faults:
         if fault.at_s <= summary["duration_s"]:
@@ -102,6 +103,15 @@ def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]])
     if infeasible:
         words.append(f"Nothing was feasible in {infeasible} of {len(decisions)} re-plannings.")
     return words
+
+
+def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The decision to fly home, if there was one."""
+    return [
+        f"At {row['time_s']:g} s it decided: {row['reason']}."
+        for row in decisions
+        if str(row["reason"]).startswith(TURNS_BACK)
+    ]
 
 
 def _often(decisions: Sequence[Mapping[str, Any]]) -> str:

@@ -125,6 +125,9 @@ class ScenarioFile:
     profile: str | None = None
     """Computation profile: path of a model or of measurements, relative to this file."""
 
+    profile_at: Mapping[str, float] = field(default_factory=dict)
+    """Configuration of the profile beside a plan without computations, a constant load; by default the highest."""
+
     vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
     """The aircraft: path of a vehicle file, relative to this file, or its content."""
 
@@ -210,6 +213,14 @@ class Scenario:
     def profile_path(self) -> str | None:
         """Path of the profile, relative to the working directory."""
         return None if self.keys.profile is None else beside(self.document.name, self.keys.profile)
+
+    @property
+    def chosen(self) -> frozenset[str]:
+        """Which of airframe, battery and wind somebody chose: the scenario, its vehicle or an override."""
+        given = self.document.value
+        vehicle = given.get("vehicle") or {}
+        found = {"airframe": vehicle.get("airframe"), "battery": given.get("battery") or vehicle.get("battery")}
+        return frozenset(key for key, value in {**found, "wind": given.get("wind")}.items() if value)
 
     @property
     def rules(self) -> Rules:

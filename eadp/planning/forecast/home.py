@@ -53,4 +53,4 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     gain = known.charge.gain_std * max(known.charge.gain_from - soc, 0.0)
     per_j = float(evaluation.totals.soc_per_j[place])
     std = math.sqrt(per_j**2 * energy_var + then[3] + gain**2 + losses * LOSS_SQUARE)
-    return float(FinalCharge(std, means=(soc,)).level(objective.probability)) - objective.reserve_soc
+    return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)

@@ -27,6 +27,7 @@ from eadp.planning.base import (
     JUMPED,
     NEW_STAGE,
     TIME,
+    TURNS_BACK,
     Decision,
     DecisionRecord,
     Mission,
@@ -278,7 +279,7 @@ class JointPlanner(TrackingPlanner):
             reason += GAUGE_DISBELIEVED
         returns_home = self._must_turn_back(o.time_s, plan)
         if returns_home:
-            reason = f"home: {reason}"
+            reason = TURNS_BACK + reason
         record = self._record(o, known, cause, chosen, plan, reason)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._places.decide(plan.shares, chosen)
