@@ -534,7 +534,8 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert answer.code == 1
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["completed"], summary["reason"]) == (False, "returned home")
-    assert summary["reserve_kept"] and summary["soc_final"] >= summary["soc_reserve"]
+    assert summary["reserve_kept"]
+    assert summary["soc_final"] >= summary["soc_reserve"]
     assert re.search("reserve [0-9.]+ kept$", answer.out, re.MULTILINE)
     page = (folder / "report.html").read_text()
     assert re.search("the reserve of [0-9.]+ % was kept", page)
@@ -544,6 +545,9 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert last["time_s"] == summary["turned_back_s"]
     assert f"home       decided at {last['time_s']:.2f} s" in answer.out
     assert f"At {last['time_s']:g} s it decided: home: " in page
+    latest_s = summary["energy_forecast"]["turn_back_s"]
+    assert latest_s == pytest.approx(summary["turned_back_s"], rel=0.15)
+    assert f"home       within reach with the reserve until {latest_s:.0f} s" in answer.out
     assert "turned back home" in (folder / "flight.svg").read_text()
     with (folder / "flight.csv").open() as stream:
         at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])

@@ -12,6 +12,7 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
+from eadp.planning.forecast.home import TurnBack, latest_turn_back
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -40,6 +41,8 @@ class Preflight:
         Planned U.
     stages : dict
         Time [s] and energy [Wh] of each stage, over all its laps.
+    turn_back : TurnBack or None
+        The latest one, where there is a home.
     """
 
     parameters: dict[str, float]
@@ -47,6 +50,7 @@ class Preflight:
     feasible: bool
     quality: float | None
     stages: dict[int, tuple[float, float]]
+    turn_back: TurnBack | None = None
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
@@ -62,7 +66,7 @@ class Preflight:
         powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
         seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
-        return cls(names, forecast, feasible, quality, stages)
+        return cls(names, forecast, feasible, quality, stages, latest_turn_back(evaluation, place, filling))
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
