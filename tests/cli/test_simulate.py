@@ -548,6 +548,7 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     latest_s = summary["energy_forecast"]["turn_back_s"]
     assert latest_s == pytest.approx(summary["turned_back_s"], rel=0.15)
     assert f"home       within reach with the reserve until {latest_s:.0f} s" in answer.out
+    assert f"home was within reach with the reserve until {latest_s:.0f} s" in page
     assert "turned back home" in (folder / "flight.svg").read_text()
     with (folder / "flight.csv").open() as stream:
         at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])
