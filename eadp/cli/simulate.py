@@ -173,7 +173,14 @@ def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
         return []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
+    home = []
+    if expected["turn_back_s"] is not None:
+        x, y = expected["turn_back_m"]
+        home = [
+            f"home       within reach with the reserve until {expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+        ]
     return [
         f"forecast   completes with {100 * expected['completes_probability']:.0f} %, keeps the reserve with "
-        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}"
+        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}",
+        *home,
     ]

@@ -560,6 +560,10 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert last["time_s"] == summary["turned_back_s"]
     assert f"home       decided at {last['time_s']:.2f} s" in answer.out
     assert f"At {last['time_s']:g} s it decided: home: " in page
+    latest_s = summary["energy_forecast"]["turn_back_s"]
+    assert latest_s == pytest.approx(summary["turned_back_s"], rel=0.15)
+    assert f"home       within reach with the reserve until {latest_s:.0f} s" in answer.out
+    assert f"home was within reach with the reserve until {latest_s:.0f} s" in page
     assert "turned back home" in (folder / "flight.svg").read_text()
     with (folder / "flight.csv").open() as stream:
         at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])

@@ -69,10 +69,16 @@ def _forecast(summary: Mapping[str, Any]) -> list[str]:
     if summary["completed"]:
         took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
         came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
+    home = []
+    if expected.get("turn_back_s") is not None:  # of a folder from before there was one
+        x, y = expected["turn_back_m"]
+        until = f"{expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+        home = [f"By it, home was within reach with the reserve until {until}."]
     return [
         f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
         f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
-        f"{_percent(expected['completes_probability'])}{came}."
+        f"{_percent(expected['completes_probability'])}{came}.",
+        *home,
     ]
 
 

@@ -14,6 +14,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
+from eadp.planning.forecast.home import TurnBack, latest_turn_back
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -44,6 +45,8 @@ class Preflight:
         Planned U.
     stages : dict
         Time [s] and energy [Wh] of each stage, over all its laps.
+    turn_back : TurnBack or None
+        The latest one, where there is a home.
     """
 
     parameters: dict[str, float]
@@ -53,6 +56,7 @@ class Preflight:
     feasible: bool
     quality: float | None
     stages: dict[int, tuple[float, float]]
+    turn_back: TurnBack | None = None
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector, later: Vector | None = None) -> Preflight:
@@ -71,7 +75,8 @@ class Preflight:
         powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
         seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
-        return cls(names, parameters, later or parameters, forecast, feasible, quality, stages)
+        turn_back = latest_turn_back(evaluation, place, filling)
+        return cls(names, parameters, later or parameters, forecast, feasible, quality, stages, turn_back)
 
     def segments(self, plan: Plan) -> dict[str, tuple[float, ...]]:
         """The path parameters whose values differ between segments of laps, by name: a value for each segment."""
