@@ -20,8 +20,8 @@ MAX_BEYOND = 1.5
 """Largest ratio of the airspeed to the measured ones: beyond it, the power is a guess, or the points are swapped."""
 FAR_M = 100_000.0
 """Distance from the plan that no small aircraft flies to begin one [m]: its metres may be those of a map's grid."""
-MAX_LATE = 10.0
-"""Largest ratio of the time of a fault to the time limit."""
+LATE_S = 30_000.0
+"""Time after which batteries are empty; most times in ms are above it [s]."""
 NEAR_DEG = 1.0
 """Distance of two positions that are one place [°]."""
 
@@ -69,8 +69,8 @@ def position_doubts(key: str, position_m: Point | None, first_m: Point, origin_d
 
 
 def fault_doubts(faults: Sequence[BatteryFault], time_limit_s: float) -> Iterator[Doubt]:
-    """Doubts about faults long after the end of the flight, as in ms; the limit may cut a flight short on purpose."""
+    """Doubts about faults after hours and after the time limit, which may cut a flight short on purpose."""
     for i, fault in enumerate(faults):
-        if fault.at_s > MAX_LATE * time_limit_s:
-            message = f"a loss of charge at {fault.at_s:g} s, long after the time limit"
+        if fault.at_s > max(LATE_S, time_limit_s):
+            message = f"a loss of charge at {fault.at_s:g} s, after the time limit"
             yield Doubt(f"faults.{i}.at_s", message, f"seconds, at most {time_limit_s:.4g}")

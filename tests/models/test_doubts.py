@@ -55,4 +55,5 @@ def test_positions_in_metres_are_near_the_plan(position_m, message):
 
 def test_losses_are_before_the_time_limit():
     faults = [BatteryFault(6000.0, 0.1), BatteryFault(93_000.0, 0.06)]
+    assert not [*fault_doubts(faults, 100_000.0)]
     assert [doubt.key for doubt in fault_doubts(faults, 600.0)] == ["faults.1.at_s"]
