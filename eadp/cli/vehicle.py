@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from eadp.cli.options import Format, FormatOption
-from eadp.cli.output import aligned, emit, emit_json, usage_fault
+from eadp.cli.output import aligned, emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
     from eadp.models.performance import Performance, SpeedRange
@@ -31,9 +31,10 @@ def command(
     Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
     input.
     """
+    from eadp.io.text.schema_faults import keys_document
     from eadp.io.text.streams import read_text
-    from eadp.io.vehicle.presets import read_vehicle
     from eadp.io.vehicle.report import document
+    from eadp.io.vehicle.vehicle_file import SCHEMA, vehicle_of, vehicle_warnings
     from eadp.models.performance import performance
 
     if not 0 <= computing <= 1e6:
@@ -41,7 +42,9 @@ def command(
     if not 0 <= reserve < 1:
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
     winds = _winds(wind)
-    vehicle = read_vehicle(read_text(file))
+    keys = keys_document(read_text(file), SCHEMA)
+    vehicle = vehicle_of(keys)
+    warn(vehicle_warnings(keys, vehicle))
     found = performance(vehicle.airframe, vehicle.battery, winds, computing_w=computing, reserve_soc=reserve)
     if plot:
         from eadp.io.figures.vehicle import write_vehicle_figure

@@ -105,6 +105,21 @@ def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
     assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
 
 
+@pytest.mark.parametrize(
+    ("body", "warning"),
+    [
+        ("battery: {capacity_ah: 850}", "2:11: warning: 850 Ah, which are"),
+        ("airframe: {model: power-curve, points: [[36, 15], [50, 20]]}", "2:32: warning: points from 36 to 50 m/s"),
+    ],
+)
+def test_an_aircraft_that_is_possible_and_unlikely(eadp, tmp_path, body, warning):
+    file = tmp_path / "v.yaml"
+    file.write_text(f"schema: eadp.vehicle/1\n{body}\n")
+    answer = eadp("vehicle", file)
+    assert answer.out
+    assert f"{file}:{warning}" in answer.err
+
+
 @pytest.mark.parametrize("option", ["--sensor-width-mm", "--focal-length-mm"])
 def test_a_camera_in_metres(eadp, option):
     camera = {"--altitude": "100", "--sensor-width-mm": "13.2", "--focal-length-mm": "8.8", option: "0.0132"}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from eadp.models.battery import Battery
-from eadp.models.doubts import aircraft_doubts, position_doubts
-from eadp.models.vehicle import FixedWing, PaperVehicle
+from eadp.models.battery import Battery, BatteryFault
+from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
+from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
 BATTERY, CALM = Battery(), Wind()
@@ -30,10 +30,30 @@ def test_gusts_are_well_below_the_airspeed(share, doubtful):
     assert found == (["wind.gust_std_mps"] if doubtful else [])
 
 
+@pytest.mark.parametrize(("airspeed_mps", "doubtful"), [(8.1, False), (7.9, True), (26.9, False), (27.1, True)])
+def test_a_power_curve_is_measured_around_the_airspeed(airspeed_mps, doubtful):
+    curve = PowerCurve(points=((12.0, 30.0), (18.0, 50.0)), airspeed_mps=airspeed_mps)
+    assert keys_of(curve) == (["vehicle.airframe.points"] if doubtful else [])
+
+
 @pytest.mark.parametrize(
-    ("position_m", "doubtful"), [((55.4, 10.4), True), ((10.43, 55.37), True), ((55.37, -10.43), False), (None, False)]
+    ("position_m", "message"),
+    [
+        ((55.4, 10.4), "(55.4, 10.4) m, which are the degrees of the plan's origin"),
+        ((10.43, 55.37), "(10.43, 55.37) m, which are the degrees of the plan's origin"),
+        ((55.37, -10.43), ""),
+        ((99_000.0, 0.0), ""),
+        ((560_000.0, 6_130_000.0), "(560000, 6.13e+06) m, 6156 km from the plan's first trigger"),
+        (None, ""),
+    ],
 )
-def test_degrees_of_the_plans_place_are_no_metres(position_m, doubtful):
-    found = [doubt.key for doubt in position_doubts("home", position_m, ORIGIN_DEG)]
-    assert found == (["home.position_m"] if doubtful else [])
-    assert not [*position_doubts("home", position_m, None)]
+def test_positions_in_metres_are_near_the_plan(position_m, message):
+    found = [doubt.message for doubt in position_doubts("home", position_m, (0.0, 0.0), ORIGIN_DEG)]
+    assert found == ([message] if message else [])
+    assert [*position_doubts("home", (10.43, 55.37), (0.0, 0.0), None)] == []
+
+
+def test_losses_are_before_the_time_limit():
+    faults = [BatteryFault(6000.0, 0.1), BatteryFault(93_000.0, 0.06)]
+    assert not [*fault_doubts(faults, 100_000.0)]
+    assert [doubt.key for doubt in fault_doubts(faults, 600.0)] == ["faults.1.at_s"]

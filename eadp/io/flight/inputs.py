@@ -22,7 +22,7 @@ from eadp.io.text.yaml import Document
 from eadp.models.airspace import EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, position_doubts
+from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
@@ -175,7 +175,7 @@ def load_flight(
     warnings += _unused(plan, scenario)
     mission = _mission(world, scenario, energy)
     _check_planner(scenario, mission)
-    warnings += _doubts(scenario, plan)
+    warnings += _doubts(scenario, world)
     return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
 
@@ -245,13 +245,15 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
     )
 
 
-def _doubts(scenario: Scenario, plan: Plan) -> list[Fault]:
+def _doubts(scenario: Scenario, world: World) -> list[Fault]:
     """Warnings about settings that may mean something else."""
-    keys, origin_deg = scenario.keys, plan.site.origin_deg
+    keys, plan = scenario.keys, world.plan
+    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
     found = [
         *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
-        *position_doubts("start", keys.start.position_m, origin_deg),
-        *position_doubts("home", keys.home.position_m, origin_deg),
+        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
+        *fault_doubts(keys.faults, world.clock.time_limit_s),
     ]
     return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 

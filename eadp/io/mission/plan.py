@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from eadp.io.mission.reader import PlanReader
 
 HIGHEST_M = 1e5
+LOW_M = 50.0
+"""Height below home beyond which an altitude above the sea may be one above home [m]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
 SAME_POINT_DEG = 1e-9
@@ -280,7 +282,13 @@ class MissionPlan:
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):
             message = f"{item.label}: an altitude above ground, taken as above home"
             self._find(item.locations[1], "terrain", message)
-        return altitude - self.draft.home[2] if frame == d.ABSOLUTE else altitude
+        if frame != d.ABSOLUTE:
+            return altitude
+        above_m = altitude - self.draft.home[2]
+        if above_m < -LOW_M and not any(finding.code == "below-home" for finding in self.findings):
+            message = f"{item.label}: {altitude:g} m above the sea, which is {-above_m:.0f} m below home"
+            self._find(item.locations[8], "below-home", message)
+        return above_m
 
     def _target(
         self, index: int, item: DraftItem, here: Point, airspeed: float | None, climb_m: float

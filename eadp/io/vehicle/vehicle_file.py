@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Discriminator, Tag
@@ -11,7 +11,9 @@ from eadp.errors import Fault, printable, refuse
 from eadp.io.text.schema_faults import STRICT, schema_of, validated, without_nulls
 from eadp.io.text.yaml import Document, Path
 from eadp.models.battery import Battery
+from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing
+from eadp.models.weather import Wind
 
 SCHEMA = "eadp.vehicle/1"
 DEFAULT = next(iter(AIRFRAMES))
@@ -78,6 +80,15 @@ def vehicle_of(document: Document) -> VehicleFile:
     return validated(
         VehicleFile, document, document.value, lambda keys: battery_faults(document, keys.battery), RENAMED
     )
+
+
+def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
+    """Warnings about values of a vehicle's document that may mean something else."""
+    doubts = aircraft_doubts(vehicle.airframe, vehicle.battery, Wind())
+    return [
+        replace(document.fault(tuple(key.removeprefix("vehicle.").split(".")), *what), severity="warning")
+        for key, *what in doubts
+    ]
 
 
 def two_voltages(document: Document, value: Any, at: Path = ()) -> list[Fault]:

@@ -382,6 +382,13 @@ def test_a_home_that_is_not_set_is_the_first_position(format_):
     assert finding.message == f"home has no position: taken as that of {label}, its first item with one"
 
 
+@pytest.mark.parametrize(("altitude_m", "low"), [(350, False), (50, True)])  # home is at 400
+def test_an_altitude_above_the_sea_that_is_far_below_home(altitude_m, low):
+    _, findings = read(qgc(waypoint(300, 0, frame=0, altitude=altitude_m), waypoint(300, 300, frame=0, altitude=350)))
+    messages = ["mission.items[0]: 50 m above the sea, which is 350 m below home"]
+    assert [finding.message for finding in findings] == (messages if low else [])
+
+
 def test_altitudes_above_the_sea_need_a_home():
     fault = fault_of(qgc(waypoint(0, 0), waypoint(300, 0, frame=0, altitude=450), plannedHomePosition=[0, 0, 0]))
     assert fault.message == "home has no position"
