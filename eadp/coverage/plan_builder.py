@@ -77,6 +77,9 @@ def build_plan(
         What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
     """
     builder = _PlanBuilder(solution, computations or FieldComputations())
+    site = site or Site()
+    if builder.start_m is not None:
+        site = site._replace(start_m=builder.start_m)
     repeats = len(builder.segments) > 1
     stages = builder.stages if commands is None else builder.commanded(commands)
     return Plan(
@@ -86,7 +89,7 @@ def build_plan(
         computations=builder.computations.computations,
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
-        site=site or Site(),
+        site=site,
         segments=tuple(builder.segments) if repeats else (),
         primitive_stages=4 if repeats else None,
     )
@@ -100,6 +103,8 @@ class _PlanBuilder:
         self.stages: list[Stage] = []
         self.segments: list[Segment] = []
         self.shortest_m = math.inf
+        self.start_m: Point | None = None
+        """Where a plan starts whose first stage is shorter than the way before its trigger that is flown by default."""
         self._sensing: list[bool] = []
         self._min_c1 = solution.min_c1
         legs: list[CoverageLeg] = []
@@ -146,6 +151,8 @@ class _PlanBuilder:
             share = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
             if share < piece.length_m:
                 legs = [*legs[0].cut(share), *legs[1:]]
+            else:
+                self.start_m = (round(piece.start[0], _DIGITS), round(piece.start[1], _DIGITS))
         for leg in legs:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)

@@ -8,14 +8,14 @@ from eadp.io.flight.folder import fly_flight
 from eadp.io.flight.inputs import load_flight
 
 
-def flown(root, plan, **keys):
-    inputs = load_flight(
-        plan,
-        profile_path=str(root / "profiles/pednet-jetson-nano.yaml"),
-        overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys},
-    )
+def flown(plan, profile=None, **keys):
+    inputs = load_flight(plan, profile_path=profile, overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys})
     expected = inputs.preflight()
     return fly_flight(inputs, expected), expected
+
+
+def survey(root):
+    return str(root / "plans/survey.plan"), str(root / "profiles/pednet-jetson-nano.yaml")
 
 
 @pytest.fixture
@@ -29,8 +29,8 @@ def field(eadp, tmp_path):
 @pytest.mark.parametrize(
     ("keys", "quality"), [({"voltage_v": 22.2, "capacity_ah": 5}, 0.99), ({"capacity_ah": 0.7}, 0.6)]
 )
-def test_ordinary_packs_cover_a_field(root, field, keys, quality):
-    flight, expected = flown(root, field, **{f"battery.{key}": value for key, value in keys.items()})
+def test_ordinary_packs_cover_a_field(field, keys, quality):
+    flight, expected = flown(field, **{f"battery.{key}": value for key, value in keys.items()})
     assert expected.feasible
     assert expected.forecast.completes_probability > 0.99
     assert flight.summary["completed"]
@@ -60,7 +60,7 @@ BINDING = [
 @pytest.mark.parametrize(("keys", "limit", "words"), BINDING)
 def test_a_limit_that_binds_is_named(root, planner, keys, limit, words):
     battery = {f"battery.{key}": value for key, value in keys.items()}
-    flight, _ = flown(root, str(root / "plans/survey.plan"), **SURVEY, **battery, **{"planner.name": planner})
+    flight, _ = flown(*survey(root), **SURVEY, **battery, **{"planner.name": planner})
     named = {record.battery_limit for record in flight.decisions}
     assert limit in named
     assert named <= {limit, None}
@@ -72,7 +72,7 @@ def test_the_cut_off_voltage_is_an_empty_battery(root):
     keys = {"voltage_v": 16.8, "voltage_empty_v": 12.8, "cutoff_voltage_v": 14.0, "capacity_ah": 0.2}
     battery = {f"battery.{key}": value for key, value in keys.items()}
     static = {"planner.name": "static", "wind.speed_mps": 0}
-    flight, expected = flown(root, str(root / "plans/survey.plan"), **battery, **static)
+    flight, expected = flown(*survey(root), **battery, **static)
     summary = flight.summary
     assert not summary["completed"]
     assert summary["reason"].startswith("battery empty: ")

@@ -301,7 +301,8 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
     commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    if commanded_m and plan.site.start_m is not None and scenario.position_m("start", plan.site.origin_deg) is None:
+    from_home = plan.site.start_m == (0.0, 0.0)  # the origin of a mission
+    if commanded_m and from_home and scenario.position_m("start", plan.site.origin_deg) is None:
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m
