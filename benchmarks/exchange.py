@@ -169,7 +169,7 @@ def exported(count: int) -> None:
             refused += 1
             continue
         made += 1
-        path = PlannedPath("m", planned_sections(plan, ()), HOME, 50.0, 15.0, tolerance_m=TOLERANCE_M)
+        path = PlannedPath("m", planned_sections(nominal_legs(plan, ())), HOME, 50.0, 15.0, tolerance_m=TOLERANCE_M)
         before = drawn(plan)
         for to in ("ardupilot", "qgc"):
             after = drawn(reader(Text("m", EXPORTS[to](path)))[0])

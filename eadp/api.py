@@ -6,6 +6,7 @@ need is imported when it is used. `warn` takes the warnings, a list of `Fault`; 
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
@@ -21,7 +22,9 @@ from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
 from eadp.io.text.named import parse_named
 from eadp.io.text.streams import Text, read_text
+from eadp.io.vehicle.presets import read_vehicle
 from eadp.models.energy import EnergyModel
+from eadp.models.performance import too_tight
 from eadp.models.plan.plan import Plan
 from eadp.models.profile_sum import AnyProfile
 from eadp.simulation.loop import Step
@@ -236,6 +239,7 @@ def cover(
     profile: File | AnyProfile | None = None,
     scenario: File | None = None,
     *,
+    vehicle: File | None = None,
     warn: Warn = _python_warnings,
 ) -> CoveragePlan:
     """Plan the coverage of a field: from its outline to a plan whose line spacing can vary in flight.
@@ -250,6 +254,8 @@ def cover(
         The plan gets its computations, and the report the energy; by default the scenario's.
     scenario : path, optional
         For the vehicle, the wind and the energy.
+    vehicle : path, optional
+        The aircraft, instead of the scenario's.
     warn : function, optional
 
     Raises
@@ -271,7 +277,13 @@ def cover(
     if options.turns_off and profile is None:
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
-    return plan_coverage(str(field), options, setting.keys.vehicle.airframe, setting.keys.wind.steady_mps, profile)
+    flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    covered = plan_coverage(str(field), options, flown.name, flown.airframe, setting.keys.wind.steady_mps, profile)
+    motion = covered.report.motion
+    wind_mps = math.hypot(*motion.wind_mps)
+    if tight := too_tight(flown.airframe, motion.airspeed_mps, motion.min_radius_m, wind_mps):
+        warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
+    return covered
 
 
 def sweep(

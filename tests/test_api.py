@@ -103,12 +103,12 @@ def test_faults_of_what_is_given_have_a_place():
 
 
 def test_a_field_is_covered_as_by_the_command(eadp):
-    options = ("--min-radius", "30", "--swath", "30", "--wind", "4,200", "--heading", "80")
+    options = ("--min-radius", "40", "--swath", "30", "--wind", "4,200", "--heading", "80")
     answer = eadp("cover", "plans/meadow.geojson", *options, "--format", "json")
-    chosen = library.CoverageOptions(min_radius_m=30, swath_m=30, wind=(4, 200), heading_deg=80)
+    chosen = library.CoverageOptions(min_radius_m=40, swath_m=30, wind=(4, 200), heading_deg=80)
     coverage = library.cover("plans/meadow.geojson", chosen)
     assert json.loads(json.dumps(coverage.document)) == json.loads(answer.out)
-    assert coverage.plan.min_radius_m == 30
+    assert coverage.plan.min_radius_m == 40
 
 
 def test_a_sweep_is_that_of_the_command_and_is_kept(eadp, tmp_path):

@@ -22,7 +22,10 @@ def command(
         str,
         Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD"),
     ],
-    min_radius: Annotated[float, Option(help="Smallest turning radius of the aircraft [m].", metavar="METRES")],
+    min_radius: Annotated[
+        float | None,
+        Option(help="Smallest turning radius [m]; by default what the aircraft needs in the wind.", metavar="METRES"),
+    ] = None,
     swath: Annotated[
         float | None,
         Option(help="Width of ground that a line covers [m]; or it follows from the camera.", metavar="METRES"),
@@ -94,6 +97,7 @@ def command(
     scenario: Annotated[
         str | None, Option(help="Scenario, for the vehicle, the wind and the energy.", metavar="FILE")
     ] = None,
+    vehicle: Annotated[str | None, Option(help="Aircraft, instead of the scenario's.", metavar="FILE")] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Write the plan here.", metavar="PLAN")] = None,
     format_: Annotated[
         CoverFormat | None,
@@ -141,7 +145,7 @@ def command(
         forward_overlap,
     )
     try:
-        found = api.cover(file, options, profile, scenario, warn=warn)
+        found = api.cover(file, options, profile, scenario, vehicle=vehicle, warn=warn)
     except Infeasible as error:
         warn([Fault(name, 1, 1, str(error), "a field, a pattern, a swath and a spacing that fit together")])
         return 1

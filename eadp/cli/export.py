@@ -10,11 +10,17 @@ from typer import Argument, Option
 
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, usage_fault, warn
+from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import Fault, InputError, PathUndefined, printable
 from eadp.io.mission import EXPORT_NAMES
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eadp.models.plan.legs import Leg
+    from eadp.models.plan.plan import Plan
     from eadp.models.vehicle import Airframe
+    from eadp.planning.forecast.held import Preflight
 
 ExportName = StrEnum("ExportName", {name: name for name in EXPORT_NAMES})  # type: ignore[misc]
 """Formats by name."""
@@ -53,6 +59,9 @@ def command(
         float | None, Option(help="Turning radius of a mission's turns [m].", metavar="METRES")
     ] = None,
     laps: LapsOption = None,
+    from_: Annotated[
+        str | None, Option("--from", help="Write the rest, from this stage of this lap on.", metavar="STAGE,LAP")
+    ] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Write it here.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp export plans/survey.plan --to qgc --origin 55.37,10.43 --set c1=-500
@@ -64,9 +73,11 @@ def command(
     """
     from eadp.cli.plan import parameters_of
     from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
+    from eadp.io.mission.export import FENCED
     from eadp.io.mission.path import PlannedPath, planned_sections
     from eadp.io.mission.reader import PlanReader
     from eadp.io.text.streams import read_text, write_text
+    from eadp.models.plan.trace import nominal_legs
 
     for option, value in (
         ("--trigger-distance", trigger_distance), ("--tolerance", tolerance), ("--min-radius", min_radius),
@@ -77,7 +88,7 @@ def command(
         raise usage_fault("--altitude", f"{altitude:g}", f"{altitude:g} m is out of range", "from -10000 to 10000")
     places = {"--home": home, "--origin": origin}
     points = {option: _position_deg(option, raw) for option, raw in places.items() if raw is not None}
-    start, airframe = None, _default_airframe()
+    forecast, airframe = None, _default_airframe()
     if scenario is None:
         text = read_text(plan)
         flown, findings = PlanReader(laps=laps).turning(min_radius)(text)
@@ -94,8 +105,7 @@ def command(
         if forecast is None:
             message = "the forecast before take-off finds no parameters"
             raise usage_fault("--scenario", scenario, message, "a battery that is drained, or --set without --scenario")
-        flown, name, start = inputs.world.plan, inputs.texts["plan"].name, inputs.world.start.position_m
-        parameters = [forecast.parameters[each] for each in flown.names]
+        flown, name = inputs.world.plan, inputs.texts["plan"].name
         airframe = inputs.world.vehicle
     if flown.site.origin_deg is not None and "--origin" in points:
         raise usage_fault("--origin", origin or "", "the plan has an origin", "no --origin")
@@ -109,18 +119,27 @@ def command(
         message = f"altitude {airframe.cruise_altitude_m:g} m, the aircraft's; --altitude sets another"
         warn([Fault(name, 1, 1, message, severity="note")])
     try:
-        sections = planned_sections(flown, parameters, start)
+        legs = nominal_legs(flown, parameters) if forecast is None else forecast.legs(inputs.mission)
     except PathUndefined as error:
         raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
+    if forecast is not None:
+        warn([Fault(name, 1, 1, _forecast_text(forecast, flown, legs), severity="note")])
+    if from_ is not None:
+        legs = _rest(legs, from_)
+    if any(flown.site.airspace) and to.value not in FENCED:
+        message = f"obstacles and boundary are not in the format {to.value}"
+        warn([Fault(name, 1, 1, message, severity="note")])
+    home_m = flown.site.home_m if "--home" not in points else None
     path = PlannedPath(
         (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
-        sections,
+        planned_sections(legs),
         place,
         airframe.cruise_altitude_m if altitude is None else altitude,
         airframe.airspeed_mps,
-        points.get("--home"),
+        points.get("--home") if home_m is None else to_geodetic_deg(*home_m, place),
         trigger_distance,
         tolerance,
+        flown.site.airspace,
     )
     from eadp.io.mission.export import EXPORTS
 
@@ -130,6 +149,34 @@ def command(
     else:
         write_text(out, written)
     return 0
+
+
+def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
+    """The forecast that is exported, for people."""
+    segments = forecast.segments(plan)
+    chosen = []
+    for name in plan.names[: plan.path_count]:
+        values = segments.get(name, (forecast.parameters[name],))
+        chosen.append(f"{name} = {' then '.join(f'{value:g}' for value in values[:2])}")
+    end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
+    reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
+    energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
+    at = f"at {', '.join(chosen)}: " if chosen else ""
+    return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}"
+
+
+def _rest(legs: tuple[Leg, ...], raw: str) -> tuple[Leg, ...]:
+    """The legs from a stage of a lap on."""
+    try:
+        stage, lap = map(int, raw.split(","))
+    except ValueError:
+        raise usage_fault("--from", raw, "no stage and lap", "two whole numbers, as in 3,2") from None
+    for i, leg in enumerate(legs):
+        if (leg.stage.index, leg.lap) == (stage, lap):
+            return legs[i:]
+    last = max((leg.lap for leg in legs if leg.stage.index == stage), default=None)
+    known = "one of the plan" if last is None else f"a lap from 0 to {last}"
+    raise usage_fault("--from", raw, f"stage {stage} is not flown in lap {lap}", known)
 
 
 def _default_airframe() -> Airframe:

@@ -20,6 +20,14 @@ ScenarioOption = Annotated[str | None, Option(help="Scenario (YAML).", metavar="
 ProfileOption = Annotated[
     str | None, Option(help="Computation profile: its model, or the measurements.", metavar="FILE")
 ]
+AtOption = Annotated[
+    list[str] | None,
+    Option(
+        "--at",
+        help="Of a plan without computations: the configuration of the profile, a constant load [the highest].",
+        metavar="NAME=VALUE,…",
+    ),
+]
 EnergyOption = Annotated[str | None, Option(help="Energy model made by eadp fit.", metavar="FILE")]
 PlannerOption = Annotated[PlannerName | None, Option(help="Which planner decides.")]
 LapsOption = Annotated[
@@ -35,3 +43,14 @@ SetOption = Annotated[
 def names_in(raw: str) -> list[str]:
     """The names of an option that lists them, separated by commas."""
     return [name.strip() for name in raw.split(",")] if raw else []
+
+
+def load_overrides(at: list[str] | None) -> list[str]:
+    """The overrides of the scenario that `--at` stands for."""
+    from eadp.cli.output import usage_fault
+
+    texts = [part.strip() for each in at or () for part in each.split(",")]
+    for text in texts:
+        if "=" not in text:
+            raise usage_fault("--at", text, f"{text or 'an empty text'} is no name=value", "NAME=VALUE, as in fps=5")
+    return [f"profile_at.{text}" for text in texts]

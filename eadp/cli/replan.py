@@ -8,7 +8,16 @@ from typing import Annotated, Any, BinaryIO
 
 from typer import Argument, Option
 
-from eadp.cli.options import EnergyOption, LapsOption, PlannerOption, ProfileOption, ScenarioOption, SetOption
+from eadp.cli.options import (
+    AtOption,
+    EnergyOption,
+    LapsOption,
+    PlannerOption,
+    ProfileOption,
+    ScenarioOption,
+    SetOption,
+    load_overrides,
+)
 from eadp.cli.output import usage_fault, warn
 
 
@@ -19,6 +28,7 @@ def command(
     ] = "-",
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
+    at: AtOption = None,
     energy: EnergyOption = None,
     planner: PlannerOption = None,
     set_: SetOption = None,
@@ -50,7 +60,9 @@ def command(
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-":
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
-    overrides = read_overrides(override_texts(set_ or (), planner=planner and planner.value, laps=laps))
+    overrides = read_overrides(
+        override_texts([*(set_ or ()), *load_overrides(at)], planner=planner and planner.value, laps=laps)
+    )
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 

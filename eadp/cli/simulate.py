@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
+import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from eadp.cli.options import (
+    AtOption,
     EnergyOption,
     Format,
     FormatOption,
@@ -16,12 +18,15 @@ from eadp.cli.options import (
     ProfileOption,
     ScenarioOption,
     SetOption,
+    load_overrides,
 )
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.models.airspace import BOUNDARY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eadp.io.scenario.scenario_file import Scenario
     from eadp.simulation.loop import Step
 
 
@@ -38,6 +43,7 @@ def command(
     ],
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
+    at: AtOption = None,
     energy: EnergyOption = None,
     planner: PlannerOption = None,
     set_: SetOption = None,
@@ -72,7 +78,8 @@ def command(
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
 
     name = planner and planner.value
-    flight = api.simulate(plan, scenario, profile, energy, set_ or (), name, seed, laps=laps, on_step=show, warn=warn)
+    texts = [*(set_ or ()), *load_overrides(at)]
+    flight = api.simulate(plan, scenario, profile, energy, texts, name, seed, laps=laps, on_step=show, warn=warn)
     progress.close()
     summary = flight.summary
     if out is not None:
@@ -80,8 +87,29 @@ def command(
     if format_ is Format.json:
         emit_json(summary)
     else:
-        emit(_text(summary, out, decided=bool(flight.decisions), figure=figure))
+        shown = _text(summary, out, decided=bool(flight.decisions), figure=figure)
+        emit(f"{_setting(flight.inputs.scenario)}\n{shown}")
     return 0 if summary["completed"] and (summary["reserve_kept"] or not require_reserve) else 1
+
+
+def _setting(scenario: Scenario) -> str:
+    """The aircraft, battery and wind of a flight, and which of them are defaults."""
+    from eadp.core.geometry.bearings import compass_deg
+    from eadp.models.vehicle import PaperVehicle
+
+    keys, chosen = scenario.keys, scenario.chosen
+    airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
+    east, north = wind.steady_mps
+    speed = wind.steady_speed_mps
+    mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    shown = {
+        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
+        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
+        "wind": f"wind {speed:g} m/s"
+        + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
+        + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
+    }
+    return "aircraft   " + "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
 
 
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
@@ -94,10 +122,18 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
     lines = [
         *_forecast(summary["energy_forecast"]),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
+        *(
+            f"airspace   {'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from "
+            f"{each['entered_s']:.1f} s on, {each['inside_m']:.0f} m"
+            for each in summary["obstacles"]
+        ),
         f"energy     {summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W, "
         f"from {power['min']:.2f} to {power['max']:.2f} W",
         f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
     ]
+    if summary["turned_back_s"] is not None:
+        x, y = summary["turned_back_m"]
+        lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
     lines += _endurance(summary["endurance"])
     for name, values in summary["parameters"].items():
         ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
@@ -137,7 +173,14 @@ def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
         return []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
+    home = []
+    if expected["turn_back_s"] is not None:
+        x, y = expected["turn_back_m"]
+        home = [
+            f"home       within reach with the reserve until {expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+        ]
     return [
         f"forecast   completes with {100 * expected['completes_probability']:.0f} %, keeps the reserve with "
-        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}"
+        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}",
+        *home,
     ]

@@ -77,6 +77,10 @@ LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """The arguments of `line_order.best_order` [s]."""
 
 
+CLEARANCE_SHARE = 0.2
+"""Distance to obstacles and to the boundary, over the smallest turning radius: flights leave paths by up to so much."""
+
+
 @dataclass(frozen=True)
 class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
@@ -96,8 +100,11 @@ class CoverageRequest:
     @cached_property
     def space(self) -> FreeSpace | None:
         """Where lines and turns may lie; None for everywhere."""
-        limits = self.field.obstacles, self.field.boundary
-        return FreeSpace(*limits) if any(limits) else None
+        obstacles, boundary = self.field.airspace
+        if not (obstacles or boundary):
+            return None
+        clear_m = CLEARANCE_SHARE * self.motion.min_radius_m
+        return FreeSpace([obstacle.outline for obstacle in obstacles], boundary, clear_m)
 
 
 @dataclass(frozen=True)

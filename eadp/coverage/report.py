@@ -156,8 +156,8 @@ class CoverageReport:
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
             "parts": len(self.field.parts),
-            "obstacles": len(self.field.obstacles),
-            "boundary": bool(self.field.boundary),
+            "obstacles": len(self.field.airspace.obstacles),
+            "boundary": bool(self.field.airspace.boundary),
             "origin_deg": self.field.origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
             "normalised": list(normalised),
@@ -205,9 +205,10 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
                 f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
-        if self.field.obstacles or self.field.boundary:
-            kept = [f"out of {_counted(len(self.field.obstacles), 'obstacle')}"] if self.field.obstacles else []
-            kept += ["inside the boundary"] if self.field.boundary else []
+        obstacles, boundary = self.field.airspace
+        if obstacles or boundary:
+            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
+            kept += ["inside the boundary"] if boundary else []
             short = min(end.coverage for end in self.ends) < FULL
             why = "; ground is left where a line would have no room for a turn" if short else ""
             lines.append(f"stays      {' and '.join(kept)}{why}")

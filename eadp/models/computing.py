@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
@@ -45,15 +45,17 @@ class Computing:
 
     `profile` may be None where no computation can run. `order` gives, for each column of the profile, which of the
     plan's computations it is. Of a sum, a part draws no power while none of its computations may run; within a part,
-    a computation that may not run is at 0, which must have been measured.
+    a computation that may not run is at 0, which must have been measured. `load_w` is a constant load [W], of
+    computations that the plan does not decide.
     """
 
     path_count: int
     profile: AnyProfile | None
     order: tuple[int, ...] = ()
+    load_w: float = 0.0
 
     def power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
-        """Power [W] at parameters c1, c2, … within a stage's sets; 0 if no computation may run.
+        """Power [W] at parameters c1, c2, … within a stage's sets; `load_w` if no computation may run.
 
         Raises
         ------
@@ -76,8 +78,8 @@ class Computing:
     def _power_w(self, parameters: Sequence[float], sets: Sequence[Box]) -> float:
         values = parameters[self.path_count :]
         if not values or self.profile is None or all(box.inhibited for box in sets[self.path_count :]):
-            return 0.0
-        total_w, column = 0.0, 0
+            return self.load_w
+        total_w, column = self.load_w, 0
         for part in self.profile.parts:
             chosen = self.order[column : column + len(part.names)]
             column += len(part.names)
@@ -108,8 +110,32 @@ class Computing:
         return self.profile.levels(self.order.index(index), box.lo, box.hi, measured=measured)
 
 
-def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:
+def may_compute(plan: Plan) -> bool:
+    """Whether a plan has computations that may run on any of its stages."""
+    return any(not box.inhibited for stage in plan.stages for box in stage.sets[plan.path_count :])
+
+
+def load_configuration(profile: AnyProfile, load_at: Mapping[str, float]) -> tuple[float, ...]:
+    """Configuration of a constant load: each value as stated by name, else the highest; the nearest inside.
+
+    Raises
+    ------
+    EadpError
+        If the profile has no parameter of a name, or has not measured what is stated.
+    """
+    for name, value in load_at.items():
+        if name not in profile.names:
+            raise EadpError(f"the profile has no parameter {name}")
+        lo, hi = profile.range_of(name)
+        if not lo <= value <= hi:
+            raise EadpError(f"{name} = {value:g} is outside what was measured, {lo:g} to {hi:g}")
+    return profile.nearest([load_at.get(name, profile.range_of(name)[1]) for name in profile.names])
+
+
+def join_profile(plan: Plan, profile: AnyProfile | None, load_at: Mapping[str, float] | None = None) -> Computing:
     """Join a plan and a profile by the names of the computations, or in order if the plan has no names.
+
+    Beside a plan without computations that may run, the profile is a constant load, at `load_at` by name.
 
     Raises
     ------
@@ -118,13 +144,14 @@ def join_profile(plan: Plan, profile: AnyProfile | None) -> Computing:
     """
     rho = plan.path_count
     computations = plan.parameters[rho:]
-    running = [box for stage in plan.stages for box in stage.sets[rho:] if not box.inhibited]
+    running = may_compute(plan)
     if profile is None:
         if running:
             raise EadpError("the plan has computations that may run, and there is no profile of their power")
         return Computing(rho, None)
     if not running:
-        return Computing(rho, profile, ())
+        # what the profile measures runs all the same, and the plan does not decide it
+        return Computing(rho, None, load_w=profile.power_w_at(load_configuration(profile, load_at or {}), clamp=True))
     if len(profile.names) != len(computations):
         raise EadpError(
             f"the plan has {len(computations)} computations, the profile measures {len(profile.names)}: "

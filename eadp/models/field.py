@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from eadp.models.airspace import EVERYWHERE, Airspace
+
 if TYPE_CHECKING:
     from eadp.core.geometry.polygons import Ring
 
@@ -25,10 +27,8 @@ class Field:
     origin_deg : (float, float) or None
         Latitude and longitude [°] of the local frame's origin on the WGS-84 ellipsoid; None if the file is in metres
         and has none.
-    obstacles : tuple of tuples of (float, float)
-        Outlines that lines and turns stay out of, each as `outline`, of either winding; anywhere.
-    boundary : tuple of tuples of (float, float)
-        Outlines that lines and turns stay inside of, as `obstacles`; none for everywhere.
+    airspace : Airspace
+        What lines and turns keep to.
     others : tuple of tuples of rings
         Its other parts, each an outline and its holes.
     """
@@ -37,8 +37,7 @@ class Field:
     holes: tuple[Ring, ...] = ()
     name: str = ""
     origin_deg: tuple[float, float] | None = None
-    obstacles: tuple[Ring, ...] = ()
-    boundary: tuple[Ring, ...] = ()
+    airspace: Airspace = EVERYWHERE
     others: tuple[tuple[Ring, ...], ...] = ()
 
     @property

@@ -20,6 +20,31 @@ STALL_MARGIN = 1.2
 """Least of the best airspeeds over the stall's: what is left for a gust and a turn."""
 
 
+PATH_MARGIN = 1.3
+"""Radius of the tightest turn of a path over the least that can be held, for the guidance and for gusts.
+
+With it flights stay within 6.5 m of paths among obstacles, in winds up to 0.6 of the airspeed; with 1.0, within 10 m.
+"""
+
+
+def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) -> float:
+    """Least radius of a circle over the ground [m], in a wind, at the course on which it is the widest.
+
+    With the wind the ground speed is V + W, and its acceleration (V + W)²/r is at most that of a turn in calm air.
+    """
+    return airframe.turn_radius_m * ((airspeed_mps + wind_mps) / airframe.airspeed_mps) ** 2
+
+
+def too_tight(airframe: Airframe, airspeed_mps: float, radius_m: float, wind_mps: float) -> str:
+    """What is wrong with a path whose tightest turn has a radius [m], in a wind [m/s]; '' where it can be held."""
+    min_m = ground_radius_m(airframe, airspeed_mps, wind_mps)
+    if radius_m >= min_m:
+        return ""
+    greatest_mps = airframe.airspeed_mps * math.sqrt(radius_m / airframe.turn_radius_m) - airspeed_mps
+    held = f"up to {greatest_mps:.1f} m/s of wind" if greatest_mps >= 0 else "in no wind"
+    return f"turns of {radius_m:g} m, which the aircraft holds {held}; in {wind_mps:g} m/s it needs {min_m:.1f} m"
+
+
 @dataclass(frozen=True)
 class SpeedRange:
     """Time and distance on a battery at an airspeed, in a wind.

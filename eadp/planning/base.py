@@ -222,6 +222,10 @@ class DecisionRecord(NamedTuple):
     point_of_no_return_s: float | None = None
 
 
+TURNS_BACK = "home: "
+"""Beginning of the reason of the decision to fly home."""
+
+
 def with_limit(reason: str, battery_limit: str | None) -> str:
     """A decision's reason, and the limit of the battery that binds."""
     return reason if battery_limit is None else f"{reason}; {LIMITS[battery_limit]} binds"

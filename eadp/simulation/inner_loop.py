@@ -17,6 +17,7 @@ from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight.battery import replayed_soc
+from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import CurveProgress, watched
@@ -263,6 +264,10 @@ class InnerLoop:
     def fault(self, step: int, drop: float) -> None:
         """The next sudden loss of charge."""
         self._c[FAULT_AT], self._c[DROP] = step, drop
+
+    def blow(self, wind_mps: Point) -> None:
+        """The steady wind from now on [m/s]."""
+        self._c[STEADY_X], self._c[STEADY_Y] = wind_mps
 
     def start_stage(self, executor: PlanExecutor, computing_w: float) -> None:
         """Start the stage that an executor is at."""

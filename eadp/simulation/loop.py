@@ -14,6 +14,7 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.errors import EadpError, PathUndefined
+from eadp.models.airspace import Entry
 from eadp.models.battery import CUT_OFF, Battery, BatteryFault
 from eadp.models.computing import ComputationRate, Computing
 from eadp.models.plan.cursor import Rules, Vector
@@ -36,6 +37,11 @@ RETURNED = "returned home"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
+WIND_S = 1.0
+"""Longest time for which a wind that changes is held [s]."""
+
+TRACK_S = 0.1
+"""Longest time between the points of a track that is checked for obstacles [s]."""
 
 
 class TakeOff(NamedTuple):
@@ -124,8 +130,13 @@ class Outcome:
     battery_limit: str | None = None
     """Limit of the battery that ended the flight, or else the one that bound in most re-plannings."""
     totals: FlightTotals = field(default_factory=FlightTotals)
+    entries: list[Entry] = field(default_factory=list)
+    """Obstacles that the flight was in, by time; a flight that was in one is not completed."""
     parameters: ParameterLog | None = None
     stage_times_s: list[float] = field(default_factory=list)
+    turned_back_s: float | None = None
+    turned_back_m: Point | None = None
+    """When [s] and where [m] the plan was given up for home."""
     records: list[DecisionRecord] = field(default_factory=list)
     estimates: list[PowerEstimate] = field(default_factory=list)
     """The planner's estimate of the power at each step of the log."""
@@ -172,6 +183,7 @@ class _Flight:
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
         self._decided = self._bridge.decision.parameters
         self._returning = False
+        self._track: list[Step] = []
         self._k, self._next_update = 0, 1
 
     def steps(self) -> Iterator[Step]:
@@ -185,19 +197,26 @@ class _Flight:
             rows = inner_loop.rows()
             last = [rows.pop()] if due and rows and rows[-1][0] == k else []
             if rows:
-                yield from bridge.logged(rows, k - due, self._plan_stage, self._parameters)
+                yield from self._logged(rows, k - due)
             elif inner_loop.full:
                 bridge.ingest(k - due)
             if due:
                 bridge.update(k, self._executor)
             if last:
-                yield from bridge.logged(last, k, self._plan_stage, self._parameters)
+                yield from self._logged(last, k)
             reason = self._failure(events) if failed else self._hand_over(events, end, due=due)
         bridge.ingest(self._k)
-        if not math.isinf(world.clock.log_every_s) and bridge.logged_to != self._k:
+        if not math.isinf(log_every_s(world)) and bridge.logged_to != self._k:
             now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
-            yield from bridge.logged([[self._k, *now]], self._k, self._plan_stage, self._parameters)
+            yield from self._logged([[self._k, *now]], self._k)
         self._close(TIME_LIMIT if reason is None else reason)
+
+    def _logged(self, rows: list[list[float]], k: int) -> list[Step]:
+        """Rows of the inner loop as steps, which are kept where the plan has obstacles or a boundary."""
+        steps = self._bridge.logged(rows, k, self._plan_stage, self._parameters)
+        if any(self._world.plan.site.airspace):
+            self._track += steps
+        return steps
 
     def _next_stop(self, end: int) -> int:
         """The step at which the planner, a loss of charge or its measurement is due next."""
@@ -206,7 +225,12 @@ class _Flight:
         if self._k >= self._alarms[-1]:
             self._alarms.pop()
         self._inner_loop.fault(*self._losses[-1])
-        return min(end, self._next_update, self._losses[-1][0], self._alarms[-1])
+        stop, wind = min(end, self._next_update, self._losses[-1][0], self._alarms[-1]), self._world.wind
+        if wind.profile:
+            step_s = self._world.clock.step_s
+            self._inner_loop.blow(wind.steady_at_mps(self._k * step_s))
+            stop = min(stop, self._k + max(1, round(WIND_S / step_s)))
+        return stop
 
     def _pose(self) -> Pose:
         variable = self._inner_loop.variable
@@ -240,6 +264,10 @@ class _Flight:
         """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
         decision = self._bridge.decision
         if decision.returns_home:
+            self._outcome.turned_back_s, self._outcome.turned_back_m = (
+                self._k * self._world.clock.step_s,
+                self._pose()[:2],
+            )
             self._executor, self._returning = _turned_back(self._world, self._executor, self._pose()), True
             return True
         if decision.parameters is self._decided:
@@ -292,6 +320,13 @@ class _Flight:
         short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
         self._log.close(time_s, None if outcome.completed else short_of)
         outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, variable(SOC)
+        outcome.entries = self._world.plan.site.airspace.entries(
+            [step.time_s for step in self._track],
+            [(step.x_m, step.y_m) for step in self._track],
+            [step.altitude_m for step in self._track],
+        )
+        if outcome.entries and outcome.completed:
+            outcome.completed, outcome.reason = False, outcome.entries[0].reason
         bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
         outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
@@ -315,8 +350,8 @@ class _SensorBridge:
         self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
         self.late = self._suite.late
         """Delay of the measurements in steps."""
-        unlogged = math.isinf(world.clock.log_every_s)
-        log_every = MAX_STEPS if unlogged else max(1, round(world.clock.log_every_s / world.clock.step_s))
+        every_s = log_every_s(world)
+        log_every = MAX_STEPS if math.isinf(every_s) else max(1, round(every_s / world.clock.step_s))
         inner_loop.note(step_at(planner.reading_every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
@@ -386,6 +421,12 @@ def step_at(time_s: float, step_s: float, max_step: int) -> int:
     if time_s >= max_step * step_s:
         return max_step
     return max(1, math.ceil((time_s - 1e-9) / step_s - 1e-9))
+
+
+def log_every_s(world: World) -> float:
+    """Time between rows of the log [s]; among obstacles or within a boundary, a flight without one keeps its track."""
+    every_s = world.clock.log_every_s
+    return min(every_s, TRACK_S) if any(world.plan.site.airspace) else every_s
 
 
 def _losses(world: World) -> list[tuple[int, float]]:

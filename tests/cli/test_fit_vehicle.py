@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
+import re
 import struct
 import sys
 
@@ -85,6 +86,25 @@ def test_without_a_base_it_is_a_power_curve(eadp, log, tmp_path):
     # its climb takes the same power
     assert curve.weight_n / curve.propulsive_efficiency == pytest.approx(WING.weight_n / 0.5, rel=0.01)
     assert any("mass and efficiency apart" in note for note in document["notes"])
+
+
+@pytest.mark.parametrize(("speeds", "base"), [((15.0,), False), ((12.0, 14.0, 16.0, 18.0), False), ((15.0,), True)])
+def test_a_log_without_turns_gets_the_rise_with_bank_of_physics(eadp, log, tmp_path, speeds, base):
+    (tmp_path / "base.yaml").write_text(BASE)
+    out, noise = tmp_path / "mine.yaml", np.random.default_rng(1)
+
+    def of(row):
+        watts = WING.level_power_w(row[2]) + row[4] * WING.weight_n / 0.5
+        return row[0], watts + 15 * noise.standard_normal(), row[2], 0.0, row[4]
+
+    given = ("--base", tmp_path / "base.yaml") if base else ()
+    assert eadp("fit", log(speeds=speeds, of=of), "--vehicle", "-o", out, *given).code == 0
+    curve = read_vehicle(read_text(str(out))).airframe
+    assert isinstance(curve, PowerCurve)
+    assert "# bank_w: assumed" in out.read_text()
+    assert "±" not in re.search("bank_w: [0-9].*", out.read_text())[0]
+    bank = math.radians(35)
+    assert curve.level_power_w(15.0, bank) == pytest.approx(WING.level_power_w(15.0, bank), rel=0.05)
 
 
 def test_what_it_writes_flies(eadp, log, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -137,7 +138,7 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
     answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder, *often, *SHORT)
-    assert answer.out.startswith("forecast   completes with ")
+    assert answer.out.splitlines()[1].startswith("forecast   completes with ")
     assert "decisions.jsonl" in answer.out
     told = json.loads((folder / "summary.json").read_text())["energy_forecast"]
     assert f"{told['energy_wh']:.2f} ± {told['energy_std_wh']:.2f} Wh in {told['time_s']:.0f} ±" in answer.out
@@ -489,3 +490,81 @@ def test_a_weight_that_is_not_given_is_1(eadp, tmp_path):
     alike = quality("{}")
     assert quality("{c2: 1}") == quality("{c1: 1, c2: 1}") == quality("{}", "--set", "planner.weights.c2=1") == alike
     assert quality("{c1: 0}") != alike
+
+
+def test_a_profile_beside_a_plan_without_computations_is_a_constant_load(eadp, line_plan):
+    profile = ("--profile", "profiles/pednet-jetson-nano.csv", "--format", "json")
+    bare, most = eadp("simulate", line_plan, "--format", "json"), eadp("simulate", line_plan, *profile)
+    some = eadp("simulate", line_plan, *profile, "--at", "fps=3")
+    assert bare.err == ""
+    assert "note: the plan has no parameter for it: a constant load of 10.21 W at fps=10 (the highest" in most.err
+    assert "a constant load of 6.08 W at fps=3 (as stated)" in some.err
+    flown = [json.loads(answer.out) for answer in (bare, some, most)]
+    watts = [summary["power_w"]["mean"] for summary in flown]
+    assert np.subtract(watts[1:], watts[0]) == pytest.approx([6.08, 10.21], abs=0.01)
+    hours = flown[0]["energy_forecast"]["time_s"] / 3600
+    energies = [summary["energy_forecast"]["energy_wh"] for summary in flown]
+    assert np.subtract(energies[1:], energies[0]) == pytest.approx([6.08 * hours, 10.21 * hours], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("plan", "options"),
+    [
+        (None, ("--at", "fps=3")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps=99")),
+        (None, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "width=3")),
+        (PLAN, ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps=3")),
+    ],
+)
+def test_a_constant_load_that_cannot_be(eadp, line_plan, plan, options):
+    answer = eadp("simulate", plan or line_plan, *options)
+    assert (answer.code, answer.out) == (2, "")
+    assert "error: " in answer.err
+
+
+def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
+    first = eadp("simulate", line_plan).out.splitlines()[0]
+    assert first == (
+        "aircraft   fixed-wing of 1.2 kg at 15 m/s (default); battery 14.8 V, 3.2 Ah (default); wind 0 m/s (default)"
+    )
+    chosen = ("wind.speed_mps=5", "wind.towards_deg=0", "battery.capacity_ah=9", "vehicle.airframe.mass_kg=2")
+    first = eadp("simulate", line_plan, *(part for key in chosen for part in ("--set", key))).out.splitlines()[0]
+    assert first == "aircraft   fixed-wing of 2 kg at 15 m/s; battery 14.8 V, 9 Ah; wind 5 m/s from 270°"
+
+
+def test_settings_that_are_not_used_are_named(eadp, line_plan):
+    answer = eadp("simulate", line_plan, "--set", "planner.weights.fps=2")
+    assert answer.code == 0
+    assert answer.err.count("note: not used: planner.weights") == 1
+
+
+def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
+    folder = tmp_path / "home"
+    keys = ("battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home")
+    answer = eadp(
+        "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
+        *(part for key in keys for part in ("--set", key)),
+    )  # fmt: skip
+    assert answer.code == 1
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["completed"], summary["reason"]) == (False, "returned home")
+    assert summary["reserve_kept"]
+    assert summary["soc_final"] >= summary["soc_reserve"]
+    assert re.search("reserve [0-9.]+ kept$", answer.out, re.MULTILINE)
+    page = (folder / "report.html").read_text()
+    assert re.search("the reserve of [0-9.]+ % was kept", page)
+    decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
+    last = decisions[-1]
+    assert last["reason"].startswith("home: ")
+    assert last["time_s"] == summary["turned_back_s"]
+    assert f"home       decided at {last['time_s']:.2f} s" in answer.out
+    assert f"At {last['time_s']:g} s it decided: home: " in page
+    latest_s = summary["energy_forecast"]["turn_back_s"]
+    assert latest_s == pytest.approx(summary["turned_back_s"], rel=0.15)
+    assert f"home       within reach with the reserve until {latest_s:.0f} s" in answer.out
+    assert f"home was within reach with the reserve until {latest_s:.0f} s" in page
+    assert "turned back home" in (folder / "flight.svg").read_text()
+    with (folder / "flight.csv").open() as stream:
+        at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])
+    assert (float(at["x_m"]), float(at["y_m"])) == pytest.approx(tuple(summary["turned_back_m"]), abs=2)

@@ -11,16 +11,22 @@ import pytest
 
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.airspace import FreeTurns, free_lines, polyline_m
-from eadp.coverage.cover import CoverageRequest, cover
+from eadp.coverage.cover import CLEARANCE_SHARE, CoverageRequest, cover
 from eadp.coverage.report import covered_by_lines
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, half_circle, straight
 from eadp.errors import Infeasible
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
 
 BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
 MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
 ROOM = ((-60.0, -60.0), (660.0, -60.0), (660.0, 460.0), (-60.0, 460.0))
 MOTION = MotionLimits(40.0, 25.0, 37.5, 20.0)
+CLEAR_M = CLEARANCE_SHARE * 25.0
+
+
+def airspace(obstacles=(), boundary=()):
+    return Airspace(tuple(Obstacle(ring, "obstacle") for ring in obstacles), tuple(boundary))
 
 
 def within(ring, x, y, margin=0.0):
@@ -46,21 +52,21 @@ def gaps(path):
 @pytest.mark.parametrize(
     ("limits", "least"),
     [
-        ({"obstacles": (MAST,)}, 0.95),
+        ({"obstacles": (MAST,)}, 0.94),
         ({"boundary": (ROOM,)}, 0.9999),
-        ({"obstacles": (MAST,), "boundary": (ROOM,)}, 0.95),
+        ({"obstacles": (MAST,), "boundary": (ROOM,)}, 0.94),
         ({"boundary": (BOX,)}, 0.9),
         ({"obstacles": (((580.0, 380.0), (680.0, 380.0), (680.0, 480.0), (580.0, 480.0)),)}, 0.97),
     ],
 )
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (3.0, 4.0)])
 def test_lines_and_turns_keep_the_limits(limits, least, wind):
-    field = Field(BOX, **limits)
+    field = Field(BOX, airspace=airspace(**limits))
     solution = cover(CoverageRequest(field, replace(MOTION, wind_mps=wind), "dubins"))
     path = solution.path(0.0)
     for x, y in points(path):
-        assert not any(within(ring, x, y, 0.05) for ring in field.obstacles), (x, y)
-        assert all(within(ring, x, y, -0.05) for ring in field.boundary), (x, y)
+        assert not any(within(ring, x, y, 0.05 - CLEAR_M) for ring in limits.get("obstacles", ())), (x, y)
+        assert all(within(ring, x, y, CLEAR_M - 0.05) for ring in limits.get("boundary", ())), (x, y)
     assert path.min_radius_m == pytest.approx(25.0)
     assert max(gaps(path)) < 1e-6
     assert covered_by_lines(path, field, 40.0) >= least
@@ -72,18 +78,18 @@ def test_without_limits_an_obstacle_is_crossed():
 
 
 def test_laps_keep_a_boundary_and_not_an_obstacle_within_them():
-    field = Field(BOX, boundary=(ROOM,))
+    field = Field(BOX, airspace=airspace(boundary=(ROOM,)))
     solution = cover(CoverageRequest(field, MOTION, "zamboni"))
     for c1 in np.linspace(solution.min_c1, 0.0, 5):
         assert all(within(ROOM, x, y, -0.05) for x, y in points(solution.path(float(c1)), 2.0))
     with pytest.raises(Infeasible, match="no laps of the Zamboni-like motion stay out"):
-        cover(CoverageRequest(Field(BOX, obstacles=(MAST,)), MOTION, "zamboni"))
-    assert cover(CoverageRequest(Field(BOX, obstacles=(MAST,)), MOTION, "auto")).pattern == "dubins"
+        cover(CoverageRequest(Field(BOX, airspace=airspace((MAST,))), MOTION, "zamboni"))
+    assert cover(CoverageRequest(Field(BOX, airspace=airspace((MAST,))), MOTION, "auto")).pattern == "dubins"
 
 
 def test_the_way_from_start_and_home_is_free_too():
     wall = ((-100.0, 100.0), (-40.0, 100.0), (-40.0, 300.0), (-100.0, 300.0))
-    field = Field(BOX, obstacles=(wall,))
+    field = Field(BOX, airspace=airspace((wall,)))
     request = CoverageRequest(field, MOTION, "dubins", start_m=(-200.0, 200.0), home_m=(-200.0, 210.0))
     path = cover(request).path(0.0)
     assert path.pieces[0].start[:2] == pytest.approx((-200.0, 200.0))
@@ -105,7 +111,7 @@ def test_the_way_from_start_and_home_is_free_too():
 )
 def test_what_cannot_be_flown_is_said(limits, motion):
     with pytest.raises(Infeasible, match=r"no line of the field has room|no order of the lines|the way to or from"):
-        cover(CoverageRequest(Field(BOX, **limits), motion, "dubins"))
+        cover(CoverageRequest(Field(BOX, airspace=airspace(**limits)), motion, "dubins"))
 
 
 def test_a_line_ends_where_half_a_turn_is_free():
@@ -145,6 +151,7 @@ def test_parts_of_a_field_are_covered_by_one_path():
     assert path.length_m < sum(apart) + 1000
     with pytest.raises(Infeasible, match="covers one part of a field"):
         cover(CoverageRequest(field, MOTION, "zamboni"))
-    walled = replace(field, obstacles=(((700.0, -500.0), (750.0, -500.0), (750.0, 450.0), (700.0, 450.0)),))
+    wall = ((700.0, -500.0), (750.0, -500.0), (750.0, 450.0), (700.0, 450.0))
+    walled = replace(field, airspace=airspace((wall,)))
     for x, y in points(cover(CoverageRequest(walled, MOTION)).path(0.0)):
-        assert not within(walled.obstacles[0], x, y, 0.05)
+        assert not within(wall, x, y, 0.05)

@@ -10,12 +10,13 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from eadp.core.arrays import FloatArray
+from eadp.core.arrays import FloatArray, IntArray
 
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
@@ -359,11 +360,17 @@ class FreeSpace:
         Outlines that a path stays out of [m]; it may run along them.
     inside : sequence of sequences of (float, float)
         Outlines within whose union it stays; none for everywhere.
+    clear_m : float, optional
+        Distance that it keeps from both.
     """
 
-    def __init__(self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = ()) -> None:
-        self._blocked = shapely.union_all([shapely.Polygon(ring) for ring in avoid])
-        self._inside = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
+    def __init__(
+        self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = (), clear_m: float = 0.0
+    ) -> None:
+        blocked = shapely.union_all([shapely.Polygon(ring) for ring in avoid])
+        self._blocked = shapely.buffer(blocked, clear_m, join_style="mitre")
+        free = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
+        self._inside = None if free is None else shapely.buffer(free, -clear_m, join_style="mitre")
         # a path may touch a boundary, with its rounding
         self._inner = shapely.buffer(self._blocked, -ALONG_M)
         self._outer = None if self._inside is None else shapely.buffer(self._inside, ALONG_M)
@@ -403,3 +410,42 @@ class FreeSpace:
 
 ALONG_M = 1e-3
 """How far a path may cross a boundary that it runs along [m]."""
+
+
+def lengths_within_m(
+    areas: Sequence[Sequence[Point]], track_m: Sequence[Point]
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Lengths of a track's segments within areas, as `FreeSpace` counts them: their edges are free.
+
+    Parameters
+    ----------
+    areas : sequence of sequences of (float, float)
+        Outlines [m].
+    track_m : sequence of (float, float)
+        Two points or more.
+
+    Returns
+    -------
+    segments, found : array of int
+        Numbers of a segment and of an area that it enters.
+    lengths_m : array
+        How much of the segment lies in the area [m].
+    """
+    inner = shapely.buffer([shapely.Polygon(area) for area in areas], -ALONG_M)
+    lines = _segments(track_m)
+    segments, found = shapely.STRtree(inner).query(lines, predicate="intersects")
+    return segments, found, shapely.length(shapely.intersection(lines[segments], inner[found]))
+
+
+def lengths_beyond_m(areas: Sequence[Sequence[Point]], track_m: Sequence[Point]) -> tuple[IntArray, FloatArray]:
+    """Segments of a track that leave the union of areas, and their lengths beyond it [m]; as `lengths_within_m`."""
+    outer = shapely.buffer(shapely.union_all([shapely.Polygon(area) for area in areas]), ALONG_M)
+    shapely.prepare(outer)
+    lines = _segments(track_m)
+    segments = np.flatnonzero(~shapely.covers(outer, lines))
+    return segments, shapely.length(shapely.difference(lines[segments], outer))
+
+
+def _segments(track_m: Sequence[Point]) -> Any:
+    points = np.asarray(track_m, dtype=float)
+    return shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1))

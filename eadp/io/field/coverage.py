@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from eadp.core.geometry.bearings import blowing_to_rad, heading_rad
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.coverage.cover import AUTO, CoverageRequest, cover
@@ -17,12 +17,14 @@ from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, InputError, printable
 from eadp.io.field.kmz import read_field_text
-from eadp.io.field.reader import read_field, read_zones
+from eadp.io.field.reader import NAME_LIMIT, read_field, read_zones
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.computing import Computing, join_profile
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan, Site
+from eadp.models.performance import PATH_MARGIN, ground_radius_m
+from eadp.models.plan.plan import MadeFor, Plan, Site
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe
@@ -34,7 +36,6 @@ MAX_ALTITUDE_M = 1e5
 MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 """Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
 MAX_OVERLAP = 99.0
-NAME_LIMIT = 100
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
 
@@ -46,8 +47,8 @@ Pair = str | Point
 class PathOptions:
     """How the field is flown: turns and lines, where they start and end, and in which wind."""
 
-    min_radius_m: float
-    """Smallest turning radius of the aircraft [m]."""
+    min_radius_m: float | None = None
+    """Smallest turning radius of the path [m]; by default what the aircraft needs in the wind."""
 
     swath_m: float | None = None
     """Width of ground that a line covers [m]; or it follows from the camera."""
@@ -173,28 +174,31 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
             raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
         return self.swath_m
 
-    def motion(self, airspeed_mps: float, wind_mps: Point) -> MotionLimits:
-        """The limits of the motion; the airspeed and the wind given here hold where the options have none."""
-        ideal = min(RADIUS_SHARE * self.min_radius_m, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
+    def motion(self, airframe: Airframe, wind_mps: Point) -> MotionLimits:
+        """The limits of the motion of an aircraft; the wind given here holds where the options have none."""
         swath = self.line_swath_m
         apart = SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
-        speed = airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
+        speed = airframe.airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
+        if self.wind is not None:
+            wind_mps = wind_vector_mps(self.wind)
+        least = self.min_radius_m
+        if least is None:
+            least = float(math.ceil(PATH_MARGIN * ground_radius_m(airframe, speed, math.hypot(*wind_mps))))
+        ideal = min(RADIUS_SHARE * least, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
         for option, value, low, high, closed in (
-            ("--min-radius", self.min_radius_m, MIN_RADIUS_M, MAX_LENGTH_M, True),
-            ("--swath", swath, 0.0, MAX_LENGTH_M, False),
-            ("--radius", ideal, self.min_radius_m, MAX_LENGTH_M, True),
-            ("--spacing", apart, 0.0, swath, False),
             ("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS, False),
+            ("--min-radius", least, MIN_RADIUS_M, MAX_LENGTH_M, True),
+            ("--swath", swath, 0.0, MAX_LENGTH_M, False),
+            ("--radius", ideal, least, MAX_LENGTH_M, True),
+            ("--spacing", apart, 0.0, swath, False),
         ):
             if not (low < value <= high or (closed and value == low)):
                 expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}, at most {high:g}"
                 raise _fault(option, f"{value:g}", f"{value:g} is out of range", expected)
-        if self.wind is not None:
-            wind_mps = wind_vector_mps(self.wind)
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
-        return MotionLimits(swath, self.min_radius_m, ideal, apart, speed, wind_mps)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps)
 
     @property
     def heading_rad(self) -> float | None:
@@ -222,7 +226,12 @@ class CoveragePlan:
 
 
 def plan_coverage(
-    path: str, options: CoverageOptions, airframe: Airframe, wind_mps: Point, profile: AnyProfile | None = None
+    path: str,
+    options: CoverageOptions,
+    vehicle: str,
+    airframe: Airframe,
+    wind_mps: Point,
+    profile: AnyProfile | None = None,
 ) -> CoveragePlan:
     """The quickest path found that covers a field, as a plan.
 
@@ -231,6 +240,8 @@ def plan_coverage(
     path : str
         The field's file, `-` for standard input.
     options : CoverageOptions
+    vehicle : str
+        Name of the aircraft, '' if it has none.
     airframe : Airframe
         For the airspeed, and the power of the motion in level flight.
     wind_mps : pair of float
@@ -245,7 +256,7 @@ def plan_coverage(
     InputError
         Of the options and of the file, and if the profile does not measure whole settings.
     """
-    motion, distance_m = options.motion(airframe.airspeed_mps, wind_mps), options.picture_distance_m
+    motion, distance_m = options.motion(airframe, wind_mps), options.picture_distance_m
     if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
         message = f"{options.altitude_m:g} is out of range"
         raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
@@ -258,7 +269,7 @@ def plan_coverage(
     )
     computations = _computations(profile, options.turns_off)
     solution = cover(request)
-    parts = [tuple(tuple((round(x, 3), round(y, 3)) for x, y in ring) for ring in part) for part in field.parts]
+    parts = [tuple(map(_millimetres, part)) for part in field.parts]
     name = printable(" ".join(field.name.split()), NAME_LIMIT)
     covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
     plan = build_plan(
@@ -266,7 +277,7 @@ def plan_coverage(
         name=text.name,
         computations=computations,
         min_radius_m=motion.min_radius_m,
-        site=Site(field.origin_deg, None, covered, motion.swath_m),
+        site=_site(field, covered, motion, home, vehicle),
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
@@ -274,6 +285,21 @@ def plan_coverage(
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
     return CoveragePlan(plan, comments + plan_text(plan), report, repairs)
+
+
+def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
+    """What the plan carries of its mission."""
+    obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in field.airspace.obstacles)
+    airspace = Airspace(obstacles, tuple(map(_millimetres, field.airspace.boundary)))
+    wind_mps = math.hypot(*motion.wind_mps)
+    from_deg = compass_deg(math.atan2(-motion.wind_mps[1], -motion.wind_mps[0])) if wind_mps else 0.0
+    made_for = MadeFor(vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360)
+    home_m = None if home is None else _millimetres((home,))[0]
+    return Site(field.origin_deg, None, covered, motion.swath_m, home_m, airspace, made_for)
+
+
+def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
+    return tuple((round(x, 3), round(y, 3)) for x, y in points)
 
 
 def _pictures(distance_m: float) -> tuple[float, ...]:
@@ -288,7 +314,9 @@ def _limited(field: Field, options: CoverageOptions) -> Field:
         for path in (options.avoid, options.inside)
     )
     holes = [hole for part in field.parts for hole in part[1:]] if options.avoid_holes else ()
-    return replace(field, obstacles=(*field.obstacles, *avoid, *holes), boundary=inside)
+    named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
+    airspace = Airspace((*field.airspace.obstacles, *avoid, *named), tuple(each.outline for each in inside))
+    return replace(field, airspace=airspace)
 
 
 def wind_vector_mps(given: Pair) -> Point:

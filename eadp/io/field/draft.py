@@ -7,7 +7,7 @@ numbers as they stand in the file, each with its line and column. `reader` check
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -36,10 +36,15 @@ class Vertex(NamedTuple):
 
 @dataclass
 class Ring:
-    """The vertices of the outline or of a hole, in the order of the file, and the location of its start."""
+    """The vertices of the outline or of a hole, in the order of the file, and the location of its start.
+
+    An obstacle has a name, '' if none is given, and may have a height above the field's origin [m].
+    """
 
     vertices: list[Vertex]
     location: Location
+    name: str = ""
+    height_m: float | None = None
 
 
 @dataclass
@@ -103,11 +108,19 @@ class FeatureCandidate:
     names: list[str]
     polygons: list[tuple[Any, Location]]
     chain: list[Any] = field(default_factory=list)
+    height_m: float | None = None
 
     @property
     def avoided(self) -> bool:
         """Whether it is an obstacle: its name is "avoid", or starts so."""
         return any(name.lower().startswith(OBSTACLE) for name in self.names)
+
+    def outlines(self, rings: Callable[..., list[Ring]], source: SourceText) -> Iterator[Ring]:
+        """The outlines of its polygons as obstacles; `rings` reads a polygon."""
+        name = "".join(self.names[:1])
+        name = name[len(OBSTACLE) :].strip(" :-_") if self.avoided else name
+        for polygon in self.polygons:
+            yield replace(rings(*polygon, source)[0], name=name, height_m=self.height_m)
 
     @property
     def label(self) -> str:

@@ -23,6 +23,9 @@ from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
 _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
+MAX_HEIGHT_M = 10_000.0
+"""Largest height of an obstacle [m]."""
+
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 
@@ -49,12 +52,8 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     in_metres = _in_metres(chosen.chain, metres, source)
     rings, *others = (_rings(*polygon, source) for polygon in chosen.polygons)
     remedy = "no --metres" if metres else "a file without units or crs in metres"
-    obstacles = [
-        _rings(*polygon, source)[0]
-        for each in candidates
-        if each.avoided and each != chosen
-        for polygon in each.polygons
-    ]
+    avoided = [each for each in candidates if each.avoided and each != chosen]
+    obstacles = [ring for each in avoided for ring in each.outlines(_rings, source)]
     name = "".join(chosen.names[:1])
     return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
 
@@ -62,7 +61,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
 def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
     candidates = _candidates(source)
-    rings = [_rings(*polygon, source)[0] for each in candidates for polygon in each.polygons]
+    rings = [ring for each in candidates for ring in each.outlines(_rings, source)]
     return rings, not _in_metres(candidates[0].chain, metres, source)
 
 
@@ -105,7 +104,8 @@ def _collect(
             return
         polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen)
         if polygons:
-            found.append(FeatureCandidate(location, _names(node), polygons, [*chain, *objects]))
+            height_m = _height_m(node, source)
+            found.append(FeatureCandidate(location, _names(node), polygons, [*chain, *objects], height_m))
     else:
         polygons, objects = _polygons(source, node, location, seen)
         if polygons:
@@ -153,6 +153,18 @@ def _names(feature: JsonObject) -> list[str]:
     given = [properties.get(key) for key in ("name", "Name", "id")] if isinstance(properties, JsonObject) else []
     names = [str(value).strip() for value in (*given, feature.get("id")) if type(value) in (str, int, float)]
     return list(dict.fromkeys(name for name in names if name))
+
+
+def _height_m(feature: JsonObject, source: SourceText) -> float | None:
+    """The height of a feature above the field's origin [m], if its properties have one."""
+    properties = feature.get("properties")
+    if not isinstance(properties, JsonObject) or properties.get("height") is None:
+        return None
+    height = properties["height"]
+    if type(height) not in (int, float) or not 0 <= height <= MAX_HEIGHT_M:
+        location = source.location(properties.offsets["height"])
+        raise source.error(location, "no height", f"metres above the field, from 0 to {MAX_HEIGHT_M:g}")
+    return float(height)
 
 
 # the reference systems whose numbers are degrees as WGS-84 has them, to a metre; those whose numbers are metres

@@ -138,19 +138,15 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     candidates = _candidates(source, metres)
     chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
     rings, *parts = (_rings(*polygon, source) for polygon in chosen.polygons)
-    obstacles = [
-        _rings(*polygon, source)[0]
-        for each in candidates
-        if each.avoided and each != chosen
-        for polygon in each.polygons
-    ]
+    avoided = [each for each in candidates if each.avoided and each != chosen]
+    obstacles = [ring for each in avoided for ring in each.outlines(_rings, source)]
     return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
 
 
 def kml_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
     candidates = _candidates(source, metres)
-    return [_rings(*polygon, source)[0] for each in candidates for polygon in each.polygons], True
+    return [ring for each in candidates for ring in each.outlines(_rings, source)], True
 
 
 def _candidates(source: SourceText, metres: bool) -> list[FeatureCandidate]:

@@ -22,8 +22,11 @@ from eadp.io.field.kml import kml_zones, read_kml
 from eadp.io.field.table import read_table
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
 
+NAME_LIMIT = 100
+"""Most characters of a name."""
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
 EXTENT_LIMIT_M = 50_000.0
@@ -99,8 +102,10 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(_format(source).read(source, metres, feature), source)
 
 
-def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[tuple[Point, ...], ...]:
+def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[Obstacle, ...]:
     """Read the outlines of all polygons of a file, as obstacles or as a boundary of a field's flight, in its metres.
+
+    Obstacles that have no name are numbered.
 
     Raises
     ------
@@ -112,10 +117,25 @@ def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[tuple
     if degrees != (field.origin_deg is not None):
         message = f"is in {'degrees' if degrees else 'metres'}, and the field is not"
         raise source.error(rings[0].location, message, "the units of the field")
-    return _zones(rings, field.origin_deg, source)
+    return _obstacles(rings, field.origin_deg, source)
 
 
-def _zones(
+def _obstacles(
+    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText
+) -> tuple[Obstacle, ...]:
+    """Obstacles in the metres of a field, checked."""
+    outlines = _outlines(rings, origin_deg, source)
+    return tuple(
+        Obstacle(
+            outline,
+            printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {i}",
+            ring.height_m,
+        )
+        for i, (ring, outline) in enumerate(zip(rings, outlines, strict=True), 1)
+    )
+
+
+def _outlines(
     rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText
 ) -> tuple[tuple[Point, ...], ...]:
     """Outlines in the metres of a field, checked."""
@@ -178,9 +198,9 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
         ring if up == (i == 0) else (ring[0], *ring[:0:-1])
         for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
     ]
-    obstacles = _zones(draft.obstacles, origin_deg, source)
-    others = tuple(_zones(part, origin_deg, source) for part in draft.others)
-    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, obstacles, (), others)
+    airspace = Airspace(_obstacles(draft.obstacles, origin_deg, source))
+    others = tuple(_outlines(part, origin_deg, source) for part in draft.others)
+    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, airspace, others)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
         raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")

@@ -12,6 +12,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import CIRCLE, CURVE, LINE
 from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
+from eadp.models.airspace import Airspace
 from eadp.models.plan.stage import Stage
 
 if TYPE_CHECKING:
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure
 else:  # matplotlib is imported when a figure is drawn
     Axes = Figure = Any
+
+MAX_NAMED = 20
+"""Most obstacles whose names are written."""
 
 COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
 GREY = "#8a8f98"
@@ -154,6 +158,19 @@ def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> Non
 
     outline = Outline.make_compound_path(*(Outline((*ring, ring[0]), closed=True) for ring in rings))
     axes.add_patch(PathPatch(outline, **style))
+
+
+def draw_airspace(axes: Axes, airspace: Airspace) -> None:
+    """Obstacles, hatched, with their names, and the boundary."""
+    style = {"facecolor": "#d1752b22", "edgecolor": COLOURS[6], "hatch": "///", "linewidth": 1.2, "zorder": 2}
+    for i, obstacle in enumerate(airspace.obstacles):
+        draw_area(axes, (obstacle.outline,), **style, label="obstacle" if i == 0 else None)
+        if len(airspace.obstacles) <= MAX_NAMED:
+            x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
+            axes.annotate(obstacle.name, (x, y), fontsize=7, ha="center", va="center", zorder=6, color=COLOURS[6])
+    for i, ring in enumerate(airspace.boundary):
+        x, y = zip(*ring, ring[0], strict=True)
+        axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary" if i == 0 else None)
 
 
 def draw_areas(axes: Axes, outlines: Sequence[FloatArray], **style: Any) -> None:

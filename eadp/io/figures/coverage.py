@@ -8,7 +8,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, FIELD, START, Axes, draw_area, draw_arrow, figure_file, label_map
+from eadp.io.figures.canvas import (
+    COLOURS,
+    FIELD,
+    START,
+    Axes,
+    draw_airspace,
+    draw_area,
+    draw_arrow,
+    figure_file,
+    label_map,
+)
 from eadp.models.field import Field
 
 
@@ -28,22 +38,12 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
             for i, part in enumerate(field.parts):
                 draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
             _draw_way(axes, way, swath_m)
-            _draw_limits(axes, field)
+            draw_airspace(axes, field.airspace)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         handles, labels = all_axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), fontsize=9)
-
-
-def _draw_limits(axes: Axes, field: Field) -> None:
-    """Obstacles, hatched, and the boundary."""
-    for i, ring in enumerate(field.obstacles):
-        style = {"facecolor": "#d1752b22", "edgecolor": COLOURS[6], "hatch": "///", "linewidth": 1.2, "zorder": 2}
-        draw_area(axes, (ring,), **style, label="obstacle" if i == 0 else None)
-    for i, ring in enumerate(field.boundary):
-        x, y = zip(*ring, ring[0], strict=True)
-        axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary" if i == 0 else None)
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

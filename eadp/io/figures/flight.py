@@ -18,18 +18,20 @@ from eadp.io.figures.canvas import (
     GREY,
     START,
     Axes,
+    draw_airspace,
     draw_area,
     figure_pair,
     label_map,
     legend_above,
     legend_below,
+    span_text,
     stage_style,
     write_headline,
 )
-from eadp.io.flight.coverage import flown_lines
+from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, point_at
-from eadp.planning.base import INFEASIBLE, DecisionRecord
+from eadp.planning.base import INFEASIBLE, TURNS_BACK, DecisionRecord
 from eadp.simulation.loop import Step, World
 
 APART = 0.015
@@ -56,7 +58,11 @@ def write_flight_figure(
         power = figure.add_subplot(grid[0, 1])
         charge, *others = (figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))
         time = np.array([step.time_s for step in steps])
-        _draw_path(map_axes, world, steps)
+        _draw_path(map_axes, world, steps, summary["turned_back_s"])
+        if summary["turned_back_m"] is not None:
+            map_axes.plot(
+                *summary["turned_back_m"], "X", color=COLOURS[6], markersize=9, label="turned back home", zorder=6
+            )
         _draw_power(power, time, steps)
         _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
         if climbs:
@@ -81,10 +87,11 @@ def _headline(summary: Mapping[str, Any]) -> list[str]:
     return parts if quality is None else [*parts, f"quality U = {quality:.2f}"]
 
 
-def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
+def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: float | None = None) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
-    _draw_field(axes, world.plan, steps)
+    _draw_field(axes, world.plan, steps, turned_back_s)
+    draw_airspace(axes, world.plan.site.airspace)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
     named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
@@ -97,7 +104,7 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
     axes.plot(*final, "*", color="black", markersize=11, label="final point")
     axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
     label_map(axes, "Path flown")
-    speed = world.wind.speed_mps
+    speed = world.wind.speeds_mps[1]
     if speed:
         wx, wy = world.wind.steady_mps
         axes.annotate(
@@ -107,10 +114,11 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step]) -> None:
             xycoords="axes fraction",
             arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
         )
-        axes.text(0.90, 0.05, f"wind {speed:g} m/s", transform=axes.transAxes, color=GREY, ha="right", va="center")
+        style: dict[str, Any] = {"color": GREY, "ha": "right", "va": "center"}
+        axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
 
 
-def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
+def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: float | None) -> None:
     """The field, and the ground within half a swath of the lines flown."""
     if plan.site.field is None:
         return
@@ -120,9 +128,11 @@ def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step]) -> None:
         return
     from eadp.core.geometry.polygons import strips
 
-    columns = {name: [getattr(step, name) for step in steps] for name in ("stage", "x_m", "y_m")}
+    columns = {name: [getattr(step, name) for step in steps] for name in ("time_s", "stage", "x_m", "y_m")}
     label: str | None = f"ground covered, {plan.site.swath_m:g} m wide"
-    for outline, *holes in strips(plan.site.field.parts, flown_lines(plan, columns), plan.site.swath_m):
+    for outline, *holes in strips(
+        plan.site.field.parts, flown_lines(plan, flown_of_plan(columns, turned_back_s)), plan.site.swath_m
+    ):
         draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
         label = None
 
@@ -184,7 +194,11 @@ def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Seq
     """Where and when a re-planning changed parameters; in grey, the periods in which nothing was feasible."""
     times = [step.time_s for step in steps]
     before = [steps[0].parameters, *(record.parameters for record in records)]
-    changed_s = [record.time_s for old, record in zip(before, records, strict=False) if record.parameters != old]
+    changed_s = [
+        record.time_s
+        for old, record in zip(before, records, strict=False)
+        if record.parameters != old or record.reason.startswith(TURNS_BACK)
+    ]
     if changed_s:
         at = [steps[min(bisect.bisect_left(times, time_s), len(steps) - 1)] for time_s in changed_s]
         size_m = max(np.ptp([(step.x_m, step.y_m) for step in steps], axis=0).max(), 1e-9)

@@ -15,6 +15,7 @@ from eadp.io.figures.canvas import (
     COLOURS,
     START,
     Axes,
+    draw_airspace,
     draw_areas,
     draw_arrow,
     draw_circles,
@@ -58,6 +59,7 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     with figure_file(path, 8.5, 7.5) as figure:
         axes = figure.add_subplot()
         _draw_range(axes, plan, parameters)
+        draw_airspace(axes, plan.site.airspace)
         _draw_legs(axes, plan, legs, step, scale / 50)
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]

@@ -33,6 +33,14 @@ def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line
     return [tuple(zip(x[a : b + 1], y[a : b + 1], strict=True)) for a, b in itertools.pairwise(ends) if on_line[a]]
 
 
+def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float | None) -> Mapping[str, Sequence[float]]:
+    """The columns of `flight.csv` up to where the flight turned back for home [s], if it did."""
+    if turned_back_s is None:
+        return columns
+    end = bisect.bisect_right(columns["time_s"], turned_back_s)
+    return {name: values[:end] for name, values in columns.items()}
+
+
 def flown_coverage(
     plan: Plan, columns: Mapping[str, Sequence[float]], parts: int = PARTS
 ) -> tuple[list[float], list[float]] | None:

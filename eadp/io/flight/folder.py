@@ -18,15 +18,16 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
-from eadp.io.flight.coverage import flown_coverage
+from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.forecast.held import Preflight
-from eadp.simulation.loop import Outcome, Step, World, fly
+from eadp.simulation.loop import RETURNED, Outcome, Step, World, fly
 
 SCHEMA = "eadp.flight/1"
 OVERRIDES = "overrides.txt"
@@ -65,7 +66,9 @@ def summarise(
     return {
         "schema": SCHEMA,
         "completed": outcome.completed,
-        "reserve_kept": outcome.completed and outcome.soc_final >= settings.reserve_soc,
+        "reserve_kept": (outcome.completed or outcome.reason == RETURNED) and outcome.soc_final >= settings.reserve_soc,
+        "turned_back_s": None if outcome.turned_back_s is None else round(outcome.turned_back_s, 9),
+        "turned_back_m": None if outcome.turned_back_m is None else list(outcome.turned_back_m),
         "reason": outcome.reason,
         "battery_limit": outcome.battery_limit,
         "planner": settings.name,
@@ -85,6 +88,7 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
+        "obstacles": [entry._asdict() for entry in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "replans": report.replans,
@@ -102,7 +106,7 @@ def summarise(
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
             "max_ms": max(report.solve_ms, default=None),
         },
-        "energy_forecast": None if expected is None else _expected(expected),
+        "energy_forecast": None if expected is None else _expected(expected, world.plan),
         "seed": world.seed,
     }
 
@@ -125,8 +129,9 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def _expected(expected: Preflight) -> dict[str, Any]:
+def _expected(expected: Preflight, plan: Plan) -> dict[str, Any]:
     forecast = expected.forecast
+    segments = {name: {"segments": list(values)} for name, values in expected.segments(plan).items()}
     return {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
@@ -137,8 +142,10 @@ def _expected(expected: Preflight) -> dict[str, Any]:
         "energy_std_wh": forecast.energy_std_wh,
         "soc_end": forecast.soc_end,
         "soc_end_std": forecast.soc_end_std,
-        "parameters": expected.parameters,
+        "parameters": expected.parameters | segments,
         "quality": expected.quality,
+        "turn_back_s": None if expected.turn_back is None else expected.turn_back.time_s,
+        "turn_back_m": None if expected.turn_back is None else list(expected.turn_back.position_m),
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())
@@ -266,7 +273,7 @@ def fly_flight(
     if (
         steps
         and inputs.world.plan.site.field is not None
-        and (covered := flown_coverage(inputs.world.plan, flight.lists, 1))
+        and (covered := flown_coverage(inputs.world.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
     ):
         summary["coverage"] = covered[1][-1]
     return flight

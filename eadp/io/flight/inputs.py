@@ -19,15 +19,18 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
+from eadp.models.airspace import EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
-from eadp.models.computing import ComputationRate, Computing, join_profile
+from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
 from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
 from eadp.models.energy import EnergyModel
+from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
+from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import Mission, Planner, WayHome
@@ -40,7 +43,7 @@ LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
 
 CORNERS_LIMIT = 6
-RETURN_HOME = "home"
+RETURN_HOME, IGNORE = "home", "ignore"
 COMMANDED = ComputationRate()
 """A computation that runs as commanded."""
 
@@ -154,7 +157,9 @@ def load_flight(
     if profile_path is not None:
         texts["profile"], (profile, found) = files.read(profile_path, profile_of, reference)
         warnings += found
-    computing = _computing(plan, plan_text, profile, profile_path)
+    computing = _computing(plan, plan_text, profile, profile_path, scenario)
+    if profile is not None and not may_compute(plan):
+        warnings.append(_load_note(profile, profile_path or "", computing, scenario))
     if energy_path is not None:
         from eadp.io.energy.model_file import parse_energy
 
@@ -167,6 +172,7 @@ def load_flight(
     world = _world(plan, computing, scenario, parameters, start)
     _check_rates(world, scenario)
     _check_names(plan, scenario)
+    warnings += _unused(plan, scenario)
     mission = _mission(world, scenario, energy)
     _check_planner(scenario, mission)
     warnings += _doubts(scenario, world)
@@ -179,7 +185,12 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
     foreign = is_mission(files.text(path))
     reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
     text, (plan, findings) = files.read(path, reader)
+    if keys.obstacles == IGNORE:
+        plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
     warnings = [finding.fault(text.name) for finding in findings]
+    radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
+    if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
+        warnings.append(Fault(text.name, 1, 1, tight, severity="warning"))
     if not isinstance(vehicle, FixedWing) and _commands(plan):
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
@@ -209,7 +220,7 @@ def _world(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.site.origin_deg),
+        home_m=scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m,
     )
 
 
@@ -249,11 +260,12 @@ def _doubts(scenario: Scenario, world: World) -> list[Fault]:
 
 def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
     """The aircraft can fly, and faster than the wind."""
-    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speed_mps
+    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
     if wind_mps >= vehicle.airspeed_mps:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
-        raise InputError(scenario.fault("wind.speed_mps", message, "a wind below the airspeed"))
+        key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
+        raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
     if isinstance(vehicle, FixedWing):
         _check_airspeeds(plan, text, vehicle, wind_mps)
 
@@ -327,15 +339,38 @@ def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | None) -> Computing:
+def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | None, scenario: Scenario) -> Computing:
+    """The computations of a plan, or the constant load of those that it does not decide."""
+    load_at = scenario.keys.profile_at
+    if load_at and (profile is None or may_compute(plan)):
+        what = "no profile" if profile is None else "a plan that has parameters for its computations"
+        raise InputError(
+            scenario.fault("profile_at", f"a constant load beside {what}", "a profile, and a plan without")
+        )
+    if profile is not None and load_at:
+        try:
+            load_configuration(profile, load_at)
+        except EadpError as error:
+            raise InputError(
+                scenario.fault("profile_at", str(error), f"measured values of {', '.join(profile.names)}")
+            ) from None
     try:
-        return join_profile(plan, profile)
+        return join_profile(plan, profile, load_at)
     except EadpError as error:
         if path is None:
             raise InputError.at(
                 text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
             ) from None
         raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
+
+
+def _load_note(profile: AnyProfile, path: str, computing: Computing, scenario: Scenario) -> Fault:
+    """What a profile beside a plan without computations counts as."""
+    load_at = scenario.keys.profile_at
+    at = configuration_text(profile.names, load_configuration(profile, load_at), ",")
+    why = "as stated" if set(load_at) == set(profile.names) else "the highest; --at states another"
+    message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at} ({why})"
+    return Fault(path, 1, 1, message, severity="note")
 
 
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
@@ -394,6 +429,19 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
     ]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
+
+
+def _unused(plan: Plan, scenario: Scenario) -> list[Fault]:
+    """A note on settings of parameters beside a plan that has none, if any."""
+    unused = [key for key in ("weights", "levels") if not plan.names and getattr(scenario.planner, key)]
+    if not unused:
+        return []
+    keys = ", ".join(f"planner.{name}" for name in unused)
+    return [
+        replace(
+            scenario.fault(f"planner.{unused[0]}", f"not used: {keys}: the plan has no parameters"), severity="note"
+        )
+    ]
 
 
 def _check_planner(scenario: Scenario, mission: Mission) -> None:

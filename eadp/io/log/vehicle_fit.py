@@ -187,8 +187,13 @@ def _airframe(
     speeds = np.linspace(*fit.speeds_mps, POINTS).tolist() if fit.polar else [fit.airspeed_mps]
     points = [[_rounded(speed), _rounded(fit.level_power_w(speed))] for speed in speeds]
     min_w = min(watts for _, watts in points)
-    curve: dict[str, Any] = {"model": PowerCurve.model, "points": points, "bank_w": max(0.0, fit.induced_w)}
-    stds = {"points": fit.stds["level_w"], **({"bank_w": fit.stds["induced_w"]} if "induced_w" in fit.stds else {})}
+    curve: dict[str, Any] = {"model": PowerCurve.model, "points": points, "bank_w": fit.bank_w}
+    stds = {"points": fit.stds["level_w"]}
+    if fit.bank_w is not None:
+        stds["bank_w"] = fit.stds["induced_w"]
+    else:
+        curve["bank_w"], note = _assumed_bank_w(fit, wing)
+        notes.append(note)
     if wing is not None:
         shared = {item.name for item in fields(wing)} & {item.name for item in fields(PowerCurve)} - curve.keys()
         curve |= {key: getattr(wing, key) for key in shared if key != "airspeed_mps"}
@@ -204,6 +209,17 @@ def _airframe(
     curve["airspeed_mps"] = fit.airspeed_mps
     order = [item.name for item in fields(PowerCurve)]
     return {key: _rounded(curve[key]) for key in order if key in curve}, stds, notes
+
+
+def _assumed_bank_w(fit: PowerFit, wing: FixedWing | PowerCurve | None) -> tuple[float, str]:
+    """Power that a bank of 45° adds [W] where the log does not show it: the induced drag's; and a note."""
+    known, speed = wing or FixedWing(), fit.airspeed_mps if wing else FixedWing.airspeed_mps
+    straight_w = known.level_power_w(speed) - known.avionics_w
+    # induced drag ∝ n² = 1/cos² φ: at 45° as much again as in straight flight
+    share = (known.level_power_w(speed, math.pi / 4) - known.level_power_w(speed)) / straight_w
+    bank_w = share * max(fit.level_power_w(fit.airspeed_mps) - max(fit.constant_w, 0.0), 0.0)
+    whose = "--base" if wing else "the default wing"
+    return bank_w, f"bank_w: assumed, {100 * share:.0f} % of the motor's power, the share of induced drag of {whose}"
 
 
 def _polar(fit: PowerFit, wing: FixedWing) -> tuple[dict[str, Any], dict[str, float], str]:

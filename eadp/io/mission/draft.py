@@ -51,6 +51,13 @@ class DraftItem:
     locations: tuple[Location, ...]
 
 
+class Fence(NamedTuple):
+    """An area that an autopilot keeps in, or out of: its corners as latitude and longitude [°]."""
+
+    inclusion: bool
+    corners_deg: list[tuple[float, float]]
+
+
 @dataclass
 class MissionDraft:
     """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
@@ -62,3 +69,4 @@ class MissionDraft:
     home_location: Location
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
+    fences: list[Fence] = field(default_factory=list)

@@ -13,7 +13,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import TURNS_TOLERANCE
 from eadp.io.mission import EXPORT_NAMES
 from eadp.io.mission import draft as d
-from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.draft import Fence, MissionItem
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
@@ -92,8 +92,18 @@ class _ItemBuilder:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:])))
 
 
+def _fences(path: PlannedPath) -> list[Fence]:
+    """The fences of an autopilot: obstacles, which are left out, and a boundary."""
+    outside = [(False, each.outline) for each in path.airspace.obstacles]
+    rings = [*outside, *((True, ring) for ring in path.airspace.boundary)]
+    return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
+
+
+FENCED = ("qgc",)
+"""Formats that hold obstacles and a boundary."""
+
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
-    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps),
+    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),
     lambda path: wpl_text(mission_items(path), path.home),
     paparazzi_text,
     kml_text,

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.models.airspace import EVERYWHERE, Airspace
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Stage
-from eadp.models.plan.trace import nominal_legs
 
 TOLERANCE_M = 1.0
 """Distance of an exported path from the plan's, by default [m]."""
@@ -84,6 +83,7 @@ class PlannedPath:
     home_deg: Point | None = None
     trigger_distance_m: float | None = None
     tolerance_m: float = TOLERANCE_M
+    airspace: Airspace = EVERYWHERE
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""
@@ -107,16 +107,10 @@ class PlannedPath:
                 yield (*self.geodetic_deg(point), self.altitude_of(section))
 
 
-def planned_sections(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> tuple[Section, ...]:
-    """The path of a plan at parameters, its arcs round one circle joined.
-
-    Raises
-    ------
-    PathUndefined
-        As `nominal_legs`.
-    """
+def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
+    """The path along legs, its arcs round one circle joined."""
     sections: list[Section] = []
-    for leg in nominal_legs(plan, parameters, start):
+    for leg in legs:
         section = _section(leg)
         before = sections[-1] if sections else None
         if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
 from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
 from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
@@ -18,6 +18,7 @@ from eadp.io.mission import draft as d
 from eadp.io.mission.draft import DraftItem, MissionDraft
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.text.source import Location, SourceText
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
 
@@ -364,5 +365,19 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            site=Site((self.draft.home[0], self.draft.home[1]), (0.0, 0.0)),
+            site=Site(self._origin_deg, (0.0, 0.0), airspace=self._airspace()),
         )
+
+    @property
+    def _origin_deg(self) -> Point:
+        return self.draft.home[0], self.draft.home[1]
+
+    def _airspace(self) -> Airspace:
+        """The fences: obstacles and boundary."""
+        rings = [
+            (inclusion, tuple(to_local_m(*corner, self._origin_deg) for corner in corners))
+            for inclusion, corners in self.draft.fences
+        ]
+        outside = [ring for inclusion, ring in rings if not inclusion]
+        obstacles = tuple(Obstacle(ring, f"fence {i}") for i, ring in enumerate(outside, 1))
+        return Airspace(obstacles, tuple(ring for inclusion, ring in rings if inclusion))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError, printable
 from eadp.io.mission.draft import (
     ITEMS_LIMIT,
@@ -18,6 +19,7 @@ from eadp.io.mission.draft import (
     RELATIVE,
     WAYPOINT,
     DraftItem,
+    Fence,
     MissionDraft,
     MissionItem,
 )
@@ -25,6 +27,8 @@ from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
 ARDUPILOT = 3
+FENCE_VERSION, CIRCLE_CORNERS, MAX_FENCE_M = 2, 32, 1e6
+"""Version of the fences, corners of a round one, and its largest radius [m]."""
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
 VERSIONS = {"survey": 5, "CorridorScan": 2, "StructureScan": 3}
@@ -98,7 +102,7 @@ class _Value:
 
 
 def read_qgc(source: SourceText) -> MissionDraft:
-    """Read the mission of a plan; its fences and rally points are not read.
+    """Read the mission of a plan, and its fences; its rally points are not read.
 
     Raises
     ------
@@ -116,7 +120,42 @@ def read_qgc(source: SourceText) -> MissionDraft:
     draft = MissionDraft(mission.position("plannedHomePosition"), home.location, multirotor=not flies)
     for item in mission.member("items").elements():
         _read_item(item.is_(JsonObject), draft)
+    fences = root.member("geoFence")
+    if isinstance(fences.value, JsonObject) and fences.member("version").value == FENCE_VERSION:
+        for key, read in (("polygons", _polygon), ("circles", _circle)):
+            found = fences.member(key)
+            draft.fences += [read(each.is_(JsonObject)) for each in (found.elements() if found.value else [])]
     return draft
+
+
+def _polygon(fence: _Value) -> Fence:
+    corners = [_corner(each) for each in fence.member("polygon").elements()]
+    if len(corners) < 3:
+        raise fence.member("polygon").error(f"{len(corners)} corners", "3 or more")
+    return Fence(fence.member("inclusion").value is True, corners)
+
+
+def _circle(fence: _Value) -> Fence:
+    """A circle as a polygon that lies around what is to be left out, and within what is to be kept in."""
+    circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").value is True
+    radius = circle.member("radius").is_(float)
+    if not 0 < radius.value <= MAX_FENCE_M:
+        raise radius.error(f"{radius.value:g} m", f"metres, above 0, at most {MAX_FENCE_M:g}")
+    origin = _corner(circle.member("center"))
+    radius_m = radius.value if inclusion else radius.value / math.cos(math.pi / CIRCLE_CORNERS)
+    angles = [2 * math.pi * i / CIRCLE_CORNERS for i in range(CIRCLE_CORNERS)]
+    corners = [to_geodetic_deg(radius_m * math.cos(a), radius_m * math.sin(a), origin) for a in angles]
+    return Fence(inclusion, corners)
+
+
+def _corner(place: _Value) -> tuple[float, float]:
+    values = place.is_(JsonList).value
+    if len(values) < 2 or any(type(each) not in (int, float) for each in values):
+        raise place.error("no position", "[latitude, longitude]")
+    latitude, longitude = float(values[0]), float(values[1])
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        raise place.error(f"{latitude:g}, {longitude:g}", "a latitude and a longitude [°]")
+    return latitude, longitude
 
 
 def _read_item(item: _Value, draft: MissionDraft) -> None:
@@ -175,8 +214,16 @@ def _read_landing(item: _Value, draft: MissionDraft) -> None:
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
 
 
-def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float) -> str:
+def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float, fences: Sequence[Fence] = ()) -> str:
     """The file of a mission of a fixed wing."""
+    polygons = [
+        {
+            "inclusion": inclusion,
+            "polygon": [[round(latitude, 9), round(longitude, 9)] for latitude, longitude in corners],
+            "version": 1,
+        }
+        for inclusion, corners in fences
+    ]
     written = []
     for number, (command, frame, parameters) in enumerate(items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
@@ -196,7 +243,7 @@ def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float)
     }
     plan = {
         "fileType": "Plan",
-        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "geoFence": {"circles": [], "polygons": polygons, "version": FENCE_VERSION},
         "groundStation": "QGroundControl",
         "mission": mission,
         "rallyPoints": {"points": [], "version": 2},

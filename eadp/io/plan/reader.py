@@ -26,8 +26,9 @@ from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, print
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
+from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, Plan, ShortForm, Site
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
@@ -53,9 +54,18 @@ _HEADERS = (
     "field-name",
     "hole",
     "swath",
+    "home",
+    "avoid",
+    "inside",
+    "made-for",
 )
 _RING_HEADERS = ("field", "hole")
 """Headers of the field's parts, each an outline and the holes in it."""
+_LIMIT_HEADERS = ("avoid", "inside")
+"""Headers of obstacles and of the boundary, which may stand more than once."""
+_CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
+_HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
+_MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
@@ -141,6 +151,7 @@ class _Reader:
         self._drafts: list[_Draft] = []
         self._headers: dict[str, _Line] = {}
         self._rings: list[tuple[str, _Line]] = []
+        self._limits: list[tuple[str, _Line]] = []
         self._header_shift: PointExpression | None = None
         self._header_shift_line = _START
         self._section = ""
@@ -440,6 +451,9 @@ class _Reader:
         if key in _RING_HEADERS:
             self._rings.append((key, line.after(start)))
             return
+        if key in _LIMIT_HEADERS:
+            self._limits.append((key, line.after(start)))
+            return
         if key in _STAGE_HEADERS:
             self._read_stage_header(key, line.after(start))
             return
@@ -474,8 +488,56 @@ class _Reader:
             return None
         return values
 
-    def _header_start(self) -> Point | None:
-        line = self._headers.get("start")
+    def _site(self) -> Site:
+        swath_m, home_m = self._header_radius("swath"), self._header_point("home")
+        return Site(
+            self._header_origin(),
+            self._header_point("start"),
+            self._header_field(),
+            swath_m,
+            home_m,
+            self._header_airspace(),
+            self._header_made_for(),
+        )
+
+    def _header_airspace(self) -> Airspace:
+        """Obstacles, as NAME height H x,y x,y … with name and height left out or not, and the boundary."""
+        obstacles: list[Obstacle] = []
+        boundary: list[tuple[Point, ...]] = []
+        for key, line in self._limits:
+            words = line.text.split()
+            # from the last word that is no corner on: a name may have commas, too
+            first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
+            label, corners = " ".join(words[:first]), [tuple(map(float, word.split(","))) for word in words[first:]]
+            height = _HEIGHT.search(label) if key == "avoid" else None
+            height_m = self._number(line, height[1], 0, *_OBSTACLE_HEIGHT) if height else None
+            name = label[: height.start()] if height else label
+            ring = tuple((x, y) for x, y in corners if max(abs(x), abs(y)) <= 1e9)
+            if len(ring) < 3 or len(ring) < len(corners) or (key == "inside" and label):
+                expected = "three or more in metres, like 0,0 100,0 100,50" + " after a name" * (key == "avoid")
+                self._fault(line, 0, "no corners of an area", expected)
+            elif key == "inside":
+                boundary.append(ring)
+            else:
+                obstacles.append(Obstacle(ring, name or f"obstacle {len(obstacles) + 1}", height_m))
+        return Airspace(tuple(obstacles), tuple(boundary))
+
+    def _header_made_for(self) -> MadeFor | None:
+        line = self._headers.get("made-for")
+        if line is None:
+            return None
+        found = _MADE_FOR.match(line.text.strip())
+        try:
+            numbers = [float(word) for word in found.groups()[1:]] if found else []
+        except ValueError:
+            numbers = []
+        if not found or not all(abs(value) <= 1e4 for value in numbers) or len(numbers) < 3:
+            self._fault(line, 0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
+            return None
+        return MadeFor(found[1], *numbers)
+
+    def _header_point(self, key: str) -> Point | None:
+        line = self._headers.get(key)
         values = self._header_numbers(line, (2,), "x and y in metres, like -100 220") if line else None
         return (values[0], values[1]) if values else None
 
@@ -676,7 +738,7 @@ class _Reader:
             computations=computations,
             trigger_radius_m=self._header_radius("trigger-radius") or TRIGGER_RADIUS_M,
             min_radius_m=self._header_radius("min-radius"),
-            site=Site(self._header_origin(), self._header_start(), self._header_field(), self._header_radius("swath")),
+            site=self._site(),
             header_shift=self._header_shift,
             segments=parts,
         )
@@ -894,6 +956,10 @@ class _Reader:
 
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
 _RADIUS: tuple[str, Callable[[float], bool]] = ("a radius above 0 m", lambda value: value > 0)
+_OBSTACLE_HEIGHT: tuple[str, Callable[[float], bool]] = (
+    "a height above the origin, from 0 to 1e5 m",
+    lambda value: 0 <= value <= 1e5,
+)
 
 
 def _second_comma(text: str) -> int | None:

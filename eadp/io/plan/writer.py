@@ -5,8 +5,11 @@ Source: draft 002, Appendix II.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from eadp.core.expressions.tree import Expression, number_text
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan
+from eadp.core.geometry.curves import Point
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, Site
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import PointExpression, Stage
 
@@ -34,6 +37,7 @@ def plan_text(plan: Plan) -> str:
             lines.append(f"%: field-name {plan.site.field.name}")
     if plan.site.swath_m is not None:
         lines.append(f"%: swath {number_text(plan.site.swath_m)}")
+    lines += _mission_lines(plan.site)
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:
@@ -53,6 +57,26 @@ def plan_text(plan: Plan) -> str:
     if short is not None and plan.final is not None:
         lines += ["trig:", point_text(plan.final)]
     return "\n".join([*lines, ""])
+
+
+def _mission_lines(site: Site) -> list[str]:
+    """The headers of home, of obstacles and boundary, and of what the plan was made for."""
+    lines = []
+    if site.home_m is not None:
+        lines.append(f"%: home {_corners([site.home_m])}")
+    for obstacle in site.airspace.obstacles:
+        height = "" if obstacle.height_m is None else f" height {number_text(obstacle.height_m)}"
+        lines.append(f"%: avoid {obstacle.name}{height} {_corners(obstacle.outline)}")
+    lines += [f"%: inside {_corners(ring)}" for ring in site.airspace.boundary]
+    if (made := site.made_for) is not None:
+        speed, wind, from_deg = (number_text(value) for value in made[1:])
+        name = f"{made.vehicle} " if made.vehicle else ""
+        lines.append(f"%: made-for {name}airspeed {speed} wind {wind} {from_deg}")
+    return lines
+
+
+def _corners(points: Sequence[Point]) -> str:
+    return " ".join(f"{number_text(x)},{number_text(y)}" for x, y in points)
 
 
 def _part_lines(plan: Plan, part: Segment) -> list[str]:

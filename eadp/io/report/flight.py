@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
-from eadp.io.flight.coverage import flown_coverage
+from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.report.thinning import changes, evenly, significant, thinned
 from eadp.io.report.words import flight_facts, flight_words
@@ -22,7 +22,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.plan.stage import point_at
 from eadp.models.plan.trace import nominal_legs
-from eadp.planning.base import FALLBACK, INFEASIBLE, TIME
+from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
 
 POSITION_M, HEADING_RAD, SOC, ALTITUDE_M = 0.3, 0.05, 5e-4, 0.5
 """Errors of thinned positions [m], headings [rad], charges and altitudes [m]."""
@@ -98,7 +98,11 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "horizons": _horizons(flight.estimates),
         "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
-        "field": _field(plan, columns),
+        "field": _field(plan, flown_of_plan(columns, summary.get("turned_back_s"))),
+        "airspace": {
+            "obstacles": [[obstacle.name, obstacle.outline] for obstacle in plan.site.airspace.obstacles],
+            "boundary": plan.site.airspace.boundary,
+        },
         "plan": _plan_lines(plan, flown, world.start.position_m, world.home_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),
@@ -167,7 +171,7 @@ def decisions_data(
     `parameters` are those before the first, if they are known.
     """
     changed = [
-        before is not None and row["parameters"] != before
+        (before is not None and row["parameters"] != before) or str(row.get("reason", "")).startswith(TURNS_BACK)
         for row, before in zip(rows, [parameters, *(row["parameters"] for row in rows)], strict=False)
     ]
     kept = _kept_decisions(rows, changed)

@@ -7,7 +7,7 @@ from typing import Any
 
 from eadp.errors import printable
 from eadp.models.battery import LIMITS, BatteryFault
-from eadp.planning.base import INFEASIBLE
+from eadp.planning.base import INFEASIBLE, TURNS_BACK
 from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
 
 SHOWN = 3
@@ -23,6 +23,7 @@ def flight_words(
         *_charge(summary, faults),
         *_forecast(summary),
         *_changes(summary, decisions),
+        *_turned_back(decisions),
         *_quality(summary),
         *_coverage(summary),
     ]
@@ -46,11 +47,11 @@ def _end(summary: Mapping[str, Any]) -> str:
 
 def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
     soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
-    kept = "above" if soc >= reserve else "below"
+    kept = "kept" if summary["reserve_kept"] else "not kept"
     mean = f", {power:.1f} W on average" if power is not None else ""
     words = [
-        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}, "
-        f"{kept} the reserve of {_percent(reserve)}."
+        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}; "
+        f"the reserve of {_percent(reserve)} was {kept}."
     ]
     for fault in faults:
         if fault.at_s <= summary["duration_s"]:
@@ -68,10 +69,16 @@ def _forecast(summary: Mapping[str, Any]) -> list[str]:
     if summary["completed"]:
         took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
         came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
+    home = []
+    if expected.get("turn_back_s") is not None:  # of a folder from before there was one
+        x, y = expected["turn_back_m"]
+        until = f"{expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+        home = [f"By it, home was within reach with the reserve until {until}."]
     return [
         f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
         f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
-        f"{_percent(expected['completes_probability'])}{came}."
+        f"{_percent(expected['completes_probability'])}{came}.",
+        *home,
     ]
 
 
@@ -102,6 +109,15 @@ def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]])
     if infeasible:
         words.append(f"Nothing was feasible in {infeasible} of {len(decisions)} re-plannings.")
     return words
+
+
+def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The decision to fly home, if there was one."""
+    return [
+        f"At {row['time_s']:g} s it decided: {row['reason']}."
+        for row in decisions
+        if str(row["reason"]).startswith(TURNS_BACK)
+    ]
 
 
 def _often(decisions: Sequence[Mapping[str, Any]]) -> str:

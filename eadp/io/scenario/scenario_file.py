@@ -6,6 +6,7 @@ The settings stand beside what they set, in the dataclasses of models and planni
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -124,6 +125,9 @@ class ScenarioFile:
     profile: str | None = None
     """Computation profile: path of a model or of measurements, relative to this file."""
 
+    profile_at: Mapping[str, float] = field(default_factory=dict)
+    """Configuration of the profile beside a plan without computations, a constant load; by default the highest."""
+
     vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
     """The aircraft: path of a vehicle file, relative to this file, or its content."""
 
@@ -172,6 +176,9 @@ class ScenarioFile:
     on_infeasible: Literal["continue", "home"] = "continue"
     """Where the reserve cannot be kept to the end: continue the plan, or fly home while that keeps the reserve."""
 
+    obstacles: Literal["avoid", "ignore"] = "avoid"
+    """Whether the plan's obstacles and boundary count: a flight that enters one, or leaves it, is not completed."""
+
     step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
     """Time step of the simulation [s]."""
 
@@ -206,6 +213,14 @@ class Scenario:
     def profile_path(self) -> str | None:
         """Path of the profile, relative to the working directory."""
         return None if self.keys.profile is None else beside(self.document.name, self.keys.profile)
+
+    @property
+    def chosen(self) -> frozenset[str]:
+        """Which of airframe, battery and wind somebody chose: the scenario, its vehicle or an override."""
+        given = self.document.value
+        vehicle = given.get("vehicle") or {}
+        found = {"airframe": vehicle.get("airframe"), "battery": given.get("battery") or vehicle.get("battery")}
+        return frozenset(key for key, value in {**found, "wind": given.get("wind")}.items() if value)
 
     @property
     def rules(self) -> Rules:
@@ -405,8 +420,10 @@ def _put(document: Document, key: str, value: Any) -> None:
 
 
 REPLACED = {
-    "wind.from_deg": ("towards_deg",),
-    "wind.towards_deg": ("from_deg",),
+    "wind.from_deg": ("towards_deg", "profile"),
+    "wind.towards_deg": ("from_deg", "profile"),
+    "wind.speed_mps": ("profile",),
+    "wind.profile": ("speed_mps", "from_deg", "towards_deg"),
     "battery.voltage_v": ("cells", "chemistry"),
     "battery.cells": ("voltage_v", "voltage_empty_v"),
 }
@@ -421,6 +438,11 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
         message = "wind.from_deg and wind.towards_deg are both given"
         faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
+    if isinstance(wind, dict) and wind.get("profile"):
+        for key in ("speed_mps", "from_deg", "towards_deg"):
+            if key in wind:
+                message = f"wind.{key} and wind.profile are both given"
+                faults.append(document.fault(("wind", key), message, "one of the two"))
     if isinstance(planner, dict) and "reserve_soc" in planner:
         message = "unknown key planner.reserve_soc"
         faults.append(document.fault(("planner", "reserve_soc"), message, "reserve_soc"))
@@ -434,6 +456,9 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     """What the schema alone cannot express."""
     faults = []
+    times_s = [row[0] for row in keys.wind.profile]
+    if any(later <= earlier for earlier, later in itertools.pairwise(times_s)):
+        faults.append(document.fault(("wind", "profile"), "wind.profile is not in order of time", "times that rise"))
     if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
         message = "guidance.k_d is negative: the aircraft turns away from its path"
         faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))

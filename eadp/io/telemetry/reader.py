@@ -26,7 +26,7 @@ MAX_UNKNOWN_KEYS = 100
 """Maximum number of warnings about unknown keys."""
 
 MAX_SPEED_SHARE = 2.5
-"""Largest ground speed over the airspeed, which a wind below it at most doubles; most speeds in km/h are above."""
+"""Largest ground speed over the airspeed: a wind below the airspeed at most doubles it; most in km/h are above."""
 MAX_CAPACITY_SHARE = 2.0
 """Largest charge drawn over the battery's capacity, which may be stated too small; a charge in mAh is above."""
 
@@ -211,9 +211,9 @@ class TelemetryReader:
             if vector is not None and math.hypot(*vector) > self._fastest_mps:
                 expected = f"at most {self._fastest_mps:g} m/s: {MAX_SPEED_SHARE:g} times the airspeed"
                 found[key] = f"{key} is {math.hypot(*vector):.3g} m/s", expected
-        drawn_ah, most_ah = line.current_consumed_ah, MAX_CAPACITY_SHARE * self._battery.capacity_ah
-        if drawn_ah is not None and drawn_ah > most_ah:
-            expected = f"at most {most_ah:g} Ah: {MAX_CAPACITY_SHARE:g} times the battery's capacity"
+        drawn_ah, max_ah = line.current_consumed_ah, MAX_CAPACITY_SHARE * self._battery.capacity_ah
+        if drawn_ah is not None and drawn_ah > max_ah:
+            expected = f"at most {max_ah:g} Ah: {MAX_CAPACITY_SHARE:g} times the battery's capacity"
             found["current_consumed_ah"] = f"current_consumed_ah is {drawn_ah:g} Ah", expected
         return found
 

@@ -16,8 +16,8 @@ PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "ve
 
 DEFAULT = "foam-wing"
 SCENARIO, FIELD, PLAN = "scenario.yaml", "field.geojson", "survey.plan"
-SWATH_M, RADIUS_RATIO = 40.0, 1.3
-"""Swath of the plan [m], and its turning radius over the aircraft's without wind."""
+SWATH_M = 40.0
+"""Swath of the plan [m]."""
 
 
 def start_texts(folder: str, preset: str) -> dict[str, str]:
@@ -35,8 +35,9 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     vehicle, field = f"{preset}.yaml", FOLDER / FIELD
     body = (FOLDER / "vehicles" / vehicle).read_text("utf-8")
     airframe = read_vehicle(Text(vehicle, body)).airframe
-    options = CoverageOptions(round(RADIUS_RATIO * airframe.turn_radius_m), SWATH_M, pattern="zamboni")
-    plan = plan_coverage(str(field), options, airframe, (0.0, 0.0)).text.replace(printable(str(field), 100), FIELD)
+    options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni")
+    covered = plan_coverage(str(field), options, preset, airframe, (0.0, 0.0))
+    plan = covered.text.replace(printable(str(field), 100), FIELD)
     scenario = (FOLDER / SCENARIO).read_text("utf-8").format(vehicle=vehicle, scenario=SCENARIO, plan=PLAN)
     texts = {vehicle: body, SCENARIO: scenario, FIELD: field.read_text("utf-8"), PLAN: plan}
     return {os.path.join(folder, name): text for name, text in texts.items()}

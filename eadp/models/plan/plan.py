@@ -10,6 +10,7 @@ from typing import NamedTuple
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault
+from eadp.models.airspace import EVERYWHERE, Airspace
 from eadp.models.field import Field
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
@@ -50,8 +51,17 @@ class ShortForm:
     stages: tuple[tuple[Expression, PointExpression], ...]
 
 
+class MadeFor(NamedTuple):
+    """What a path was made for: an aircraft by name, its airspeed, the wind, and the bearing it comes from [m/s, °]."""
+
+    vehicle: str
+    airspeed_mps: float
+    wind_mps: float
+    wind_from_deg: float
+
+
 class Site(NamedTuple):
-    """Where a plan is and what it covers, as far as that is known.
+    """Where a plan is, what it covers and what it keeps to, as far as that is known.
 
     Attributes
     ----------
@@ -63,12 +73,20 @@ class Site(NamedTuple):
         The area to cover.
     swath_m : float or None
         Width of ground that a line covers [m].
+    home_m : (float, float) or None
+        Where a flight returns to [m].
+    airspace : Airspace
+        Obstacles and boundary.
+    made_for : MadeFor or None
     """
 
     origin_deg: tuple[float, float] | None = None
     start_m: Point | None = None
     field: Field | None = None
     swath_m: float | None = None
+    home_m: Point | None = None
+    airspace: Airspace = EVERYWHERE
+    made_for: MadeFor | None = None
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,13 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import Vector
+from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.legs import Leg
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
+from eadp.planning.forecast.home import TurnBack, latest_turn_back
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -33,6 +36,8 @@ class Preflight:
     ----------
     parameters : dict
         Planned, by name; computations averaged over the time with a free set.
+    decided, later : tuple of float
+        Parameters that it decides at take-off, and as the first segment of laps ends.
     forecast : Ending
     feasible : bool
         Whether the reserve is kept with the probability of the settings.
@@ -40,17 +45,25 @@ class Preflight:
         Planned U.
     stages : dict
         Time [s] and energy [Wh] of each stage, over all its laps.
+    turn_back : TurnBack or None
+        The latest one, where there is a home.
     """
 
     parameters: dict[str, float]
+    decided: Vector
+    later: Vector
     forecast: Ending
     feasible: bool
     quality: float | None
     stages: dict[int, tuple[float, float]]
+    turn_back: TurnBack | None = None
 
     @classmethod
-    def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
-        """That of the one place of an evaluation, with parameters as decided and computations as filled."""
+    def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector, later: Vector | None = None) -> Preflight:
+        """That of the one place of an evaluation, with parameters as decided and computations as filled.
+
+        `later` are those that are decided as the first segment of laps ends.
+        """
         place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
@@ -62,7 +75,22 @@ class Preflight:
         powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
         seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
-        return cls(names, forecast, feasible, quality, stages)
+        turn_back = latest_turn_back(evaluation, place, filling)
+        return cls(names, parameters, later or parameters, forecast, feasible, quality, stages, turn_back)
+
+    def segments(self, plan: Plan) -> dict[str, tuple[float, ...]]:
+        """The path parameters whose values differ between segments of laps, by name: a value for each segment."""
+        count = sum(segment.repeats for segment in plan.segments)
+        return {
+            name: (first, *[later] * (count - 1))
+            for name, first, later in zip(plan.names[: plan.path_count], self.decided, self.later, strict=False)
+            if first != later
+        }
+
+    def legs(self, mission: Mission) -> tuple[Leg, ...]:
+        """The legs that were forecast, to the plan's end."""
+        cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules).decide(self.decided)
+        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0), later=self.later).legs
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:

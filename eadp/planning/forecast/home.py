@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.geometry.curves import Point
+from eadp.models.plan.legs import leg_points
 from eadp.planning.base import HOME_RADII
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge
+from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
 
 AT_HOME_M = 1.0
 """Distance at which the aircraft is at home [m]."""
 
+MIN_STEP_M, STEPS = 20.0, 500
+"""Points of a route at which the way home is forecast: their least distance [m], and about how many at most."""
 
-def home_spare(evaluation: Evaluation, place: int) -> float | None:
+
+def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
     """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
 
     The way is a whole turn and a straight line, with the least power of the motion and of the computations.
@@ -27,6 +35,8 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     evaluation : Evaluation
         Of the plan from here on.
     place : int
+    flown_s, flown_j : float
+        Time [s] and energy [J] that are forecast to the position and charge known, for their deviations.
     """
     evaluator, known = evaluation.evaluator, evaluation.known
     mission, objective, battery = evaluator.mission, evaluator.objective, evaluator.mission.battery
@@ -46,11 +56,56 @@ def home_spare(evaluation: Evaluation, place: int) -> float | None:
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
+    energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
+    mean_w = energy_j / seconds if seconds > 0 else power_w
     motion, losses = known.motion, float(evaluator.losses(seconds))
     energy_var = seconds**2 * motion.var_level + motion.noise * seconds
-    energy_var += power_w**2 * (seconds**2 * known.time.variance + known.time.noise_s * seconds)
+    energy_var += mean_w**2 * (seconds**2 * known.time.variance + known.time.noise_s * seconds)
     soc = then[0] - losses * LOSS
     gain = known.charge.gain_std * max(known.charge.gain_from - soc, 0.0)
     per_j = float(evaluation.totals.soc_per_j[place])
     std = math.sqrt(per_j**2 * energy_var + then[3] + gain**2 + losses * LOSS_SQUARE)
-    return FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc
+    return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
+
+
+class TurnBack(NamedTuple):
+    """The last place of a planned route from which home can be reached: the time [s], and the position [m]."""
+
+    time_s: float
+    position_m: Point
+
+
+def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> TurnBack | None:
+    """The latest turn back that keeps the reserve with its probability; None without a home, or if there is none.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    place : int
+    filling : Filling
+        Computations planned.
+    """
+    start = home_spare(evaluation, place)
+    if start is None:
+        return None
+    known, battery = evaluation.known, evaluation.evaluator.mission.battery
+    found = TurnBack(known.time_s, known.position_m) if start >= 0 else None
+    mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
+    powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
+    step_m = max(MIN_STEP_M, sum(leg.distance_m for leg in legs) / STEPS)
+    filtered, flown_s, flown_j = known.charge.filtered, 0.0, 0.0
+    for leg, power_w, leg_s in zip(legs, powers_w.tolist(), evaluation.load.times_s[mine].tolist(), strict=True):
+        points = [*leg_points(leg, step_m)][1:]
+        step_s = leg_s / max(len(points), 1)
+        for point in points:
+            volts = battery.voltage_at(min(max(filtered[0], 0.0), 1.0))
+            drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * step_s
+            filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
+            if filtered[0] <= 0:
+                return found
+            at = point.x_m, point.y_m
+            there = known._replace(position_m=at, charge=known.charge._replace(filtered=filtered))
+            spare = home_spare(replace(evaluation, known=there), place, flown_s, flown_j)
+            if spare is not None and spare >= 0:
+                found = TurnBack(known.time_s + flown_s, at)
+    return found

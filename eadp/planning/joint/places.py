@@ -68,6 +68,11 @@ class Places:
             return self.decided
         return self._with_path(shares[: len(self.open)])
 
+    def later(self, shares: Shares) -> Vector | None:
+        """Parameters of the segments of laps after the first; None where they are those of the first."""
+        count = len(self.open)
+        return self._with_path(shares[count:]) if shares[count:] not in ((), shares[:count]) else None
+
     def _with_path(self, shares: Shares) -> Vector:
         values = list(self.decided)
         for i, share in zip(self.open, shares, strict=True):
@@ -79,11 +84,9 @@ class Places:
     def route(self, known: Known, shares: Shares) -> Route | None:
         """The route at a place; None where it has no path."""
         if shares not in self._routes:
-            count = len(self.open)
             cursor = known.cursor.decide(self.parameters(shares))
-            later = self._with_path(shares[count:]) if shares[count:] not in ((), shares[:count]) else None
             try:
-                route = self._predictor.route(cursor, known.joined_m, margin_m(known), later)
+                route = self._predictor.route(cursor, known.joined_m, margin_m(known), self.later(shares))
                 self._routes[shares] = route if len(route.order) else None
             except PathUndefined:
                 self._routes[shares] = None

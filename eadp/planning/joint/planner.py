@@ -27,6 +27,7 @@ from eadp.planning.base import (
     JUMPED,
     NEW_STAGE,
     TIME,
+    TURNS_BACK,
     Decision,
     DecisionRecord,
     Mission,
@@ -101,8 +102,8 @@ class JointPlanner(TrackingPlanner):
         self._losses = 0
         self._started, self._ambiguous = 1, False
         self._home: tuple[float | None, float] = (None, 0.0)
-        # a way home is forecast again and again, and so is what is shown
-        self._often = mission.live or mission.way_home is not None
+        # what is shown is forecast again and again, and a way home on which it depends
+        self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
     @classmethod
     def preflight(
@@ -118,7 +119,9 @@ class JointPlanner(TrackingPlanner):
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.knapsack)
-        return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
+        return Preflight.of(
+            plan.evaluation, solution.filling, places.parameters(plan.shares), places.later(plan.shares)
+        )
 
     @property
     def next_update_s(self) -> float:
@@ -276,7 +279,7 @@ class JointPlanner(TrackingPlanner):
             reason += GAUGE_DISBELIEVED
         returns_home = self._must_turn_back(o.time_s, plan)
         if returns_home:
-            reason = f"home: {reason}"
+            reason = TURNS_BACK + reason
         record = self._record(o, known, cause, chosen, plan, reason)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._places.decide(plan.shares, chosen)
@@ -324,8 +327,8 @@ class JointPlanner(TrackingPlanner):
                 self._infeasible_since_s = o.time_s
             since = f"infeasible since {self._infeasible_since_s:.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
-            lowest_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
-            flown = "lowest" if self._power_w(evaluation, chosen) <= lowest_w + 1e-9 else "the same"
+            min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
+            flown = "lowest" if self._power_w(evaluation, chosen) <= min_w + 1e-9 else "the same"
             if beyond_w > 0:
                 return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way; {flown} configuration"
             short = evaluation.shortfall(0)

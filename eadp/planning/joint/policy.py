@@ -21,8 +21,8 @@ upper one is flown first, and the lower one for the rest: it rises to the upper 
 and stays while it can be for more than the second time [s]."""
 
 EARLY_S, LAST_S = 30.0, 35.0
-"""Time from the start in which computations do not fall for the margin alone, since the deviation of the forecast halves
-in it; and time before the end in which nothing changes. A loss of charge is answered in both [s]."""
+"""Time from the start in which computations do not fall for the margin alone: the deviation of the forecast halves in
+it; and time before the end in which nothing changes. A loss of charge is answered in both [s]."""
 
 
 class Policy:

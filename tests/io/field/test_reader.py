@@ -1056,7 +1056,7 @@ def test_all_features_are_the_parts_of_one_field():
     text = json.dumps({"type": "FeatureCollection", "features": features})
     field, _ = read(text, metres=True, feature="all")
     assert [part[0][0] for part in field.parts] == [(0.0, 0.0), (300.0, 0.0)]
-    assert [ring[0] for ring in field.obstacles] == [(150.0, 0.0)]
+    assert [(each.name, each.outline[0]) for each in field.airspace.obstacles] == [("a mast", (150.0, 0.0))]
     assert len(read(text, metres=True, feature="east")[0].parts) == 1
     with pytest.raises(InputError, match="2 features with polygons"):
         read(text, metres=True)

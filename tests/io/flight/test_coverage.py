@@ -10,7 +10,7 @@ from common.answers import refused
 from common.pages import Page
 
 import eadp as library
-from eadp.io.flight.coverage import flown_coverage, flown_lines
+from eadp.io.flight.coverage import flown_coverage, flown_lines, flown_of_plan
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
@@ -91,3 +91,9 @@ def test_a_flight_over_a_field(tmp_path):
     assert page.data["field"]["rings"][0] == [[0, 0], [200, 0], [200, 100], [0, 100]]
     assert len(page.data["field"]["rings"]) == 2
     assert page.data["field"]["covered"]["share"][-1] == pytest.approx(share, abs=2e-3)
+
+
+def test_the_way_home_is_left_out():
+    columns = {"time_s": [0.0, 1.0, 2.0], "x_m": [0.0, 5.0, 9.0]}
+    assert flown_of_plan(columns, 1.0) == {"time_s": [0.0, 1.0], "x_m": [0.0, 5.0]}
+    assert flown_of_plan(columns, None) == columns

@@ -23,7 +23,7 @@ from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.trace import trace
+from eadp.models.plan.trace import nominal_legs, trace
 
 HOME = (47.0, 8.0)
 RADIUS_M = 20.0
@@ -35,7 +35,9 @@ LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 
 
 def path_of(plan, parameters=(), **options):
     given = {"altitude_m": 50.0, "airspeed_mps": 15.0, "tolerance_m": TOLERANCE_M} | options
-    return PlannedPath("a path", planned_sections(plan, parameters), plan.site.origin_deg or HOME, **given)
+    return PlannedPath(
+        "a path", planned_sections(nominal_legs(plan, parameters)), plan.site.origin_deg or HOME, **given
+    )
 
 
 def drawn(plan, origin, parameters=()):

@@ -241,12 +241,12 @@ def faults_of(tmp_path, body):
         (
             "wind: {5: }",
             "2:8: error: unknown key wind.5; "
-            "expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
+            "expected one of speed_mps, from_deg, towards_deg, profile, gust_std_mps, gust_time_s",
         ),
         (
             "wind: {speed_mps:6}",
             "2:8: error: unknown key wind.speed_mps:6; "
-            "expected one of speed_mps, from_deg, towards_deg, gust_std_mps, gust_time_s",
+            "expected one of speed_mps, from_deg, towards_deg, profile, gust_std_mps, gust_time_s",
         ),
         ("faults: [null]", "2:10: error: faults.0 cannot be None; expected a mapping of keys"),
         ("parameters: {c: }", "2:14: error: parameters.c cannot be 'c'; expected pattern "),

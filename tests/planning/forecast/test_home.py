@@ -10,7 +10,7 @@ from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.planning.base import HOME_RADII
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.home import home_spare
+from eadp.planning.forecast.home import home_spare, latest_turn_back
 from eadp.planning.state.known import WindKnown
 
 EVEN = Objective(0.05, 0.5)
@@ -72,3 +72,14 @@ def test_against_a_wind_as_strong_as_the_airspeed_there_is_no_way_home():
         spare = home_spare(type(found)(**{**vars(found), "known": known}), 0)
         reached.append(spare)
     assert reached[0] > 0 > reached[1] > reached[2] == -math.inf
+
+
+def test_the_latest_turn_back_lies_between_take_off_and_the_end():
+    by_capacity = []
+    for capacity_ah in (0.25, 0.3, 3.0):
+        found = forecasting_of((0.0, -1000.0), **{"battery.capacity_ah": capacity_ah}).at(0.0)
+        by_capacity.append(latest_turn_back(found, 0, found.filled()))
+    early, later, never = (turn_back.time_s for turn_back in by_capacity)
+    assert 0 < early < later < never
+    assert never == pytest.approx(found.known.time_s + found.load.times_s.sum(), abs=1e-6)
+    assert latest_turn_back(forecasting_of(None).at(0.0), 0, found.filled()) is None

@@ -183,10 +183,11 @@ function moveLines() {
 // --- map
 
 const map = $("map"), base = document.createElement("canvas");
+const airspace = data.airspace || { obstacles: [], boundary: [] };
 const view = { x: 0, y: 0, scale: 1, fitted: true };
 const corners = (() => { // of all that is drawn
   const xs = path.x.filter((x) => x !== null), ys = path.y.filter((y) => y !== null);
-  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? data.field.rings.map((ring) => ring.flat()) : [])];
+  const lines = [...plan.routes.map(([, line]) => line), ...plan.faint, ...(data.field ? data.field.rings.map((ring) => ring.flat()) : []), ...[...airspace.obstacles.map(([, ring]) => ring), ...airspace.boundary].map((ring) => ring.flat())];
   for (const line of lines) for (let i = 0; i < line.length; i += 2) { xs.push(line[i]); ys.push(line[i + 1]); }
   for (const point of [plan.start, plan.final]) if (point) { xs.push(point[0]); ys.push(point[1]); }
   const ends = (values) => values.reduce(([a, b], value) => [Math.min(a, value), Math.max(b, value)], [Infinity, -Infinity]);
@@ -239,6 +240,7 @@ function drawBase() {
     context.lineWidth = 1.2;
     context.stroke();
   }
+  drawAirspace(context);
   context.strokeStyle = palette.faint;
   context.lineWidth = 1;
   for (const line of plan.faint) strokePoints(context, line);
@@ -285,6 +287,27 @@ function strokeFlown(context, lines = false) {
   for (let i = 0; i <= last; i++) add(path.t[i], path.x[i], path.y[i]);
   add(state.t, at(path, "x", state.t), at(path, "y", state.t));
   context.stroke();
+}
+
+/** Obstacles with their names, and the boundary, dashed. */
+function drawAirspace(context) {
+  const ring = (points) => { context.beginPath(); points.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](px(x), py(y))); context.closePath(); };
+  context.strokeStyle = context.fillStyle = palette.bad;
+  context.lineWidth = 1.2;
+  context.textAlign = "center";
+  for (const [name, outline] of airspace.obstacles) {
+    ring(outline);
+    context.globalAlpha = 0.2;
+    context.fill();
+    context.globalAlpha = 1;
+    context.stroke();
+    const [x, y] = [0, 1].map((i) => outline.reduce((sum, point) => sum + point[i], 0) / outline.length);
+    if (airspace.obstacles.length <= 20) context.fillText(name, px(x), py(y));
+  }
+  context.setLineDash([7, 4]);
+  for (const outline of airspace.boundary) { ring(outline); context.stroke(); }
+  context.setLineDash([]);
+  context.textAlign = "start";
 }
 
 const cover = document.createElement("canvas");

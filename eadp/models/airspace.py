@@ -1,0 +1,94 @@
+"""Where a flight may be: out of obstacles, and inside a boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from eadp.core.geometry.curves import Point
+
+if TYPE_CHECKING:
+    from eadp.core.geometry.polygons import Ring
+
+BOUNDARY = "the boundary"
+
+
+class Obstacle(NamedTuple):
+    """An area that a flight stays out of.
+
+    Attributes
+    ----------
+    outline : tuple of (float, float)
+        Vertices [m], x east and y north, of either winding; the first is not repeated at the end.
+    name : str
+    height_m : float or None
+        Up to which it is in the way, above the origin [m]; None for any altitude.
+    """
+
+    outline: Ring
+    name: str
+    height_m: float | None = None
+
+
+class Entry(NamedTuple):
+    """An obstacle that a flight was in, or the boundary that it was beyond.
+
+    Attributes
+    ----------
+    name : str
+    entered_s : float
+        When it was entered first, or left [s].
+    inside_m : float
+        Length of the way inside it, or beyond it [m].
+    """
+
+    name: str
+    entered_s: float
+    inside_m: float
+
+    @property
+    def reason(self) -> str:
+        """What happened, for the reason of a flight's end."""
+        return f"{'left' if self.name == BOUNDARY else 'entered'} {self.name} at {self.entered_s:.1f} s"
+
+
+class Airspace(NamedTuple):
+    """Obstacles, and outlines within whose union a flight stays; without outlines it may be anywhere."""
+
+    obstacles: tuple[Obstacle, ...] = ()
+    boundary: tuple[Ring, ...] = ()
+
+    def entries(self, times_s: Sequence[float], track_m: Sequence[Point], altitudes_m: Sequence[float]) -> list[Entry]:
+        """Where a flight was that it should not have been, by time.
+
+        Parameters
+        ----------
+        times_s, altitudes_m : sequence of float
+            Time, and altitude above the origin, of each point of the track.
+        track_m : sequence of (float, float)
+            Straight lines join its points.
+        """
+        if not any(self) or len(track_m) < 2:
+            return []
+        from eadp.core.geometry.polygons import lengths_beyond_m, lengths_within_m
+
+        names = [obstacle.name for obstacle in self.obstacles]
+        segments, areas, lengths_m = lengths_within_m([obstacle.outline for obstacle in self.obstacles], track_m)
+        heights_m = np.array([np.inf if each.height_m is None else each.height_m for each in self.obstacles])
+        low_m = np.minimum(altitudes_m[:-1], altitudes_m[1:])
+        below = low_m[segments] < heights_m[areas]
+        hits = list(zip(segments[below].tolist(), areas[below].tolist(), lengths_m[below].tolist(), strict=True))
+        if self.boundary:
+            segments, lengths_m = lengths_beyond_m(self.boundary, track_m)
+            names.append(BOUNDARY)
+            hits += [(i, len(names) - 1, length_m) for i, length_m in zip(segments.tolist(), lengths_m, strict=True)]
+        found: dict[int, Entry] = {}
+        for segment, area, length_m in sorted(hits):
+            entry = found.get(area, Entry(names[area], times_s[segment], 0.0))
+            found[area] = entry._replace(inside_m=entry.inside_m + length_m)
+        return list(found.values())
+
+
+EVERYWHERE = Airspace()

@@ -1,0 +1,223 @@
+"""What a plan carries, through every door: cover writes it, simulate, plan, export and the page do not forget it."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from common import ROOT
+
+BOX = "0 0, 600 0, 600 400, 0 400"
+LIMITS = {
+    "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
+    "avoid": "x_m,y_m\n250,150\n330,150\n330,260\n250,260\n",
+    "inside": "x_m,y_m\n-90,-90\n690,-90\n690,490\n-90,490\n",
+}
+PROFILE = ("--profile", "profiles/pednet-jetson-nano.yaml")
+HEADERS = ("home", "avoid", "inside", "min-radius", "made-for", "swath", "field")
+
+
+@pytest.fixture
+def covered(eadp, tmp_path):
+    """A plan of a field with an obstacle, a boundary and a home."""
+    for name, text in LIMITS.items():
+        (tmp_path / f"{name}.csv").write_text(text)
+    options = ("--metres", "--swath", "40", "--home", "-50,-50", "--wind", "3,270")
+    limits = ("--avoid", tmp_path / "avoid.csv", "--inside", tmp_path / "inside.csv")
+    out = tmp_path / "covered.plan"
+    assert eadp("cover", tmp_path / "field.csv", *options, *limits, *PROFILE, "-o", out).code == 0
+    return out
+
+
+def headers(text):
+    return {line.split()[1]: line for line in text.splitlines() if line.startswith("%:")}
+
+
+def moved(plan, tmp_path, corners, name="house"):
+    """The plan with its obstacle somewhere else."""
+    text = plan.read_text()
+    path = tmp_path / "moved.plan"
+    path.write_text(text.replace(headers(text)["avoid"], f"%: avoid {name} {corners}"))
+    return path
+
+
+def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
+    text = covered.read_text()
+    found = headers(text)
+    assert set(HEADERS) <= set(found)
+    assert found["home"] == "%: home -50,-50"
+    assert found["avoid"] == "%: avoid obstacle 1 250,150 330,150 330,260 250,260"
+    assert found["made-for"] == "%: made-for airspeed 15 wind 3 270"
+    again = eadp("plan", covered, "--format", "plan")
+    assert headers(again.out) == found
+
+
+def test_a_flight_keeps_out_and_says_so(eadp, covered):
+    answer = eadp("simulate", covered, *PROFILE, "--set", "wind.speed_mps=3", "--format", "json")
+    summary = json.loads(answer.out)
+    assert answer.code == 0
+    assert summary["completed"]
+    assert summary["obstacles"] == []
+
+
+def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
+    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
+    folder = tmp_path / "out"
+    answer = eadp("simulate", plan, *PROFILE, "-o", folder)
+    assert answer.code == 1
+    assert "NOT completed: entered house at " in answer.out
+    summary = json.loads((folder / "summary.json").read_text())
+    (entry,) = summary["obstacles"]
+    assert (entry["name"], summary["completed"], summary["reserve_kept"]) == ("house", False, False)
+    # a wall of 20 m across every line
+    assert entry["inside_m"] > 0.99 * 20 * 9
+    page = (folder / "report.html").read_text()
+    assert "house" in page
+    assert "entered house" in page
+    ignored = eadp("simulate", plan, *PROFILE, "--set", "obstacles=ignore")
+    assert ignored.code == 0
+
+
+def test_an_obstacle_lower_than_the_flight_is_flown_over(eadp, covered, tmp_path):
+    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500", "house height 12")
+    high = eadp("simulate", plan, *PROFILE)  # at the aircraft's own altitude
+    plan.write_text("%: altitude 11\n" + plan.read_text())
+    low = eadp("simulate", plan, *PROFILE)
+    assert (low.code, high.code) == (1, 0)
+
+
+def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
+    text = covered.read_text()
+    plan = tmp_path / "small.plan"
+    plan.write_text(text.replace(headers(text)["inside"], "%: inside -90,-90 500,-90 500,490 -90,490"))
+    answer = eadp("simulate", plan, *PROFILE)
+    assert answer.code == 1
+    assert "NOT completed: left the boundary at " in answer.out
+
+
+def test_a_sweep_judges_its_flights_alike(eadp, covered, tmp_path):
+    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
+    sweep = tmp_path / "sweep.yaml"
+    lines = ["schema: eadp.sweep/1", f"plan: {plan}", "profile: profiles/pednet-jetson-nano.yaml"]
+    sweep.write_text("\n".join([*lines, "grid: {wind.speed_mps: [0, 3]}"]).replace("profiles/", f"{ROOT}/profiles/"))
+    rows = eadp("sweep", sweep, "--format", "csv").out.splitlines()
+    assert len(rows) == 3
+    assert all("entered house" in row for row in rows[1:])
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("%: avoid house", "no corners of an area; expected three or more"),
+        ("%: avoid house 0,0 1,0", "no corners of an area"),
+        ("%: avoid house height -3 0,0 9,0 9,9", "a height above the origin"),
+        ("%: inside yard 0,0 9,0 9,9", "no corners of an area"),
+        ("%: home 5", "expected x and y in metres"),
+        ("%: made-for nothing", "no aircraft, airspeed and wind"),
+    ],
+)
+def test_bad_headers(eadp, tmp_path, header, message):
+    path = tmp_path / "bad.plan"
+    path.write_text(f"{header}\n0.1; 90; x\n0, 400\n")
+    answer = eadp("simulate", path)
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith(f"{path}:1:")
+    assert message in answer.err
+
+
+# --- what is forecast is what is exported
+
+HALVES = "x_m,y_m\n0,0\n700,0\n700,250\n350,250\n350,500\n0,500\n"
+SCENARIO = """schema: eadp.scenario/1
+wind: {speed_mps: 3, from_deg: 240}
+reserve_soc: 0.1
+start: {altitude_m: 25} # a mission starts on the ground otherwise
+"""
+
+
+@pytest.fixture
+def blocks(eadp, tmp_path):
+    """A plan of a field of two blocks, and its scenario."""
+    (tmp_path / "field.csv").write_text(HALVES)
+    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+    plan = tmp_path / "blocks.plan"
+    options = ("--metres", "--swath", "30", "--pattern", "zamboni", "--wind", "3,240")
+    assert eadp("cover", tmp_path / "field.csv", *options, "-o", plan).code == 0
+    return plan, tmp_path / "scenario.yaml"
+
+
+@pytest.mark.parametrize("capacity_ah", [0.9, 1.0, 1.1, 1.2, 3.0])
+@pytest.mark.parametrize("to", ["qgc", "ardupilot"])
+def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
+    plan, scenario = blocks
+    mission = tmp_path / "mission"
+    given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+    expected = json.loads(eadp("simulate", plan, *given, "--format", "json").out)["energy_forecast"]
+    answer = eadp("export", plan, "--to", to, "--origin", "55.37,10.43", *given, "-o", mission)
+    assert answer.code == 0
+    assert f"{expected['time_s']:.0f} s, {expected['energy_wh']:.2f} Wh" in answer.err
+    flown = json.loads(eadp("simulate", mission, *given, "--format", "json").out)
+    assert flown["energy_forecast"]["time_s"] == pytest.approx(expected["time_s"], rel=0.01)
+    assert flown["energy_forecast"]["energy_wh"] == pytest.approx(expected["energy_wh"], rel=0.01)
+
+
+def test_a_value_for_each_block_is_forecast_and_exported(eadp, blocks):
+    plan, scenario = blocks
+    found = []
+    for capacity_ah in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
+        given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+        summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
+        chosen = summary["energy_forecast"]["parameters"]["c1"]
+        if isinstance(chosen, dict):
+            first, *later = chosen["segments"]
+            answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
+            assert f"c1 = {first:g} then {later[0]:g}" in answer.err
+            found.append(chosen)
+    assert found
+
+
+def test_the_rest_of_a_mission(eadp, blocks):
+    plan, scenario = blocks
+    place = ("--to", "geojson", "--origin", "55.37,10.43")
+    whole, rest = (
+        json.loads(eadp("export", plan, *place, "--scenario", scenario, *more).out)["features"][0]["geometry"]
+        for more in ((), ("--from", "3,2"))
+    )
+    count = len(rest["coordinates"])
+    assert 0 < count < len(whole["coordinates"])
+    assert rest["coordinates"] == whole["coordinates"][-count:]
+
+
+@pytest.mark.parametrize(
+    ("place", "message"), [("x", "no stage and lap"), ("99,0", "stage 99 is not flown"), ("3,99", "a lap from 0 to")]
+)
+def test_a_rest_that_is_not_flown(eadp, blocks, place, message):
+    answer = eadp("export", blocks[0], "--to", "qgc", "--origin", "55.37,10.43", "--from", place)
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err
+
+
+def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
+    mission = tmp_path / "mission.plan"
+    assert eadp("export", covered, "--to", "qgc", "--origin", "55.37,10.43", "-o", mission).code == 0
+    fences = json.loads(mission.read_text())["geoFence"]["polygons"]
+    assert [each["inclusion"] for each in fences] == [False, True]
+    text = eadp("plan", mission, "--format", "plan").out
+    found = headers(text)
+    shift = [float(number) for number in found["avoid"].split()[-1].split(",")]
+    # the corners by the origin of the mission, the home, which lies at (-50, -50)
+    assert shift == pytest.approx([250 + 50, 260 + 50], abs=0.01)
+    assert (
+        "obstacles and boundary are not in the format gpx"
+        in eadp("export", covered, "--to", "gpx", "--origin", "55.37,10.43").err
+    )
+    circle = {"circle": {"center": [55.37, 10.43], "radius": 40}, "inclusion": False, "version": 1}
+    document = json.loads(mission.read_text())
+    document["geoFence"] = {"circles": [circle], "polygons": [], "version": 2}
+    mission.write_text(json.dumps(document))
+    corners = headers(eadp("plan", mission, "--format", "plan").out)["avoid"].split()[4:]
+    assert len(corners) == 32
+    # around the circle, by no more than a hundredth
+    radii = [math.dist(tuple(map(float, corner.split(","))), (50, 50)) for corner in corners]
+    assert radii == pytest.approx([40 / math.cos(math.pi / 32)] * 32, abs=0.05)

@@ -1,0 +1,84 @@
+"""Where a flight was that it should not have been: against sampling, without shapely."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from eadp.models.airspace import BOUNDARY, Airspace, Obstacle
+
+SQUARE = ((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0))
+ROOM = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
+SAMPLED_M = 0.05
+
+
+def within(ring, x, y):
+    """Whether a point lies in a ring, by the crossings of a ray."""
+    inside = False
+    for (x0, y0), (x1, y1) in zip(ring, (*ring[1:], ring[0]), strict=True):
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            inside = not inside
+    return inside
+
+
+def sampled(track, inside):
+    """Length of a track where something holds, and the number of the first such segment, by points along it."""
+    length, first = 0.0, None
+    for i, (a, b) in enumerate(itertools.pairwise(track)):
+        count = max(1, math.ceil(math.dist(a, b) / SAMPLED_M))
+        shares = (np.arange(count) + 0.5) / count
+        hits = sum(inside(a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1])) for s in shares)
+        length += math.dist(a, b) * hits / count
+        first = i if hits and first is None else first
+    return length, first
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_entries_are_those_of_points_along_the_track(seed):
+    rng = np.random.default_rng(seed)
+    track = [tuple(point) for point in np.cumsum(rng.normal(0, 12, (30, 2)), axis=0).tolist()]
+    times = [2.0 * i for i in range(len(track))]
+    found = {each.name: each for each in Airspace((Obstacle(SQUARE, "barn"),), (ROOM,)).entries(times, track, [0] * 30)}
+    for name, inside in (
+        ("barn", lambda x, y: within(SQUARE, x, y)),
+        (BOUNDARY, lambda x, y: not within(ROOM, x, y)),
+    ):
+        length, first = sampled(track, inside)
+        entry = found.get(name)
+        assert (entry.inside_m if entry else 0.0) == pytest.approx(length, abs=0.1 + 0.01 * length)
+        if entry is not None and first is not None and length > 1:
+            assert entry.entered_s <= times[first]
+
+
+def test_an_obstacle_is_in_the_way_up_to_its_height():
+    airspace = Airspace((Obstacle(SQUARE, "barn", 12.0), Obstacle(ROOM, "mast")))
+    track, times = [(0.0, 15.0), (30.0, 15.0)], [0.0, 2.0]
+    assert [each.name for each in airspace.entries(times, track, [12.0, 12.0])] == ["mast"]
+    low = {each.name: each.inside_m for each in airspace.entries(times, track, [11.0, 12.0])}
+    assert low == {"barn": pytest.approx(10.0, abs=0.01), "mast": pytest.approx(30.0)}
+
+
+def test_a_track_along_an_edge_is_free():
+    airspace = Airspace((Obstacle(SQUARE, "barn"),), (ROOM,))
+    assert airspace.entries([0.0, 1.0], [(10.0, -50.0), (10.0, 50.0)], [0.0, 0.0]) == []
+    assert airspace.entries([0.0, 1.0], [(-50.0, -50.0), (-50.0, 50.0)], [0.0, 0.0]) == []
+
+
+def test_entries_come_by_time():
+    east = tuple((x + 100.0, y) for x, y in SQUARE)
+    airspace = Airspace((Obstacle(east, "east"), Obstacle(SQUARE, "west")))
+    found = airspace.entries([0.0, 1.0, 2.0], [(0.0, 15.0), (60.0, 15.0), (150.0, 15.0)], [0.0] * 3)
+    assert [(each.name, each.entered_s) for each in found] == [("west", 0.0), ("east", 1.0)]
+    assert found[0].reason == "entered west at 0.0 s"
+
+
+def test_ten_thousand_obstacles():
+    small = [tuple((x / 20 + 3 * i, y / 20 + 3 * j) for x, y in SQUARE) for i in range(100) for j in range(100)]
+    airspace = Airspace(tuple(Obstacle(ring, str(k)) for k, ring in enumerate(small)))
+    track = [(0.0, 0.75 + 3 * j) for j in (0, 1)] + [(300.0, 3.75)]
+    found = airspace.entries([0.0, 1.0, 2.0], track, [0.0] * 3)
+    assert len(found) == 100
+    assert sum(each.inside_m for each in found) == pytest.approx(100 * 0.5, rel=0.01)

@@ -1,0 +1,123 @@
+"""A wind that changes in flight."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from common import ROOT
+
+import eadp
+from eadp.core import compiled
+from eadp.models.weather import Wind
+
+SURVEY, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
+RISING = str(ROOT / "scenarios/rising-wind.yaml")
+
+
+def flown(profile, **more):
+    overrides = {"planner.name": "static", "battery.capacity_ah": 3, "faults": [], **more}
+    wind = {"wind.profile": profile} if profile else {}
+    return eadp.simulate(SURVEY, scenario=SCENARIO, overrides=overrides | wind)
+
+
+def test_components_are_linear_between_rows():
+    rows = [(10.0, 3.0, 270.0), (20.0, 5.0, 180.0), (50.0, 0.0, 0.0)]
+    wind = Wind(profile=tuple(rows))
+    times = [row[0] for row in rows]
+    east = [speed * math.sin(math.radians(deg + 180)) for _, speed, deg in rows]
+    north = [speed * math.cos(math.radians(deg + 180)) for _, speed, deg in rows]
+    for time_s in (0.0, 9.9, 10.0, 12.5, 19.0, 20.0, 35.0, 50.0, 90.0):
+        expected = float(np.interp(time_s, times, east)), float(np.interp(time_s, times, north))
+        assert wind.steady_at_mps(time_s) == pytest.approx(expected, abs=1e-12)
+    assert wind.steady_mps == pytest.approx((3.0, 0.0), abs=1e-12)
+    assert wind.speeds_mps == (0.0, 5.0)
+
+
+def test_a_profile_of_one_row_is_a_steady_wind():
+    still = flown(None, **{"wind.speed_mps": 5, "wind.from_deg": 180})
+    assert flown([[0, 5, 180]]).steps == still.steps
+
+
+def test_until_it_changes_the_flight_is_the_same():
+    steady = flown([[0, 5, 180]], time_limit_s=150)
+    steps = flown([[0, 5, 180], [100, 5, 180], [100.5, 9, 120]], time_limit_s=150).steps
+    assert [step for step in steps if step.time_s <= 100] == [step for step in steady.steps if step.time_s <= 100]
+    assert steps[-1].x_m != steady.steps[-1].x_m
+
+
+def test_a_drifting_aircraft_moves_with_the_wind_that_it_is_told():
+    """Over a straight leg the ground speed is that of the wind triangle of the moment."""
+    steps = flown([[0, 2, 270], [300, 8, 270]], **{"wind.gust_std_mps": 0}).steps
+    for before, after in zip(steps[:-10:50], steps[10::50], strict=False):
+        seconds = after.time_s - before.time_s
+        if before.stage != after.stage or before.stage not in (2, 4) or before.time_s < 30:
+            continue
+        if abs(after.heading_rad - before.heading_rad) > 0.01:
+            continue
+        wind = Wind(profile=((0, 2, 270), (300, 8, 270))).steady_at_mps((before.time_s + after.time_s) / 2)[0]
+        ground = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m) / seconds
+        # the legs run north and south, the wind is square to them
+        assert ground == pytest.approx(math.sqrt(15**2 - wind**2), rel=0.02)
+
+
+@pytest.mark.skipif(not compiled.available(), reason="numba is not installed")
+def test_compiled_flights_are_the_same():
+    profile = [[0, 2, 180], [60, 6, 200]]
+    plain = flown(profile, time_limit_s=100)
+    compiled.enable()
+    try:
+        assert flown(profile, time_limit_s=100).steps == plain.steps
+    finally:
+        compiled.enable(False)
+
+
+def test_joint_answers_a_rising_wind_and_static_does_not():
+    joint = eadp.simulate(SURVEY, scenario=RISING)
+    assert joint.summary["energy_forecast"]["completes"]
+    assert joint.summary["completed"]
+    assert joint.summary["reserve_kept"]
+    static = eadp.simulate(SURVEY, scenario=RISING, overrides={"planner.name": "static"})
+    assert static.summary["energy_forecast"]["completes"]
+    assert not static.summary["completed"]
+
+
+@pytest.mark.parametrize(
+    ("wind", "message"),
+    [
+        ("{profile: [[0, 2, 270], [0, 3, 270]]}", "wind.profile is not in order of time"),
+        ("{profile: [[9, 2, 270], [3, 3, 270]]}", "wind.profile is not in order of time"),
+        ("{profile: [[0, 2]]}", "wind.profile"),
+        ("{profile: [[-1, 2, 270]]}", "wind.profile"),
+        ("{profile: [[0, .nan, 270]]}", ".nan is not a finite number"),
+        ("{profile: [[0, 2, 270], [60, 20, 270]]}", "a wind of 20 m/s, at an airspeed of 15 m/s"),
+        ("{profile: [[0, 2, 270]], speed_mps: 3}", "wind.speed_mps and wind.profile are both given"),
+    ],
+)
+def test_bad_profiles(eadp, tmp_path, wind, message):
+    path = tmp_path / "s.yaml"
+    path.write_text(f"schema: eadp.scenario/1\nprofile: {ROOT}/profiles/pednet-jetson-nano.yaml\nwind: {wind}\n")
+    answer = eadp("simulate", SURVEY, "--scenario", path)
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith(f"{path}:3:")
+    assert message in answer.err
+
+
+def test_one_way_to_give_the_wind_removes_the_other(eadp):
+    profile = ("--set", "wind.profile=[[0, 4, 180]]")
+    speed = ("--set", "wind.speed_mps=4", "--set", "wind.from_deg=180")
+    short = ("--scenario", SCENARIO, "--set", "time_limit_s=5", "--format", "json")
+    flights = [
+        json.loads(eadp("simulate", SURVEY, *short, *given).out) for given in (profile, speed, (*profile, *speed))
+    ]
+    assert len({flight["distance_m"] for flight in flights}) == 1
+
+
+def test_a_sweep_varies_it(eadp, tmp_path):
+    sweep = tmp_path / "sweep.yaml"
+    winds = "[[[0, 2, 180]], [[0, 2, 180], [60, 8, 180]]]"
+    sweep.write_text(f"schema: eadp.sweep/1\nplan: {SURVEY}\nscenario: {SCENARIO}\ngrid: {{wind.profile: {winds}}}\n")
+    rows = eadp("sweep", sweep, "--set", "planner.name=static", "--format", "csv").out.splitlines()
+    assert len(rows) == 3
