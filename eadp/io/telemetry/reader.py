@@ -26,7 +26,7 @@ MAX_UNKNOWN_KEYS = 100
 """Maximum number of warnings about unknown keys."""
 
 MAX_SPEED_SHARE = 2.5
-"""Largest ground speed over the airspeed: a wind below the airspeed at most doubles it; most in km/h are above."""
+"""Largest ground speed over the airspeed, which a wind below it at most doubles; most speeds in km/h are above."""
 MAX_CAPACITY_SHARE = 2.0
 """Largest charge drawn over the battery's capacity, which may be stated too small; a charge in mAh is above."""
 
