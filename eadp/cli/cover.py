@@ -45,7 +45,11 @@ def command(
         float | None, Option("--focal-length-mm", help="Focal length of the camera [mm].", metavar="MM")
     ] = None,
     side_overlap: Annotated[
-        float | None, Option(help="Overlap of the pictures of neighbouring lines [%].", metavar="PERCENT")
+        str | None,
+        Option(
+            help="Overlap of the pictures of neighbouring lines [%]; or wanted and acceptable, as 70:60.",
+            metavar="PERCENT",
+        ),
     ] = None,
     forward_overlap: Annotated[
         float | None,

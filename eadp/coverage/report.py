@@ -219,6 +219,8 @@ class CoverageReport:
         lines.append(f"turns      {wide}")
         if solution.laps is not None:
             lines.append(f"spacing    {self.fixed_spacing()}")
+        elif not blocks and any(self.field.airspace):
+            lines.append("spacing    fixed: a planner cannot save lines in flight, as laps do not keep to the limits")
         elif solution.other_share is not None:
             lines.append(f"instead    lines in an order would take {solution.other_share:.2f} times as long")
         if not self.motion.windless:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import pytest
 from common.answers import refused
@@ -115,6 +114,9 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
         ({**CAMERA, "--focal-length-mm": 0}, "--focal-length-mm:1:1: error: 0 is out of range"),
         ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
         ({**CAMERA, "--side-overlap": 100}, "percent from 1 to 99"),
+        ({**CAMERA, "--side-overlap": "60:70"}, "wanted and acceptable, as 70:60"),
+        ({**CAMERA, "--side-overlap": "70:60:50"}, "wanted and acceptable, as 70:60"),
+        ({**CAMERA, "--side-overlap": "much"}, "wanted and acceptable, as 70:60"),
         ({**CAMERA, "--forward-overlap": 80}, "the camera needs --sensor-height-mm too"),
         ({"--swath": 30, "--forward-overlap": 80, "--sensor-height-mm": 9}, "the camera needs --altitude too"),
         ({"--swath": 30, "--altitude": "nan"}, "--altitude:1:1"),
@@ -396,3 +398,23 @@ def test_bad_limits(eadp, limits, tmp_path):
     answer = eadp("cover", *limits, "--avoid", tmp_path / "all.csv")
     assert (answer.code, answer.out) == (1, "")
     assert "no line of the field has room for a turn" in answer.err
+
+
+def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
+    """Laps are flown at the wanted overlap, and widen up to the acceptable one."""
+    path = tmp_path / "field.csv"
+    path.write_text("x_m,y_m\n0,0\n600,0\n600,400\n0,400\n")
+    camera = {**CAMERA, "--side-overlap": "70:60", "--pattern": "zamboni"}
+    options = [part for pair in camera.items() for part in map(str, pair)]
+    answer = eadp("cover", path, "--metres", *options, "--format", "json")
+    document = json.loads(answer.out)
+    # of a footprint of 120 m, 40 % and 30 %
+    stated = ("--swath", "48", "--spacing", "36", "--pattern", "zamboni", "--altitude", "80")
+    same = json.loads(eadp("cover", path, "--metres", *stated, "--format", "json").out)
+    assert document["plan"] == same["plan"]
+    assert document["lines"] > document["at_lowest_c1"]["lines"]
+
+
+def test_limits_that_turn_the_choice_of_lines_off_say_so(eadp, limits, tmp_path):
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "avoid.csv", "-o", tmp_path / "p.plan")
+    assert "spacing    fixed: a planner cannot save lines in flight" in answer.out

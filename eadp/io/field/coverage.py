@@ -117,8 +117,9 @@ class CameraOptions:
     focal_length_mm: float | None = None
     """Focal length of the camera [mm]."""
 
-    side_overlap: float | None = None
-    """Overlap of the pictures of neighbouring lines [%]; by default 0."""
+    side_overlap: float | str | None = None
+    """Overlap of the pictures of neighbouring lines [%]; by default 0. Or two, `wanted:acceptable`, as 70:60: laps are
+    flown at the first, and widen up to the second."""
 
     forward_overlap: float | None = None
     """Overlap of the pictures along a line [%], for their distance; by default none are taken."""
@@ -147,6 +148,27 @@ class CameraOptions:
         return self.altitude_m * size_mm / self.focal_length_mm * (1 - overlap / 100)
 
     @cached_property
+    def _side_overlaps(self) -> tuple[float | None, float]:
+        """Overlap that is wanted, None where one value is given, and that is acceptable [%]."""
+        raw = str(self.side_overlap or 0)
+        try:
+            *wanted, acceptable = map(float, raw.split(":"))
+        except ValueError:
+            wanted, acceptable = [math.nan] * 2, math.nan
+        if len(wanted) > 1 or (wanted and not wanted[0] > acceptable):
+            expected = "percent, as 70, or wanted and acceptable, as 70:60"
+            raise _fault("--side-overlap", raw, f"{printable(raw, 40)}", expected)
+        return (wanted[0] if wanted else None), acceptable
+
+    @property
+    def wanted_spacing_m(self) -> float | None:
+        """Distance of lines whose pictures overlap as wanted [m]; None where nothing is."""
+        wanted, _ = self._side_overlaps
+        if wanted is None:
+            return None
+        return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, wanted)
+
+    @cached_property
     def picture_distance_m(self) -> float | None:
         """Distance between pictures along a line [m]; None where none are taken."""
         if self.forward_overlap is None:
@@ -169,7 +191,7 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
             if camera == (None, None, None):
                 expected = "--swath, or --altitude, --sensor-width-mm and --focal-length-mm"
                 raise _fault("--swath", "", "no width of ground that a line covers", expected)
-            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self.side_overlap)
+            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self._side_overlaps[1])
         if self.sensor_width_mm is not None or self.side_overlap is not None:
             raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
         return self.swath_m
@@ -177,7 +199,7 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
     def motion(self, airframe: Airframe, wind_mps: Point) -> MotionLimits:
         """The limits of the motion of an aircraft; the wind given here holds where the options have none."""
         swath = self.line_swath_m
-        apart = SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
+        apart = self.wanted_spacing_m or SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
         speed = airframe.airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
         if self.wind is not None:
             wind_mps = wind_vector_mps(self.wind)
