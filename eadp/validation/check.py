@@ -24,10 +24,16 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined, printable
+from eadp.models.airspace import BOUNDARY
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
+from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.stage import COMPUTATION, Box, Stage
+from eadp.models.plan.trace import nominal_legs
 from eadp.validation.proof import StageProof
+
+TRACK_M = 2.0
+"""Distance between points of the path that is checked for obstacles [m]."""
 
 T = TypeVar("T")
 
@@ -122,6 +128,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
     findings += _sets_findings(plan)
     findings += _rejoin_findings(plan)
     findings += _corners_findings(plan)
+    findings += _airspace_findings(plan)
     return Report(tuple(findings), tuple(witness), tuple(proofs))
 
 
@@ -554,3 +561,25 @@ def _corners_findings(plan: Plan) -> Iterator[Finding]:
             f"are checked, drawn with a fixed seed, and the worst found is reported"
         )
         yield Finding(WARNING, None, plan.stages[0].line, "corners-sampled", message)
+
+
+def _airspace_findings(plan: Plan) -> Iterator[Finding]:
+    """Where the nominal path enters an obstacle, or leaves the boundary, at values across the path parameters' sets.
+
+    A stage without an altitude counts as low.
+    """
+    if not any(plan.site.airspace):
+        return
+    boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+    found: set[str] = set()
+    for share in (1.0, 0.75, 0.5, 0.25, 0.0) if boxes else (1.0,):
+        values = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
+        for leg in _or_none(nominal_legs, plan.laps(), values) or ():
+            track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
+            altitudes_m = [leg.stage.altitude_m or 0.0] * len(track)
+            for entry in plan.site.airspace.entries([0.0] * len(track), track, altitudes_m):
+                if entry.name not in found:
+                    found.add(entry.name)
+                    does = "leaves" if entry.name == BOUNDARY else "enters"
+                    message = f"the path {does} {entry.name}{_at(plan, values)}"
+                    yield Finding("error", leg.stage.index, leg.stage.line, "airspace", message)

@@ -79,6 +79,16 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     assert ignored.code == 0
 
 
+def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
+    assert eadp("plan", covered, "--check").code == 0
+    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
+    answer = eadp("plan", plan, "--check", "--format", "json")
+    assert answer.code == 1
+    (found,) = [each for each in json.loads(answer.out)["findings"] if each["code"] == "airspace"]
+    assert found["severity"] == "error"
+    assert found["message"] == "the path enters house"
+
+
 def test_an_obstacle_lower_than_the_flight_is_flown_over(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500", "house height 12")
     high = eadp("simulate", plan, *PROFILE)  # at the aircraft's own altitude
