@@ -115,10 +115,11 @@ def _setting(scenario: Scenario) -> str:
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
     """The summary for people."""
     from eadp.io.flight.folder import REPORT
+    from eadp.io.report.words import reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
-    reserve = "kept" if summary["reserve_kept"] else "not kept"
+    reserve = reserve_text(summary)
     lines = [
         *_forecast(summary["energy_forecast"]),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",

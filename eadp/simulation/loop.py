@@ -37,7 +37,7 @@ RETURNED = "returned home"
 BATTERY_EMPTY = "battery empty"
 TIME_LIMIT = "time limit"
 MAX_STEPS = 1 << 40
-WIND_S = 1.0
+WIND_S = 0.1
 """Longest time for which a wind that changes is held [s]."""
 
 TRACK_S = 0.1

@@ -96,7 +96,11 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "lap": changes(times, flown.laps),
         **_series(columns),
         "horizons": _horizons(flight.estimates),
-        "wind": {"mps": world.wind.steady_mps, "gust_std_mps": world.wind.gust_std_mps},
+        "wind": {
+            "mps": world.wind.steady_mps,
+            "rows": [[t, *world.wind.steady_at_mps(t)] for t in [row[0] for row in world.wind.profile] or [0.0]],
+            "gust_std_mps": world.wind.gust_std_mps,
+        },
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
         "field": _field(plan, flown_of_plan(columns, summary.get("turned_back_s"))),
         "airspace": {

@@ -29,6 +29,14 @@ def flight_words(
     ]
 
 
+def reserve_text(summary: Mapping[str, Any]) -> str:
+    """Whether the reserve was kept; a flight that does not complete keeps none."""
+    if summary["reserve_kept"]:
+        return "kept"
+    unspent = summary["soc_final"] >= summary["soc_reserve"]
+    return "not kept, as the flight did not complete" if unspent else "not kept"
+
+
 def time_text(time_s: float) -> str:
     """A time in minutes and seconds."""
     minutes, seconds = divmod(round(time_s), 60)
@@ -47,7 +55,7 @@ def _end(summary: Mapping[str, Any]) -> str:
 
 def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
     soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
-    kept = "kept" if summary["reserve_kept"] else "not kept"
+    kept = reserve_text(summary)
     mean = f", {power:.1f} W on average" if power is not None else ""
     words = [
         f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {_percent(soc)}; "

@@ -26,6 +26,13 @@ function decided(name, i) {
   return column.of ? column.of[column.at[i]] : column[i];
 }
 const fromDeg = ([east, north]) => (450 - Math.atan2(-north, -east) * 180 / Math.PI) % 360;
+/** The true mean wind at a time: linear between its rows of time, east and north. */
+const blowing = (t) => {
+  const { rows } = data.wind, i = rows.findIndex((row) => row[0] > t);
+  if (i < 1) return rows.at(i).slice(1); // -1: after the last
+  const [a, b] = [rows[i - 1], rows[i]], share = (t - a[0]) / (b[0] - a[0]);
+  return [1, 2].map((k) => a[k] + share * (b[k] - a[k]));
+};
 const windText = (wind) => `${number(Math.hypot(...wind), 3)} m/s` + (Math.hypot(...wind) > 0.05 ? ` from ${Math.round(fromDeg(wind)) % 360}°` : "");
 
 // --- charts
@@ -160,7 +167,7 @@ function buildCharts() {
   if (decisions.wind_mps) {
     const winds = decisionTimes.map((_, i) => decided("wind_mps", i));
     const lines = [["east", "blue", 0], ["north", "orange", 1]].map(([name, colour, k]) => ({ label: `estimated, towards ${name}`, colour, steps: true, width: 2, y: winds.map((wind) => wind && wind[k]) }));
-    if (data.wind) for (const [name, colour, k] of [["east", "blue", 0], ["north", "orange", 1]]) lines.push({ label: `true mean, ${name}`, colour, dash: [6, 4], width: 1, y: winds.map(() => data.wind.mps[k]) });
+    if (data.wind) for (const [name, colour, k] of [["east", "blue", 0], ["north", "orange", 1]]) lines.push({ label: `true mean, ${name}`, colour, dash: [6, 4], width: 1, y: decisionTimes.map((t) => blowing(t)[k]) });
     if (winds.some((wind) => wind)) chart("Wind", "m/s", decisionTimes, lines, { height: 150, value: () => { const wind = decided("wind_mps", state.decision); return wind ? windText(wind) : ""; } });
   }
   if (data.altitude) chart("Altitude", "m", data.altitude.t, [{ label: "altitude", colour: "brown", y: data.altitude.m }], { value: (t) => `${number(at(data.altitude, "m", t))} m` });
@@ -367,7 +374,7 @@ function drawMap() {
 
 /** An arrow that blows as the wind, at the top beside north. */
 function drawWind(context) {
-  const wind = data.wind ? data.wind.mps : decided("wind_mps", state.decision);
+  const wind = data.wind ? blowing(state.t) : decided("wind_mps", state.decision);
   if (!wind || Math.hypot(...wind) < 0.05) return;
   const angle = -Math.atan2(wind[1], wind[0]);
   context.save();
@@ -486,7 +493,7 @@ function showDecision() {
     ["keeps the reserve", decided("reserve_probability", i) === null ? null : `with ${percent(decided("reserve_probability", i))}`, data.reserve === null || end.soc_final === null ? "–" : data.completed && end.soc_final >= data.reserve ? "yes" : "no"],
     ["quality U of the flight", decided("quality_forecast", i) === null ? null : number(decided("quality_forecast", i)), number(end.quality)],
     ["energy above the reserve", spread(decided("available_wh", i), null, "Wh"), "–"],
-    ["wind", decided("wind_mps", i) ? windText(decided("wind_mps", i)) : null, data.wind ? `${windText(data.wind.mps)}${data.wind.gust_std_mps ? `, gusts of ${number(data.wind.gust_std_mps)} m/s` : ""}` : "–"],
+    ["wind", decided("wind_mps", i) ? windText(decided("wind_mps", i)) : null, data.wind ? `${windText(blowing(decisionTimes[i]))}${data.wind.gust_std_mps ? `, gusts of ${number(data.wind.gust_std_mps)} m/s` : ""}` : "–"],
     ["home can be reached", decided("home_reachable", i) === null ? null : decided("home_reachable", i) ? "yes" : "no", "–"],
   ].filter(([, forecast]) => forecast !== null);
   const details = [decided("cause", i) && `Cause: ${decided("cause", i)}`, decided("status", i) && `status: ${decided("status", i)}`].filter(Boolean);
