@@ -1,12 +1,14 @@
 """Waypoints and circles as a path that an aircraft can fly: straights between them, and arcs where it turns.
 
 A target is a circle with a signed radius, above 0 counter-clockwise; a waypoint is one of radius 0. A turn at a
-waypoint is a fillet of the turning radius within the corner. Where this would pass the waypoint too far away, the
-aircraft flies over it and then turns.
+waypoint is a fillet of the turning radius within the corner. Where two corners in a row are alike it may be wider:
+waypoints along an arc are flown as that arc. Where a fillet would pass the waypoint too far away, the aircraft flies
+over it and then turns.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +24,10 @@ ON_CIRCLE_M = 0.5
 """A waypoint so near to the circle before or after it lies on that circle."""
 TURNS_TOLERANCE = 0.05
 """A loiter that is so much of a turn short when the way on is ahead is complete."""
+EASED_M = 1.0
+"""Distance from a waypoint that a turn wider than the least may pass it at [m]: that of an exported arc's corners."""
+ARC_RAD = 0.02
+"""Corners that differ by less are alike: what the rounding of coordinates makes of those of an arc."""
 SHRINK, SHRINK_LIMIT = 0.8, 60
 
 
@@ -71,7 +77,8 @@ class WaypointPath(NamedTuple):
 class _Leg:
     """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
 
-    The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end.
+    The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end;
+    one that is wider than it must be passes the corner within `eased_m`.
     """
 
     target: int
@@ -81,6 +88,7 @@ class _Leg:
     round: Loiter | None = None
     circle: Loiter | None = None
     corner_rad: float = 0.0
+    eased_m: float = 0.0
     trim_m: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -203,7 +211,7 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     if leg.round is None and not waypoint.past_m:
         cosine = math.cos(corner / 2)
         if cosine > 1e-6 and radius_m * (1 / cosine - 1) <= waypoint.miss_m:
-            leg.corner_rad = corner
+            leg.corner_rad, leg.eased_m = corner, min(EASED_M, waypoint.miss_m)
             return here
     side = math.copysign(1.0, corner)
     radius = radius_m
@@ -223,6 +231,12 @@ def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
     """Set what fillets take off the legs, reduced where they do not fit."""
     # a fillet takes r tan(θ/2) off both its legs
     wanted = [0.0, *(radius_m * abs(math.tan(leg.corner_rad / 2)) for leg in legs)]
+    for k, (leg, after) in enumerate(itertools.pairwise(legs), 1):
+        beside = [other.corner_rad for other in (*legs[max(k - 2, 0) : k - 1], after)]
+        if any(angle * leg.corner_rad > 0 and abs(angle - leg.corner_rad) < ARC_RAD for angle in beside):
+            # it passes the corner r (1/cos(θ/2) − 1) away
+            wide_m = leg.eased_m / abs(math.tan(leg.corner_rad / 4))
+            wanted[k] = max(wanted[k], min(wide_m, leg.length_m / 2, after.length_m / 2))
     share = [1.0] * len(wanted)
     for k, leg in enumerate(legs):
         needed = wanted[k] + wanted[k + 1]

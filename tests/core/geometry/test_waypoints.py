@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eadp.core.geometry.dubins import ordered
-from eadp.core.geometry.waypoints import MIN_PIECE_M, ON_CIRCLE_M, Loiter, Waypoint, path_through
+from eadp.core.geometry.waypoints import EASED_M, MIN_PIECE_M, ON_CIRCLE_M, Loiter, Waypoint, path_through
 from eadp.errors import Unreachable
 
 RADIUS_M = 20.0
@@ -149,3 +149,20 @@ def test_a_waypoint_on_the_circle_after_it_is_passed_on_it():
     with_it = through([Waypoint((100.0, 0.0), 50), Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])
     without = through([Loiter((100.0, 60.0), 60.0, 1), Waypoint((0.0, 120.0), 0)])
     assert length_m(with_it) == pytest.approx(length_m(without))
+
+
+@pytest.mark.parametrize(("radius_m", "corners"), [(60.0, 9), (60.0, 5), (150.0, 14)])
+def test_waypoints_along_an_arc_are_flown_as_that_arc(radius_m, corners):
+    # a half circle to the left between two tangents, as a polygon about it
+    step = math.pi / corners
+    out = radius_m / math.cos(step / 2)
+    angles = [-math.pi / 2 + (k + 0.5) * step for k in range(corners)]
+    arc = [Waypoint((400 + out * math.cos(a), radius_m + out * math.sin(a)), math.inf) for a in angles]
+    path = through([*arc, Waypoint((0.0, 2 * radius_m), 0.0)])
+    passed_m = out - radius_m
+    if passed_m > EASED_M:  # farther from the corners than a wider turn may be
+        wider_m = EASED_M / (1 / math.cos(step / 2) - 1)
+        assert max(piece.radius_m for _, piece in path.pieces if piece.turn) == pytest.approx(max(wider_m, RADIUS_M))
+        return
+    assert length_m(path) == pytest.approx(800 + math.pi * radius_m)
+    assert {round(piece.radius_m, 6) for _, piece in path.pieces if piece.turn} == {radius_m}
