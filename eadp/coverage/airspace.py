@@ -18,14 +18,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.dubins import Piece, Pose, ordered
+from eadp.core.geometry.dubins import Piece, Pose, ordered, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.line_order import best_order
 from eadp.coverage.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle, straight
 from eadp.errors import Infeasible
-
-ARC_STEP_RAD = math.radians(5)
-"""Largest angle between the points of an arc that is checked."""
 
 TRIM_SHARE = 0.25
 """Step by which the end of a line is shortened, as a share of the turning radius."""
@@ -38,16 +35,6 @@ MAX_ORDERS = 60
 """Most poses at corners, and most orders that are tried."""
 
 LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-
-
-def polyline_m(pieces: Sequence[Piece]) -> FloatArray:
-    """Points along pieces, close enough on arcs; shape (n, 2) [m]."""
-    points = [pieces[0].start[:2]]
-    for piece in pieces:
-        steps = max(1, math.ceil(piece.length_m / (piece.radius_m * ARC_STEP_RAD))) if piece.turn else 1
-        points += [piece.pose_at(piece.length_m * k / steps)[:2] for k in range(1, steps)]
-        points.append(piece.end[:2])
-    return np.array(points)
 
 
 def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:

@@ -21,9 +21,9 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, lengths_m, ordered, times_s
+from eadp.core.geometry.dubins import Pose, lengths_m, ordered, polyline_m, times_s
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
-from eadp.coverage.airspace import FreeTurns, free_lines, free_order, polyline_m
+from eadp.coverage.airspace import FreeTurns, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
     MIN_LINE_M,
@@ -37,6 +37,7 @@ from eadp.coverage.swaths import (
 )
 from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
 from eadp.errors import Infeasible
+from eadp.models.airspace import CLEARANCE_SHARE
 from eadp.models.field import Field
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
@@ -77,10 +78,6 @@ LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """The arguments of `line_order.best_order` [s]."""
 
 
-CLEARANCE_SHARE = 0.2
-"""Distance to obstacles and to the boundary, over the smallest turning radius: flights leave paths by up to so much."""
-
-
 @dataclass(frozen=True)
 class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
@@ -100,11 +97,8 @@ class CoverageRequest:
     @cached_property
     def space(self) -> FreeSpace | None:
         """Where lines and turns may lie; None for everywhere."""
-        obstacles, boundary = self.field.airspace
-        if not (obstacles or boundary):
-            return None
-        clear_m = CLEARANCE_SHARE * self.motion.min_radius_m
-        return FreeSpace([obstacle.outline for obstacle in obstacles], boundary, clear_m)
+        airspace = self.field.airspace
+        return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,12 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 
 if TYPE_CHECKING:
-    from eadp.core.geometry.polygons import Ring
+    from eadp.core.geometry.polygons import FreeSpace, Ring
 
 BOUNDARY = "the boundary"
+
+CLEARANCE_SHARE = 0.2
+"""Distance to obstacles and to the boundary, over the smallest turning radius: flights leave paths by up to so much."""
 
 
 class Obstacle(NamedTuple):
@@ -59,6 +62,17 @@ class Airspace(NamedTuple):
 
     obstacles: tuple[Obstacle, ...] = ()
     boundary: tuple[Ring, ...] = ()
+
+    def in_the_way(self, altitude_m: float) -> Airspace:
+        """What is in the way at an altitude above the origin [m]."""
+        high = [each for each in self.obstacles if each.height_m is None or each.height_m > altitude_m]
+        return Airspace(tuple(high), self.boundary)
+
+    def free_space(self, clear_m: float) -> FreeSpace:
+        """Where a path may lie, a distance from obstacles and the boundary [m]."""
+        from eadp.core.geometry.polygons import FreeSpace
+
+        return FreeSpace([obstacle.outline for obstacle in self.obstacles], self.boundary, clear_m)
 
     def entries(self, times_s: Sequence[float], track_m: Sequence[Point], altitudes_m: Sequence[float]) -> list[Entry]:
         """Where a flight was that it should not have been, by time.

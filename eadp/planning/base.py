@@ -17,6 +17,7 @@ from eadp.core.arrays import Column, FloatArray
 from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Piece, Pose, ways_to_point
 from eadp.errors import PathUndefined
 from eadp.models.battery import LIMITS, Battery
 from eadp.models.computing import Computing
@@ -40,6 +41,7 @@ from eadp.planning.estimation.estimator import (
 )
 
 if TYPE_CHECKING:
+    from eadp.core.geometry.ways import WaysTo
     from eadp.planning.forecast.held import Preflight
     from eadp.planning.state.flight_state import FlightState
 
@@ -332,11 +334,25 @@ class WayHome(NamedTuple):
         Least radius of a turn [m].
     turns_back : bool
         Whether to fly home where the plan cannot be completed with the reserve kept.
+    ways : WaysTo or None
+        Round obstacles and within the boundary; None without either.
     """
 
     position_m: Point
     turn_radius_m: float
     turns_back: bool = False
+    ways: WaysTo | None = None
+
+    def line(self, start_m: Point) -> tuple[Point, ...]:
+        """The shortest way from a point [m]: where its straight lines end."""
+        found = self.ways and next(self.ways.lines(start_m), None)
+        return found or (self.position_m,)
+
+    def pieces(self, start: Pose) -> tuple[Piece, ...]:
+        """Turns and straight lines from a pose."""
+        if self.ways is not None:
+            return self.ways.pieces(start)
+        return ways_to_point(start, self.position_m, HOME_RADII * self.turn_radius_m)[0]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
-from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, to_point
+from eadp.core.geometry.dubins import Pose
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
+from eadp.planning.base import WayHome
 
 
-def home_plan(cursor: PlanCursor, pose: Pose, home_m: Point, radius_m: float) -> Plan:
-    """A plan of a turn and a straight line home.
+def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
+    """A plan of a turn and a straight line home, round what is in the way.
 
     Parameters
     ----------
@@ -22,10 +22,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, home_m: Point, radius_m: float) ->
         Where the flight was in its plan: its stage's altitude and airspeed stay, and the path parameters.
     pose : (float, float, float)
         Where the aircraft is [m] and its heading [rad].
-    home_m : (float, float)
-        [m].
-    radius_m : float
-        Radius of the turn [m].
+    way_home : WayHome
     """
     from eadp.coverage.plan_builder import piece_path  # slow to import, and few flights end at home
 
@@ -34,7 +31,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, home_m: Point, radius_m: float) ->
     lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
     sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
     stages = []
-    for index, piece in enumerate(to_point(pose, home_m, radius_m), 1):
+    for index, piece in enumerate(way_home.pieces(pose), 1):
         function, rotation_deg, gain = piece_path(piece)
         x, y = map(constant, piece.end[:2])
         stages.append(

@@ -24,7 +24,7 @@ from eadp.models.plan.stage import Stage
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.base import HOME_RADII, Decision, DecisionRecord, Observation, Planner, Readings
+from eadp.planning.base import Decision, DecisionRecord, Observation, Planner, Readings, WayHome
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.homing import home_plan
@@ -89,8 +89,8 @@ class World:
     sensors: Sensors = field(default_factory=Sensors)
     rates: Mapping[str, ComputationRate] = field(default_factory=dict)
     """Computations, by parameter, that run at another rate than commanded."""
-    home_m: Point | None = None
-    """Where the aircraft flies when the planner gives the plan up [m]."""
+    way_home: WayHome | None = None
+    """Where the aircraft flies when the planner gives the plan up, and how."""
 
     def actual(self, parameters: Vector) -> Vector:
         """Parameters with the rates at which the computations run in place of the commanded ones."""
@@ -333,8 +333,8 @@ class _Flight:
 
 def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecutor:
     """The flight home from a pose."""
-    assert world.home_m is not None
-    plan = home_plan(executor.cursor, pose, world.home_m, HOME_RADII * world.vehicle.turn_radius_m)
+    assert world.way_home is not None
+    plan = home_plan(executor.cursor, pose, world.way_home)
     lowest = tuple(box.lo for box in plan.stages[0].sets)
     return PlanExecutor(plan, lowest, pose[:2], Rules(box_triggers=world.rules.box_triggers))
 

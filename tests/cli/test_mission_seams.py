@@ -7,6 +7,7 @@ import math
 
 import pytest
 from common import ROOT
+from common.answers import refused
 
 BOX = "0 0, 600 0, 600 400, 0 400"
 LIMITS = {
@@ -231,3 +232,14 @@ def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
     # around the circle, by no more than a hundredth
     radii = [math.dist(tuple(map(float, corner.split(","))), (50, 50)) for corner in corners]
     assert radii == pytest.approx([40 / math.cos(math.pi / 32)] * 32, abs=0.05)
+
+
+@pytest.mark.parametrize(("key", "place"), [("start", "[0, 0]"), ("home", "[0, 0]")])
+def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place):
+    plan = tmp_path / "house.plan"
+    plan.write_text("%: avoid house height 30 -20,-20 20,-20 20,20 -20,20\n1; 0; y-200\n300,200\n")
+    setting = ("--set", f"{key}.position_m={place}")
+    away = () if key == "start" else ("--set", "start.position_m=[-200, 200]")
+    assert refused(eadp("simulate", plan, *setting, *away), f"the {key} (0, 0) lies in an obstacle")
+    for free in (("obstacles=ignore",), ("start.altitude_m=40",)):
+        assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0

@@ -9,13 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eadp.core.geometry.dubins import polyline_m
 from eadp.core.geometry.polygons import FreeSpace
-from eadp.coverage.airspace import FreeTurns, free_lines, polyline_m
-from eadp.coverage.cover import CLEARANCE_SHARE, CoverageRequest, cover
+from eadp.coverage.airspace import FreeTurns, free_lines
+from eadp.coverage.cover import CoverageRequest, cover
 from eadp.coverage.report import covered_by_lines
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, half_circle, straight
 from eadp.errors import Infeasible
-from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
 from eadp.models.field import Field
 
 BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))

@@ -135,8 +135,22 @@ def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
     return sorted(paths, key=lambda path: path.length_m)
 
 
-def to_point(start: Pose, point_m: Point, radius_m: float) -> tuple[Piece, ...]:
-    """The shortest arc and straight to a point, at which any heading will do.
+ARC_STEP_RAD = math.radians(5)
+"""Largest angle between the points of an arc."""
+
+
+def polyline_m(pieces: Sequence[Piece]) -> FloatArray:
+    """Points along pieces, close enough on arcs; shape (n, 2) [m]."""
+    points = [pieces[0].start[:2]]
+    for piece in pieces:
+        steps = max(1, math.ceil(piece.length_m / (piece.radius_m * ARC_STEP_RAD))) if piece.turn else 1
+        points += [piece.pose_at(piece.length_m * k / steps)[:2] for k in range(1, steps)]
+        points.append(piece.end[:2])
+    return np.array(points)
+
+
+def ways_to_point(start: Pose, point_m: Point, radius_m: float) -> list[tuple[Piece, ...]]:
+    """An arc and a straight to a point, at which any heading will do, to either side; the shorter first.
 
     Parameters
     ----------
@@ -145,7 +159,7 @@ def to_point(start: Pose, point_m: Point, radius_m: float) -> tuple[Piece, ...]:
     point_m : (float, float)
         [m].
     radius_m : float
-        Turning radius [m]; a point within the turn to one side is reached by the turn to the other.
+        Turning radius [m]; a point within the turn to one side is reached by the turn to the other alone.
     """
     ways = []
     for turn in (1, -1):
@@ -158,13 +172,15 @@ def to_point(start: Pose, point_m: Point, radius_m: float) -> tuple[Piece, ...]:
         arc = (turn * (bearing - start[2]) + math.asin(radius_m / distance)) % (2 * math.pi)
         arc = 0.0 if 2 * math.pi - arc < WHOLE_TURN_RAD else arc
         ways.append((radius_m * arc, math.sqrt(distance**2 - radius_m**2), turn, centre))
-    arc_m, straight_m, turn, centre = min(ways, key=lambda way: way[0] + way[1])
-    middle = _advanced(start, turn, radius_m, arc_m)
-    pieces = (
-        Piece(turn, start, middle, arc_m, centre),
-        Piece(0, middle, _advanced(middle, 0, math.inf, straight_m), straight_m, None),
-    )
-    return tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M)
+    found = []
+    for arc_m, straight_m, turn, centre in sorted(ways, key=lambda way: way[0] + way[1]):
+        middle = _advanced(start, turn, radius_m, arc_m)
+        pieces = (
+            Piece(turn, start, middle, arc_m, centre),
+            Piece(0, middle, _advanced(middle, 0, math.inf, straight_m), straight_m, None),
+        )
+        found.append(tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M))
+    return found
 
 
 def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray:

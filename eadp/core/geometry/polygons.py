@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.arrays import BoolArray, FloatArray, IntArray
 
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
@@ -380,6 +380,13 @@ class FreeSpace:
     def has(self, path_m: ArrayLike) -> bool:
         """Whether a polyline, shape (n, 2), lies in it."""
         return self._holds(shapely.LineString(path_m))
+
+    def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> BoolArray:
+        """Whether straight lines lie in it, from points to points, each of shape (n, 2); shape (n,)."""
+        lines = shapely.linestrings(np.stack((np.asarray(starts_m), np.asarray(ends_m)), axis=1))
+        free = ~shapely.intersects(self._inner, lines)
+        found: BoolArray = free if self._outer is None else free & shapely.covers(self._outer, lines)
+        return found
 
     def has_hull(self, points_m: ArrayLike) -> bool:
         """Whether the convex hull of points, shape (n, 2), lies in it."""

@@ -19,7 +19,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.airspace import EVERYWHERE
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
 from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
@@ -33,7 +33,7 @@ from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
-from eadp.planning.base import Mission, Planner, WayHome
+from eadp.planning.base import HOME_RADII, Mission, Planner, WayHome
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import make_planner, planner_class
 from eadp.simulation.loop import TakeOff, Timing, World
@@ -204,6 +204,7 @@ def _world(
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
     vehicle, rates = keys.vehicle.airframe, keys.computations
+    altitude_m = _altitude_m(plan, scenario, vehicle)
     limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
     return World(
         plan=plan,
@@ -213,20 +214,43 @@ def _world(
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start=TakeOff(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
+        start=TakeOff(start_m, heading_rad, altitude_m),
         parameters=parameters,
         rules=scenario.rules,
         clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        home_m=scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m,
+        way_home=_way_home(plan, scenario, start_m, altitude_m),
     )
+
+
+def _way_home(plan: Plan, scenario: Scenario, start_m: Point, altitude_m: float) -> WayHome | None:
+    """Home and the way to it, round what is in the way at the lowest altitude of the flight; None without a home."""
+    home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
+    commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
+    airspace = plan.site.airspace.in_the_way(min(commanded_m, default=altitude_m))
+    if any(airspace):
+        space = airspace.free_space(0.0)
+        for key, point in (("start", start_m), ("home", home_m)):
+            if point is not None and not space.sees([point], [point])[0]:
+                message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
+                raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))
+    if home_m is None:
+        return None
+    turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
+    ways = None
+    if any(airspace):
+        from eadp.core.geometry.ways import WaysTo
+
+        radius_m = HOME_RADII * turn_radius_m
+        ways = WaysTo(home_m, airspace.free_space(CLEARANCE_SHARE * radius_m), space, radius_m)
+    return WayHome(home_m, turn_radius_m, turns_back, ways)
 
 
 def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mission:
     """What the planner knows of a world before take-off."""
-    vehicle, turns_back = world.vehicle, scenario.keys.on_infeasible == RETURN_HOME
+    vehicle = world.vehicle
     return Mission(
         plan=world.plan,
         computing=world.computing,
@@ -236,7 +260,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         start_m=world.start.position_m,
         energy=energy,
         motion_w=vehicle.cruise_power_w,
-        way_home=None if world.home_m is None else WayHome(world.home_m, vehicle.turn_radius_m, turns_back),
+        way_home=world.way_home,
         rules=world.rules,
         max_motion_w=vehicle.max_motion_w,
         gust_time_s=world.wind.gust_time_s,

@@ -107,7 +107,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
             "obstacles": [[obstacle.name, obstacle.outline] for obstacle in plan.site.airspace.obstacles],
             "boundary": plan.site.airspace.boundary,
         },
-        "plan": _plan_lines(plan, flown, world.start.position_m, world.home_m),
+        "plan": _plan_lines(plan, flown, world.start.position_m, world.way_home and world.way_home.position_m),
         "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
         "facts": flight_facts(summary),
     }

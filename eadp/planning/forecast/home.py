@@ -12,11 +12,12 @@ from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.legs import leg_points
-from eadp.planning.base import HOME_RADII
+from eadp.planning.base import HOME_RADII, WayHome
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
+from eadp.planning.state.known import Known
 
 AT_HOME_M = 1.0
 """Distance at which the aircraft is at home [m]."""
@@ -28,7 +29,7 @@ MIN_STEP_M, STEPS = 20.0, 500
 def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
     """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
 
-    The way is a whole turn and a straight line, with the least power of the motion and of the computations.
+    The way is a whole turn and straight lines, with the least power of the motion and of the computations.
 
     Parameters
     ----------
@@ -42,15 +43,9 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     mission, objective, battery = evaluator.mission, evaluator.objective, evaluator.mission.battery
     if mission.way_home is None:
         return None
-    (x, y), turn_radius_m, _ = mission.way_home
-    dx, dy = x - known.position_m[0], y - known.position_m[1]
-    distance, seconds, speed = math.hypot(dx, dy), 0.0, known.airspeed_mps
-    if distance >= AT_HOME_M:
-        course = np.array([dx / distance]), np.array([dy / distance])
-        ground_mps = float(ground_speeds_mps(*course, speed, known.wind.mps)[0][0])
-        if ground_mps <= 0:
-            return -math.inf
-        seconds = distance / ground_mps + 2 * math.pi * HOME_RADII * turn_radius_m / speed
+    seconds = _seconds_home(mission.way_home, known)
+    if not math.isfinite(seconds):
+        return -math.inf
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
@@ -66,6 +61,21 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     per_j = float(evaluation.totals.soc_per_j[place])
     std = math.sqrt(per_j**2 * energy_var + then[3] + gain**2 + losses * LOSS_SQUARE)
     return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
+
+
+def _seconds_home(way_home: WayHome, known: Known) -> float:
+    """Time of a whole turn and the straight lines home [s]; 0 at home, infinite against too strong a wind."""
+    corners = np.array([known.position_m, *way_home.line(known.position_m)])
+    steps = np.diff(corners, axis=0)
+    lengths_m = np.linalg.norm(steps, axis=1)
+    steps, lengths_m = steps[lengths_m >= AT_HOME_M], lengths_m[lengths_m >= AT_HOME_M]
+    if not len(lengths_m):
+        return 0.0
+    speed, courses = known.airspeed_mps, (steps / lengths_m[:, None]).T
+    ground_mps = ground_speeds_mps(courses[0], courses[1], speed, known.wind.mps)[0]
+    if (ground_mps <= 0).any():
+        return math.inf
+    return float((lengths_m / ground_mps).sum()) + 2 * math.pi * HOME_RADII * way_home.turn_radius_m / speed
 
 
 class TurnBack(NamedTuple):

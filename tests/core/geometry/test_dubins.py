@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipe
 
-from eadp.core.geometry.dubins import TURNS, DubinsPath, flight_time_s, lengths_m, ordered, times_s, to_point
+from eadp.core.geometry.dubins import TURNS, DubinsPath, flight_time_s, lengths_m, ordered, times_s, ways_to_point
 from eadp.errors import Infeasible
 
 unhurried = settings(deadline=None, max_examples=150)  # no test depends on the clock
@@ -391,7 +391,7 @@ def test_a_wind_too_strong(wind):
 @example((0.0, 0.0, 0.0), (-100.0, 0.0), 20.0)
 def test_the_way_to_a_point_is_the_shortest_over_all_headings_there(start, point, radius):
     assume(math.dist(start[:2], point) > 4 * radius)  # nearer, three turns may be shorter
-    pieces = to_point(start, point, radius)
+    pieces = ways_to_point(start, point, radius)[0]
     length = sum(piece.length_m for piece in pieces)
     assert math.dist(pieces[-1].end[:2], point) < REACHED_M
     assert math.dist(pieces[0].start[:2], start[:2]) < REACHED_M
@@ -402,6 +402,6 @@ def test_the_way_to_a_point_is_the_shortest_over_all_headings_there(start, point
 
 
 def test_a_point_within_the_turn_to_one_side_is_reached_by_the_other():
-    pieces = to_point((0.0, 0.0, 0.0), (0.0, 20.0), 20.0)
+    (pieces,) = ways_to_point((0.0, 0.0, 0.0), (0.0, 20.0), 20.0)
     assert pieces[0].turn == -1
     assert math.dist(pieces[-1].end[:2], (0.0, 20.0)) < REACHED_M

@@ -54,9 +54,9 @@ class SweepFlight(NamedTuple):
         return self.outcome.parameters.quality({})
 
 
-def flown(**overrides):
+def flown(plan=str(ROOT / "plans/survey.plan"), **overrides):
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"),
+        plan,
         scenario_path=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **overrides},
     )
@@ -387,6 +387,27 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     assert last.time_s < end.time_s - 20
     assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
     assert all(record.home_reachable for record in flight.records[:-1])
+
+
+def test_the_way_home_goes_round_an_obstacle(tmp_path):
+    """A barn across the straight way home: it turns back earlier, goes round, and keeps the reserve all the same."""
+    barn = "%: avoid barn -500,-420 400,-420 400,-330 -500,-330"
+    text = (ROOT / "plans/survey.plan").read_text()
+    (tmp_path / "barn.plan").write_text(text.replace("\n", f"\n{barn}\n", 1))
+    home = {"home.position_m": [0.0, -1000.0]}
+    flight = flown(plan=str(tmp_path / "barn.plan"), **HOME, **home)
+    assert flight.outcome.reason == "returned home"
+    assert flight.outcome.entries == []
+    assert max(step.x_m for step in flight.steps) > 400
+    assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
+    straight = flown(**HOME, **home)
+    assert flight.outcome.turned_back_s < straight.outcome.turned_back_s
+    # the straight way would have led through it
+    assert flight.inputs.world.plan.site.airspace.entries(
+        [step.time_s for step in straight.steps],
+        [(step.x_m, step.y_m) for step in straight.steps],
+        [step.altitude_m for step in straight.steps],
+    )
 
 
 def test_a_plan_that_is_feasible_or_continues_is_flown_to_its_end():
