@@ -13,6 +13,7 @@ from eadp.cli.output import emit, usage_fault, warn
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import Fault, InputError, PathUndefined, printable
 from eadp.io.mission import EXPORT_NAMES
+from eadp.models.airspace import risk_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -162,7 +163,8 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
     at = f"at {', '.join(chosen)}: " if chosen else ""
-    return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}"
+    risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
+    return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
 
 
 def _rest(legs: tuple[Leg, ...], raw: str) -> tuple[Leg, ...]:

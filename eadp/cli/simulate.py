@@ -21,7 +21,7 @@ from eadp.cli.options import (
     load_overrides,
 )
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
-from eadp.models.airspace import BOUNDARY
+from eadp.models.airspace import BOUNDARY, risk_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -184,4 +184,5 @@ def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
         f"forecast   completes with {100 * expected['completes_probability']:.0f} %, keeps the reserve with "
         f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}",
         *home,
+        *(f"airspace   {risk_text(each['name'], each['probability'])}" for each in expected["obstacles"]),
     ]

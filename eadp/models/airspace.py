@@ -57,6 +57,11 @@ class Entry(NamedTuple):
         return f"{'left' if self.name == BOUNDARY else 'entered'} {self.name} at {self.entered_s:.1f} s"
 
 
+def risk_text(name: str, probability: float) -> str:
+    """What a forecast says of an obstacle, or of the boundary."""
+    return f"{'leaves' if name == BOUNDARY else 'enters'} {name} with a probability of {100 * probability:.3g} %"
+
+
 class Airspace(NamedTuple):
     """Obstacles, and outlines within whose union a flight stays; without outlines it may be anywhere."""
 

@@ -444,6 +444,20 @@ def lengths_within_m(
     return segments, found, shapely.length(shapely.intersection(lines[segments], inner[found]))
 
 
+def distances_m(areas: Sequence[Sequence[Point]], points_m: ArrayLike) -> FloatArray:
+    """Distances of points, shape (n, 2), from the edges of areas [m], shape (areas, n)."""
+    edges = np.array([shapely.LinearRing(area) for area in areas])
+    found: FloatArray = shapely.distance(edges[:, None], shapely.points(points_m)[None])
+    return found
+
+
+def holding(areas: Sequence[Sequence[Point]], points_m: FloatArray) -> BoolArray:
+    """Whether areas hold points, shape (n, 2); shape (areas, n)."""
+    x, y = points_m.T
+    found = [shapely.contains_xy(shapely.Polygon(area), x, y) for area in areas]
+    return np.array(found, dtype=bool).reshape(len(areas), len(points_m))
+
+
 def lengths_beyond_m(areas: Sequence[Sequence[Point]], track_m: Sequence[Point]) -> tuple[IntArray, FloatArray]:
     """Segments of a track that leave the union of areas, and their lengths beyond it [m]; as `lengths_within_m`."""
     outer = shapely.buffer(shapely.union_all([shapely.Polygon(area) for area in areas]), ALONG_M)

@@ -146,6 +146,7 @@ def _expected(expected: Preflight, plan: Plan) -> dict[str, Any]:
         "quality": expected.quality,
         "turn_back_s": None if expected.turn_back is None else expected.turn_back.time_s,
         "turn_back_m": None if expected.turn_back is None else list(expected.turn_back.position_m),
+        "obstacles": [{"name": name, "probability": share} for name, share in expected.entering.items()],
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())

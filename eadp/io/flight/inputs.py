@@ -19,7 +19,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
 from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
@@ -124,7 +124,15 @@ class FlightInputs:
             return None
         wind, settings = self.world.wind, self.scenario.planner
         planner = planner_class(settings.name)
-        return planner.preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps)
+        found = planner.preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps)
+        airspace = _in_the_way(self.mission.plan, self.mission.altitude_m)
+        if found is None or not any(airspace):
+            return found
+        from eadp.planning.forecast.clearance import entering  # few plans have obstacles
+
+        gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
+        legs = found.legs(self.mission)
+        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind.steady_mps, gusts))
 
 
 def load_flight(
@@ -225,11 +233,16 @@ def _world(
     )
 
 
-def _way_home(plan: Plan, scenario: Scenario, start_m: Point, altitude_m: float) -> WayHome | None:
-    """Home and the way to it, round what is in the way at the lowest altitude of the flight; None without a home."""
-    home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
+def _in_the_way(plan: Plan, altitude_m: float) -> Airspace:
+    """What is in the way at the lowest altitude of a flight, that of take-off where the plan commands none [m]."""
     commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    airspace = plan.site.airspace.in_the_way(min(commanded_m, default=altitude_m))
+    return plan.site.airspace.in_the_way(min(commanded_m, default=altitude_m))
+
+
+def _way_home(plan: Plan, scenario: Scenario, start_m: Point, altitude_m: float) -> WayHome | None:
+    """Home and the way to it, round what is in the way; None without a home."""
+    home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
+    airspace = _in_the_way(plan, altitude_m)
     if any(airspace):
         space = airspace.free_space(0.0)
         for key, point in (("start", start_m), ("home", home_m)):

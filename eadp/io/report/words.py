@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eadp.errors import printable
+from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS, BatteryFault
 from eadp.planning.base import INFEASIBLE, TURNS_BACK
 from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
@@ -87,6 +88,7 @@ def _forecast(summary: Mapping[str, Any]) -> list[str]:
         f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
         f"{_percent(expected['completes_probability'])}{came}.",
         *home,
+        *(f"By it, the flight {risk_text(*each.values())}." for each in expected.get("obstacles", ())),
     ]
 
 

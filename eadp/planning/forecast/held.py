@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,6 +47,8 @@ class Preflight:
         Time [s] and energy [Wh] of each stage, over all its laps.
     turn_back : TurnBack or None
         The latest one, where there is a home.
+    entering : dict
+        Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
     """
 
     parameters: dict[str, float]
@@ -57,6 +59,7 @@ class Preflight:
     quality: float | None
     stages: dict[int, tuple[float, float]]
     turn_back: TurnBack | None = None
+    entering: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector, later: Vector | None = None) -> Preflight:

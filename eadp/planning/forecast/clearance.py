@@ -1,0 +1,106 @@
+"""With what probability a flight enters an obstacle or leaves its boundary: its path flown in the wind, with gusts.
+
+The aircraft is a point that follows the path by course, with the guidance's gains linearised about it, and turns no
+faster than it can. It is flown many times at once, each with gusts of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.geometry.curves import Point
+from eadp.models.airspace import BOUNDARY, Airspace
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.vehicle import Airframe, FixedWing, Guidance
+
+FLIGHTS = 200
+"""Flights with gusts of their own."""
+STEP_M = 2.0
+"""Greatest distance between the points of a path [m]."""
+NEAR_RADII, LEAD_M = 4.0, 300.0
+"""Points within so many turning radii of an obstacle count, and are flown to from so far before [m]."""
+
+
+def entering(
+    legs: Sequence[Leg],
+    airspace: Airspace,
+    airframe: Airframe,
+    guidance: Guidance,
+    wind_mps: Point,
+    gusts: tuple[float, float],
+) -> dict[str, float]:
+    """Probability of each obstacle to be entered and of the boundary to be left, by name; those of 0 are left out.
+
+    Parameters
+    ----------
+    legs : sequence of Leg
+        The route.
+    airspace : Airspace
+        What is in the way.
+    airframe, guidance
+    wind_mps : (float, float)
+        Steady wind [m/s].
+    gusts : (float, float)
+        Their standard deviation on each axis [m/s] and time constant [s].
+    """
+    from eadp.core.geometry.polygons import distances_m, holding
+
+    if not any(airspace):
+        return {}
+    points = [(leg, point) for leg in legs for point in [*leg_points(leg, STEP_M)][1:]]
+    at_m = np.array([(point.x_m, point.y_m) for _, point in points])
+    courses = np.unwrap([point.heading_rad for _, point in points])
+    outlines = [each.outline for each in airspace.obstacles]
+    near = distances_m([*outlines, *airspace.boundary], at_m).min(axis=0) < NEAR_RADII * airframe.turn_radius_m
+    if not near.any():
+        return {}
+    steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
+    flown_m = np.cumsum(steps_m)
+    ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
+    counts = np.concatenate(([0], np.cumsum(near)))
+    through = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
+    speed = airframe.airspeed_mps
+    ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
+    ground_mps = np.maximum(ground_mps, 1.0)
+    # χ̇ = θ̇ a·ṗ/‖ṗ‖², with θ̇ at most V/R
+    limited = isinstance(airframe, FixedWing)
+    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(near), np.inf)
+    rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
+    gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
+    off_m, off_rad = np.zeros(FLIGHTS), np.zeros(FLIGHTS)
+    entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
+    before = None
+    for i in np.flatnonzero(through).tolist():
+        leg, course = points[i][0], courses[i]
+        turned = course - courses[i - 1] if i and before is not None else 0.0
+        same = leg is before
+        if i == 0 or not through[i - 1]:
+            off_m[:], off_rad[:] = 0.0, 0.0
+            turned, same = 0.0, True
+        before = leg
+        step_s = steps_m[i] / ground_mps[i]
+        keep = math.exp(-step_s / gust_s)
+        gust = keep * gust + math.sqrt(1 - keep * keep) * gust_mps * rng.standard_normal((2, FLIGHTS))
+        across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
+        curving = turned / step_s if same and step_s > 0 else 0.0
+        gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, points[i][1].x_m, points[i][1].y_m)
+        wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))
+        off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
+        off_m = off_m + (ground_mps[i] * np.sin(off_rad) + across_mps) * step_s
+        if near[i]:
+            there_m = at_m[i] + off_m[:, None] * (-math.sin(course), math.cos(course))
+            entered[: len(outlines)] |= holding(outlines, there_m)
+            if airspace.boundary:
+                entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
+    names = [*(each.name for each in airspace.obstacles), BOUNDARY]
+    return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
+
+
+def _gain_per_m(leg: Leg, x_m: float, y_m: float) -> float:
+    """The gain of a leg's guidance for the distance to its path [1/m]."""
+    _, gx, gy, *_ = leg.path(x_m - leg.offset_m[0], y_m - leg.offset_m[1])
+    return leg.stage.gain * math.hypot(gx, gy)

@@ -1,0 +1,93 @@
+"""The probability of entering an obstacle, beside the share of flights that do."""
+
+import numpy as np
+import pytest
+
+from eadp.core.geometry.polygons import distances_m, holding
+from eadp.io.flight.inputs import load_flight
+from eadp.simulation.loop import Outcome, fly
+
+PLAN = """%: trigger-radius 10
+%: avoid house {near},-50 {far},-50 {far},{top} {near},{top}
+%: avoid shed height 20 150,4 250,4 250,9 150,9
+0.05; 270; y
+400, 0
+0.0006; 90; (x-400)^2 + (y-{radius})^2 - {square}
+400, {twice}
+0.05; 90; y-{twice}
+0, {twice}
+"""
+"""East, half a circle to the left in front of a house, and back; turns of 40 m can be flown in calm air."""
+
+
+def inputs(tmp_path, radius, clear, limits="", **overrides):
+    near = 400 + radius + clear
+    numbers = {"near": near, "far": near + 60, "top": 2 * radius + 50, "square": radius**2, "twice": 2 * radius}
+    path = tmp_path / "house.plan"
+    path.write_text(limits + PLAN.format(radius=radius, **numbers))
+    keys = {
+        "planner.name": "static",
+        "start.position_m": [0.0, 0.0],
+        "start.heading_deg": 90.0,
+        "vehicle.airframe.airspeed_mps": 15.0,
+        "vehicle.airframe.max_bank_deg": 30.0,
+        "battery.capacity_ah": 5.0,
+        "step_s": 0.02,
+    }
+    return load_flight(str(path), overrides=keys | {key.replace("__", "."): value for key, value in overrides.items()})
+
+
+def entered_share(tmp_path, name, flights, **case):
+    count = 0
+    for seed in range(flights):
+        flight, outcome = inputs(tmp_path, seed=seed, **case), Outcome()
+        list(fly(flight.world, flight.planner(), outcome))
+        count += any(entry.name == name for entry in outcome.entries)
+    return count / flights
+
+
+@pytest.mark.parametrize(
+    ("radius", "clear", "wind"),
+    [
+        (60, 5, {"wind__speed_mps": 4.0}),
+        (60, 5, {"wind__speed_mps": 8.0}),
+        (60, 10, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
+        (80, 8, {"wind__speed_mps": 7.0, "wind__from_deg": 200.0, "wind__gust_std_mps": 3.0}),
+        (45, 20, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
+        (60, 10, {"wind__speed_mps": 6.0, "wind__from_deg": 0.0, "wind__gust_std_mps": 2.0}),
+    ],
+)
+def test_it_is_the_share_of_flights_that_enter(tmp_path, radius, clear, wind):
+    case = {"radius": radius, "clear": clear, **wind}
+    stated = inputs(tmp_path, **case).preflight().entering.get("house", 0.0)
+    gusty = "wind__gust_std_mps" in wind
+    flown = entered_share(tmp_path, "house", 24 if gusty else 1, **case)
+    # without gusts all flights are one; of 24, the share has a standard deviation of up to 0.1
+    assert stated == pytest.approx(flown, abs=0.25 if gusty else 0.0)
+
+
+def test_an_obstacle_that_is_lower_and_one_that_is_far_are_not_entered(tmp_path):
+    case = {"wind__speed_mps": 8.0, "wind__gust_std_mps": 3.0}
+    assert set(inputs(tmp_path, 60, 5, **case).preflight().entering) == {"house"}
+    assert inputs(tmp_path, 60, 500, **case).preflight().entering == {}
+    low = inputs(tmp_path, 60, 5, start__altitude_m=10.0, **case).preflight().entering
+    assert 0 < low["shed"] < 1
+
+
+def test_a_boundary_that_is_left(tmp_path):
+    inside = "%: inside -50,-50 462,-50 462,200 -50,200\n"
+    calm = inputs(tmp_path, 60, 500, inside).preflight().entering
+    windy = inputs(tmp_path, 60, 500, inside, wind__speed_mps=8.0).preflight().entering
+    assert (calm, windy) == ({}, {"the boundary": 1.0})
+
+
+def test_distances_and_what_holds_a_point():
+    box = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+    far = tuple((x + 100, y) for x, y in box)
+    points = [(5.0, 5.0), (13.0, 14.0), (104.0, 9.0)]
+    assert distances_m([box, far], points).tolist() == [
+        pytest.approx([5.0, 5.0, 94.0]),
+        pytest.approx([95.0, (87**2 + 4**2) ** 0.5, 1.0]),
+    ]
+
+    assert holding([box, far], np.array(points)).tolist() == [[True, False, False], [False, False, True]]
