@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from dataclasses import dataclass
 
-from eadp.core.bounds import Degrees, Duration, MetresPerSecond, NotNegative
+import numpy as np
+
+from eadp.core.bounds import Altitude, Degrees, Duration, MetresPerSecond, NotNegative
 from eadp.core.geometry.bearings import blowing_to_rad
+
+ProfileRow = tuple[NotNegative, MetresPerSecond, Degrees] | tuple[NotNegative, MetresPerSecond, Degrees, Altitude]
+"""Wind at a time [s]: speed [m/s], where it comes from [°], and at what altitude above the origin [m] if it matters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +27,11 @@ class Wind:
     towards_deg: Degrees | None = None
     """Where the wind blows towards, instead of `from_deg`: the papers' angle, 0 east, counter-clockwise [°]."""
 
-    profile: tuple[tuple[NotNegative, MetresPerSecond, Degrees], ...] = ()
+    profile: tuple[ProfileRow, ...] = ()
     """Wind over time, instead of speed and direction: rows [time s, speed m/s, bearing it comes from °], times rising.
-    Between rows its components are linear; before the first and after the last they are constant. The forecast before
-    take-off knows the wind at time 0 alone."""
+    With a fourth number, an altitude above the origin [m], it has rows of its own at each altitude. Between rows and
+    between altitudes its components are linear, beyond them constant. The forecast before take-off knows the wind at
+    time 0 alone."""
 
     gust_std_mps: MetresPerSecond = 0.0
     """Standard deviation of the gusts on each axis [m/s]."""
@@ -44,25 +49,27 @@ class Wind:
         """The steady wind's speed at take-off [m/s]: as stated where it does not change."""
         return math.hypot(*self.steady_mps) if self.profile else self.speed_mps
 
-    def steady_at_mps(self, time_s: float) -> tuple[float, float]:
-        """The steady wind's vector (east, north) at a time [m/s]."""
+    def steady_at_mps(self, time_s: float, altitude_m: float = 0.0) -> tuple[float, float]:
+        """The steady wind's vector (east, north) at a time [s] and an altitude above the origin [m], in m/s."""
         if not self.profile:
             angle = blowing_to_rad(self.from_deg) if self.towards_deg is None else math.radians(self.towards_deg)
             return _vector(self.speed_mps, angle)
-        times_s = [row[0] for row in self.profile]
-        last = len(times_s) - 1
-        after = min(bisect.bisect_right(times_s, time_s), last)
-        before = max(after - 1, 0) if time_s < times_s[last] else last
-        rows = self.profile[before], self.profile[after]
-        (xa, ya), (xb, yb) = (_vector(speed, blowing_to_rad(from_deg)) for _, speed, from_deg in rows)
-        span_s = times_s[after] - times_s[before]
-        share = min(max((time_s - times_s[before]) / span_s, 0.0), 1.0) if span_s > 0 else 0.0
-        return xa + share * (xb - xa), ya + share * (yb - ya)
+        levels: dict[float, list[tuple[float, ...]]] = {}
+        for row in self.profile:
+            time, speed, from_deg = row[:3]
+            levels.setdefault(sum(row[3:]), []).append((time, *_vector(speed, blowing_to_rad(from_deg))))
+        heights_m = sorted(levels)
+        over_time = [np.array(levels[height]).T for height in heights_m]
+        east, north = (
+            float(np.interp(altitude_m, heights_m, [np.interp(time_s, rows[0], rows[i]) for rows in over_time]))
+            for i in (1, 2)
+        )
+        return east, north
 
     @property
     def speeds_mps(self) -> tuple[float, float]:
         """The least and the greatest speed of the steady wind at the rows of its profile [m/s]."""
-        speeds = [speed for _, speed, _ in self.profile] or [self.speed_mps]
+        speeds = [row[1] for row in self.profile] or [self.speed_mps]
         return min(speeds), max(speeds)
 
 

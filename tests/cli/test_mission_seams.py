@@ -241,5 +241,5 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
     setting = ("--set", f"{key}.position_m={place}")
     away = () if key == "start" else ("--set", "start.position_m=[-200, 200]")
     assert refused(eadp("simulate", plan, *setting, *away), f"the {key} (0, 0) lies in an obstacle")
-    for free in (("obstacles=ignore",), ("start.altitude_m=40",)):
+    for free in (("obstacles=ignore",), ("vehicle.airframe.cruise_altitude_m=40",)):
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -19,7 +20,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
 from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
@@ -124,15 +125,17 @@ class FlightInputs:
             return None
         wind, settings = self.world.wind, self.scenario.planner
         planner = planner_class(settings.name)
-        found = planner.preflight(settings, self.mission, wind.steady_mps, wind.gust_std_mps)
-        airspace = _in_the_way(self.mission.plan, self.mission.altitude_m)
+        plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
+        wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
+        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
+        airspace = plan.site.airspace.in_the_way(min(altitudes_m))
         if found is None or not any(airspace):
             return found
         from eadp.planning.forecast.clearance import entering  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
         legs = found.legs(self.mission)
-        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind.steady_mps, gusts))
+        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts))
 
 
 def load_flight(
@@ -212,7 +215,6 @@ def _world(
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
     vehicle, rates = keys.vehicle.airframe, keys.computations
-    altitude_m = _altitude_m(plan, scenario, vehicle)
     limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
     return World(
         plan=plan,
@@ -222,27 +224,26 @@ def _world(
         wind=keys.wind,
         battery=keys.battery,
         faults=keys.faults,
-        start=TakeOff(start_m, heading_rad, altitude_m),
+        start=TakeOff(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
         parameters=parameters,
         rules=scenario.rules,
         clock=Timing(keys.step_s, keys.log_every_s, limit_s),
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        way_home=_way_home(plan, scenario, start_m, altitude_m),
+        way_home=_way_home(plan, scenario, start_m),
     )
 
 
-def _in_the_way(plan: Plan, altitude_m: float) -> Airspace:
-    """What is in the way at the lowest altitude of a flight, that of take-off where the plan commands none [m]."""
-    commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    return plan.site.airspace.in_the_way(min(commanded_m, default=altitude_m))
+def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
+    """Altitudes of a plan's stages, the aircraft's own where the plan commands none [m]."""
+    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in plan.stages]
 
 
-def _way_home(plan: Plan, scenario: Scenario, start_m: Point, altitude_m: float) -> WayHome | None:
+def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
     """Home and the way to it, round what is in the way; None without a home."""
     home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
-    airspace = _in_the_way(plan, altitude_m)
+    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan, scenario.keys.vehicle.airframe)))
     if any(airspace):
         space = airspace.free_space(0.0)
         for key, point in (("start", start_m), ("home", home_m)):

@@ -70,7 +70,7 @@ def test_an_obstacle_that_is_lower_and_one_that_is_far_are_not_entered(tmp_path)
     case = {"wind__speed_mps": 8.0, "wind__gust_std_mps": 3.0}
     assert set(inputs(tmp_path, 60, 5, **case).preflight().entering) == {"house"}
     assert inputs(tmp_path, 60, 500, **case).preflight().entering == {}
-    low = inputs(tmp_path, 60, 5, start__altitude_m=10.0, **case).preflight().entering
+    low = inputs(tmp_path, 60, 5, **{"vehicle.airframe.cruise_altitude_m": 10.0}, **case).preflight().entering
     assert 0 < low["shed"] < 1
 
 
