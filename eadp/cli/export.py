@@ -18,6 +18,7 @@ from eadp.models.airspace import risk_text
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from eadp.io.flight.inputs import FlightInputs
     from eadp.models.plan.legs import Leg
     from eadp.models.plan.plan import Plan
     from eadp.models.vehicle import Airframe
@@ -63,12 +64,16 @@ def command(
     from_: Annotated[
         str | None, Option("--from", help="Write the rest, from this stage of this lap on.", metavar="STAGE,LAP")
     ] = None,
+    telemetry: Annotated[
+        str | None,
+        Option(help="Write what is left where this telemetry ends, as then decided; with --scenario.", metavar="FILE"),
+    ] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Write it here.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp export plans/survey.plan --to qgc --origin 55.37,10.43 --set c1=-500
 
     Write a plan as the mission of an autopilot, or as a map: at parameters, by default each at its maximum; with
-    --scenario at those that the forecast before take-off chooses.
+    --scenario at those that the forecast before take-off chooses, or those decided at the end of --telemetry.
 
     Exit code 0 if it is written, 2 on bad input.
     """
@@ -80,6 +85,8 @@ def command(
     from eadp.io.text.streams import read_text, write_text
     from eadp.models.plan.trace import nominal_legs
 
+    if telemetry is not None and (scenario is None or from_ is not None):
+        raise usage_fault("--telemetry", telemetry, "needs a planner", "--scenario, and no --from")
     for option, value in (
         ("--trigger-distance", trigger_distance), ("--tolerance", tolerance), ("--min-radius", min_radius),
     ):  # fmt: skip
@@ -102,8 +109,8 @@ def command(
         overrides = read_overrides(override_texts(set_ or (), laps=laps))
         inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
         warn(inputs.warnings)
-        forecast = inputs.preflight()
-        if forecast is None:
+        forecast = inputs.preflight() if telemetry is None else None
+        if forecast is None and telemetry is None:
             message = "the forecast before take-off finds no parameters"
             raise usage_fault("--scenario", scenario, message, "a battery that is drained, or --set without --scenario")
         flown, name = inputs.world.plan, inputs.texts["plan"].name
@@ -120,7 +127,10 @@ def command(
         message = f"altitude {airframe.cruise_altitude_m:g} m, the aircraft's; --altitude sets another"
         warn([Fault(name, 1, 1, message, severity="note")])
     try:
-        legs = nominal_legs(flown, parameters) if forecast is None else forecast.legs(inputs.mission)
+        if telemetry is not None:
+            legs = _after(inputs, telemetry, name)
+        else:
+            legs = nominal_legs(flown, parameters) if forecast is None else forecast.legs(inputs.mission)
     except PathUndefined as error:
         raise InputError.at(name, flown.stages[0].line, 1, str(error), "a path that can be flown") from None
     if forecast is not None:
@@ -165,6 +175,21 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     at = f"at {', '.join(chosen)}: " if chosen else ""
     risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
+
+
+def _after(inputs: FlightInputs, telemetry: str, name: str) -> tuple[Leg, ...]:
+    """The legs that are left after telemetry; what was decided is said."""
+    from eadp.io.telemetry.replan import rest_after
+
+    legs, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
+    if not legs or decision is None:
+        raise usage_fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
+    values = ", ".join(f"{key} = {value:g}" for key, value in decision["parameters"].items())
+    length_m, end = sum(leg.distance_m for leg in legs), decision["soc_end_forecast"]
+    message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
+    message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"
+    warn([Fault(name, 1, 1, message, severity="note")])
+    return legs
 
 
 def _rest(legs: tuple[Leg, ...], raw: str) -> tuple[Leg, ...]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 
 import pytest
 from common import ROOT
 from common.answers import refused
+
+from eadp.core.geometry.geodesy import to_local_m
 
 BOX = "0 0, 600 0, 600 400, 0 400"
 LIMITS = {
@@ -243,3 +246,33 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
     assert refused(eadp("simulate", plan, *setting, *away), f"the {key} (0, 0) lies in an obstacle")
     for free in (("obstacles=ignore",), ("vehicle.airframe.cruise_altitude_m=40",)):
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
+
+
+@pytest.mark.parametrize("seconds", [60, 217, 400])
+def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tmp_path, seconds):
+    plan, scenario = "plans/survey.plan", "scenarios/survey.yaml"
+    lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:seconds]
+    (tmp_path / "sofar.jsonl").write_text("\n".join(lines) + "\n")
+    place = ("--to", "geojson", "--origin", "55.37,10.43", "--scenario", scenario, "--telemetry")
+    answer = eadp("export", plan, *place, tmp_path / "sofar.jsonl")
+    assert answer.code == 0, answer.err
+    replan = eadp("replan", plan, "--scenario", scenario, "--telemetry", tmp_path / "sofar.jsonl")
+    decided = json.loads(replan.out.splitlines()[-1])
+    c1 = decided["parameters"]["c1"]
+    assert f"in stage {decided['stage']} of lap {decided['lap']}, at c1 = {c1:g}" in answer.err
+    # it begins where the aircraft is, and is as long as what is forecast to be left
+    path = [
+        to_local_m(lat, lon, (55.37, 10.43))
+        for lon, lat, _ in json.loads(answer.out)["features"][0]["geometry"]["coordinates"]
+    ]
+    last = json.loads(lines[-1])
+    assert math.dist(path[0], (last["x_m"], last["y_m"])) < 30
+    length = sum(math.dist(a, b) for a, b in itertools.pairwise(path))
+    assert length == pytest.approx(decided["remaining_s"] * 14.0, rel=0.06)  # at the airspeed, in a wind of 5 m/s
+
+
+def test_telemetry_that_leaves_nothing_or_has_no_planner_is_refused(eadp, tmp_path):
+    telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
+    place = ("export", "plans/survey.plan", "--to", "qgc", "--origin", "55.37,10.43", *telemetry)
+    assert refused(eadp(*place), "needs a planner")
+    assert refused(eadp(*place, "--scenario", "scenarios/survey.yaml"), "leaves nothing to fly")

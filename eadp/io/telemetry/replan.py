@@ -9,7 +9,8 @@ from eadp.errors import Fault
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
-from eadp.io.telemetry.reader import TelemetryReader, numbered_lines
+from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
+from eadp.models.plan.legs import Leg
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.live import Advice, LiveFlight
@@ -52,6 +53,22 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     return flight.completes
 
 
+def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[tuple[Leg, ...], dict[str, Any] | None]:
+    """What is left to fly after the telemetry of a file, and the last decision.
+
+    Raises
+    ------
+    PathUndefined
+        If the rest cannot be laid out.
+    """
+    decisions: list[dict[str, Any]] = []
+    flight = Replanner(inputs, telemetry, None, decisions.append, warn)
+    with open_telemetry(telemetry) as stream:
+        for number, raw in numbered_lines(stream, telemetry):
+            flight.take(number, raw)
+    return flight.rest(), decisions[-1] if decisions else None
+
+
 class Replanner:
     """The planner on lines of telemetry, see `replan`.
 
@@ -82,6 +99,10 @@ class Replanner:
     def completes(self) -> bool:
         """Whether the plan is complete, or forecast to be before the battery is empty."""
         return self._flight.forecast_completes
+
+    def rest(self) -> tuple[Leg, ...]:
+        """What is left to fly, see `LiveFlight.rest`."""
+        return self._flight.rest()
 
     def take(self, number: int, raw: bytes) -> None:
         """Take a line: warn of what is wrong with it, log it, and emit the decision if one is due."""
