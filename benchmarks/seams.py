@@ -6,12 +6,13 @@ Each mission is a field with up to three obstacles, an aircraft, a wind and a ba
 by `static` and by `joint`, exported for QGroundControl, read back and forecast again, and its flight by `joint`, where
 it completes, is given to the planner of `eadp replan` as telemetry. The table has the largest and the median difference
 at each seam, in per cent, with the missions that have the largest. No flight that is said to complete may have been
-inside an obstacle.
+inside an obstacle, and none may leave its planned path by more than the swath.
 """
 
 from __future__ import annotations
 
 import argparse
+import bisect
 import io
 import json
 import math
@@ -20,16 +21,22 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from measured import add_option, head, line, recorded
+from scipy.spatial import cKDTree
 
 import eadp
+from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import Infeasible
 from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.io.telemetry.replan import replan
+from eadp.models.plan.legs import leg_points
+from eadp.models.plan.plan import Plan
+from eadp.planning.base import DecisionRecord
 
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
@@ -74,8 +81,9 @@ def mission(index: int, seed: int, folder: Path) -> dict[str, Any] | None:
     scenario = folder / "scenario.yaml"
     keys = {"schema": "eadp.scenario/1", "vehicle": given["wing"], "profile": str(PROFILE), "wind": wind}
     scenario.write_text(json.dumps(keys))
+    swath_m = float(rng.uniform(25, 60))
     options = eadp.CoverageOptions(
-        swath_m=float(rng.uniform(25, 60)),
+        swath_m=swath_m,
         metres=True,
         avoid=str(folder / "avoid.geojson") if given["obstacles"] else None,
     )
@@ -90,7 +98,15 @@ def mission(index: int, seed: int, folder: Path) -> dict[str, Any] | None:
     capacity_ah = float(rng.uniform(0.7, 1.5)) * need_wh / battery.voltage_v
     keys |= {"battery": {"capacity_ah": capacity_ah}, "start": {"altitude_m": inputs.world.start.altitude_m}}
     scenario.write_text(json.dumps(keys))
-    return _differences(covered, plan, scenario, exported, inputs.world.start.altitude_m)
+    return _differences(covered, plan, scenario, exported, inputs.world.start.altitude_m) | {"swath_m": swath_m}
+
+
+def off_path_m(flight: eadp.Flight, inputs: FlightInputs) -> float:
+    """The greatest distance of a flight from the path of its forecast, once it has joined it [m]."""
+    legs = inputs.preflight().legs(inputs.mission)
+    path = cKDTree([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, 1.0)])
+    track = np.array([(step.x_m, step.y_m) for step in flight.steps])
+    return float(path.query(track)[0].max())
 
 
 def _differences(covered: Any, plan: Path, scenario: Path, exported: Path, altitude_m: float) -> dict[str, Any]:
@@ -108,21 +124,28 @@ def _differences(covered: Any, plan: Path, scenario: Path, exported: Path, altit
     read = load_flight(str(exported), scenario_path=str(scenario), overrides={"planner.name": "static", **load})
     again = read.preflight().forecast
     inputs = load_flight(str(plan), scenario_path=str(scenario))
-    ends = replanned(inputs, joint) if joint.summary["completed"] else []
+    decisions = replanned(inputs, joint) if joint.summary["completed"] else []
+    ends = [row["soc_end_forecast"] for row in decisions if row["soc_end_forecast"] is not None]
+    apart = [others(covered.plan, joint.decisions, row) for row in decisions]
     soc = joint.summary["soc_final"]
+    steady = {"planner.name": "static", "battery.capacity_ah": 50.0}
+    own = load_flight(str(plan), scenario_path=str(scenario), overrides=steady)
     found = {
         "cover to forecast: time": relative(expected["time_s"], covered.report.full.time_s),
         "forecast to flight: time": relative(static.summary["duration_s"], expected["time_s"]),
         "forecast to flight: energy": relative(static.summary["energy_wh"], expected["energy_wh"]),
         "forecast to exported mission, read back: time": relative(again.remaining_s, before["time_s"]),
         "forecast to exported mission, read back: energy": relative(again.energy_wh, before["energy_wh"]),
+        "cover to flight: ground covered": 100 * abs(static.summary["coverage"] - covered.report.full.coverage),
         "replan on the flight, last decision: charge at the end": 100 * abs(ends[-1] - soc) if ends else math.nan,
+        "flight to replan: decided parameters, of their sets": 100 * statistics.mean(apart) if apart else math.nan,
     }
     flights = (static, joint)
     inside = [sum(entry["inside_m"] for entry in flight.summary["obstacles"]) for flight in flights]
     said = [flight.summary["completed"] for flight in flights]
     return {
         "differences": found,
+        "off_path_m": off_path_m(static, own),
         "inside_m": sum(metres for metres, completed in zip(inside, said, strict=True) if completed),
         "entered": sum(metres > 0 for metres in inside),
         "flights": len(flights),
@@ -130,22 +153,31 @@ def _differences(covered: Any, plan: Path, scenario: Path, exported: Path, altit
     }
 
 
+def others(plan: Plan, records: Sequence[DecisionRecord], row: dict[str, Any]) -> float:
+    """By how much a re-planning's parameters differ from those last decided in flight, as a share of their sets."""
+    at = max(0, bisect.bisect_right([record.time_s for record in records], row["time_s"]) - 1)
+    spans = [plan.hull(i).hi - plan.hull(i).lo or 1.0 for i in range(len(plan.names))]
+    pairs = zip(row["parameters"].values(), records[at].parameters, spans, strict=True)
+    return max(abs(a - b) / span for a, b, span in pairs)
+
+
 def relative(value: float, expected: float) -> float:
     """A difference in per cent."""
     return 100 * abs(value / expected - 1)
 
 
-def replanned(inputs: FlightInputs, flight: eadp.Flight) -> list[float]:
-    """Forecasts of the charge at the end by the planner on the flight's rows as telemetry, each second."""
+def replanned(inputs: FlightInputs, flight: eadp.Flight) -> list[dict[str, Any]]:
+    """The decisions of the planner on the flight's rows as telemetry, each second."""
     lines = []
     for step in flight.steps[:: max(1, round(1.0 / inputs.world.clock.log_every_s))]:
         names = dict(zip(inputs.world.plan.names, step.parameters, strict=True))
         row = {"time_s": step.time_s, "x_m": step.x_m, "y_m": step.y_m, "power_w": step.power_w, "soc": step.soc}
-        lines.append(json.dumps({**row, "parameters": names}))
-    ends: list[float] = []
+        heading = {"heading_deg": compass_deg(step.heading_rad)}
+        lines.append(json.dumps({**row, **heading, "parameters": names}))
+    decisions: list[dict[str, Any]] = []
     stream = io.BytesIO("\n".join(lines).encode())
-    replan(inputs, stream, "flight", None, lambda row: ends.append(row["soc_end_forecast"]), lambda _: None)
-    return [end for end in ends if end is not None]
+    replan(inputs, stream, "flight", None, decisions.append, lambda _: None)
+    return decisions
 
 
 def main() -> None:
@@ -164,6 +196,7 @@ def show(missions: int, seed: int) -> None:
     found: dict[str, dict[int, float]] = defaultdict(dict)
     totals: dict[str, float] = defaultdict(float)
     entered: list[int] = []
+    off: dict[int, tuple[float, float]] = {}
     for index in range(missions):
         with tempfile.TemporaryDirectory() as folder:
             result = mission(index, seed, Path(folder))
@@ -175,6 +208,7 @@ def show(missions: int, seed: int) -> None:
                 found[seam][index] = difference
         if result["entered"]:
             entered.append(index)
+        off[index] = result["off_path_m"], result["off_path_m"] / result["swath_m"]
         for key in ("inside_m", "entered", "flights", "completed"):
             totals[key] += result[key]
     uncovered = totals["fields that cannot be covered"]
@@ -185,6 +219,8 @@ def show(missions: int, seed: int) -> None:
         print(line(seam, f"{statistics.median(values.values()):.2f}", f"{max(values.values()):.2f}", worst))
     flights, completed = totals["flights"], totals["completed"]
     print(f"flights: {flights:.0f}, completed {completed:.0f}, into an obstacle {totals['entered']:.0f}: {entered}")
+    (far_m, _), share = max(off.values()), max(share for _, share in off.values())
+    print(f"farthest from the planned path: {far_m:.1f} m; of the swath, {100 * share:.0f} %")
     print(f"metres inside obstacles of flights that are said to complete: {totals['inside_m']:.1f}")
 
 

@@ -79,6 +79,15 @@ class Airspace(NamedTuple):
 
         return FreeSpace([obstacle.outline for obstacle in self.obstacles], self.boundary, clear_m)
 
+    def admits(self, point: Point) -> bool:
+        """Whether a point [m] is out of the obstacles and within the boundary."""
+        if not any(self):
+            return True
+        from eadp.core.geometry.polygons import holding
+
+        within = not self.boundary or bool(holding(self.boundary, np.array([point])).any())
+        return within and not holding([obstacle.outline for obstacle in self.obstacles], np.array([point])).any()
+
     def entries(self, times_s: Sequence[float], track_m: Sequence[Point], altitudes_m: Sequence[float]) -> list[Entry]:
         """Where a flight was that it should not have been, by time.
 

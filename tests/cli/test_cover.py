@@ -419,3 +419,78 @@ def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
 def test_limits_that_turn_the_choice_of_lines_off_say_so(eadp, limits, tmp_path):
     answer = eadp("cover", *limits, "--avoid", tmp_path / "avoid.csv", "-o", tmp_path / "p.plan")
     assert "spacing    fixed: a planner cannot save lines in flight" in answer.out
+
+
+def rectangle(west, south, east, north):
+    return "x_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in ((west, south), (east, south), (east, north), (west, north)))
+
+
+@pytest.mark.parametrize("option", ["--start", "--home"])
+@pytest.mark.parametrize("limit", ["avoid", "inside"])
+def test_a_start_or_a_home_where_none_may_fly_is_refused(eadp, limits, tmp_path, option, limit):
+    outline = rectangle(-60, -60, -40, -40) if limit == "avoid" else rectangle(-30, -30, 650, 450)
+    (tmp_path / "limit.csv").write_text(outline)
+    answer = eadp("cover", *limits, f"--{limit}", tmp_path / "limit.csv", option, "-50,-50")
+    assert (answer.code, answer.out) == (2, "")
+    assert f"{option}:1:1: error: lies in an obstacle or beyond the boundary" in answer.err
+
+
+def test_an_obstacle_across_a_line_cuts_it(eadp, limits, tmp_path):
+    (tmp_path / "hedge.csv").write_text(rectangle(-10, 180, 610, 220))
+    document = json.loads(eadp("cover", *limits, "--avoid", tmp_path / "hedge.csv", "--format", "json").out)
+    assert 0.7 < document["coverage"] < 0.92
+
+
+def test_a_boundary_that_cuts_the_field_in_two_is_a_no(eadp, limits, tmp_path):
+    parts = [rectangle(-60, -60, 250, 460), rectangle(350, -60, 660, 460)]
+    rings = [[[float(number) for number in row.split(",")] for row in part.splitlines()[1:]] for part in parts]
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
+        for ring in rings
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "two.geojson").write_text(json.dumps(document))
+    answer = eadp("cover", *limits, "--inside", tmp_path / "two.geojson", "--heading", "90", "--swath", "60")
+    assert (answer.code, answer.out) == (1, "")
+    assert "no order of the lines has turns that stay out" in answer.err
+
+
+@pytest.mark.parametrize(("height", "code"), [(-5, 2), (5, 0)])
+def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, tmp_path, height, code):
+    corners = [(200, 100, 250, 160), (250, 100, 300, 160), (280, 120, 330, 180)]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": f"house {i}", "height": height},
+            "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
+        }
+        for i, (w, s, e, n) in enumerate(corners)
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "houses.geojson").write_text(json.dumps(document))
+    plan = tmp_path / "around.plan"
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "houses.geojson", "-o", plan)
+    assert answer.code == code
+    if code:
+        assert "no height; expected metres above the field" in answer.err
+        return
+    assert "stays      out of 3 obstacles" in answer.out
+    assert eadp("simulate", plan).code == 0
+
+
+def test_thousands_of_obstacles(eadp, limits, tmp_path):
+    places = [(650 + 30 * (i % 100), 30 * (i // 100)) for i in range(10_000)]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": f"tree {i}"},
+            "geometry": {"type": "Polygon", "coordinates": [[(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2), (x, y)]]},
+        }
+        for i, (x, y) in enumerate(places)
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "trees.geojson").write_text(json.dumps(document))
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "trees.geojson", "-o", tmp_path / "far.plan")
+    assert "stays      out of 10000 obstacles" in answer.out
+    flight = eadp("simulate", tmp_path / "far.plan", "--set", "home.position_m=[300, 200]", "--set", "log_every_s=1")
+    assert flight.code == 0

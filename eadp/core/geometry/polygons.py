@@ -367,12 +367,14 @@ class FreeSpace:
     def __init__(
         self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = (), clear_m: float = 0.0
     ) -> None:
-        blocked = shapely.union_all([shapely.Polygon(ring) for ring in avoid])
-        self._blocked = shapely.buffer(blocked, clear_m, join_style="mitre")
+        each = shapely.buffer([shapely.Polygon(ring) for ring in avoid], clear_m, join_style="mitre")
+        self._blocked = shapely.union_all(each)
         free = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None
         self._inside = None if free is None else shapely.buffer(free, -clear_m, join_style="mitre")
         # a path may touch a boundary, with its rounding
-        self._inner = shapely.buffer(self._blocked, -ALONG_M)
+        self._inner = shapely.multipolygons(
+            shapely.get_parts(shapely.buffer(shapely.get_parts(self._blocked), -ALONG_M))
+        )
         self._outer = None if self._inside is None else shapely.buffer(self._inside, ALONG_M)
         shapely.prepare(self._inner)
         shapely.prepare(self._outer)
@@ -444,11 +446,11 @@ def lengths_within_m(
     return segments, found, shapely.length(shapely.intersection(lines[segments], inner[found]))
 
 
-def distances_m(areas: Sequence[Sequence[Point]], points_m: ArrayLike) -> FloatArray:
-    """Distances of points, shape (n, 2), from the edges of areas [m], shape (areas, n)."""
-    edges = np.array([shapely.LinearRing(area) for area in areas])
-    found: FloatArray = shapely.distance(edges[:, None], shapely.points(points_m)[None])
-    return found
+def near_edges(areas: Sequence[Sequence[Point]], points_m: ArrayLike, distance_m: float) -> tuple[IntArray, IntArray]:
+    """Points, shape (n, 2), and areas whose edges are nearer than a distance [m]: the numbers of both, each pair."""
+    edges = shapely.STRtree([shapely.LinearRing(area) for area in areas])
+    points, found = edges.query(shapely.points(points_m), predicate="dwithin", distance=distance_m)
+    return points, found
 
 
 def holding(areas: Sequence[Sequence[Point]], points_m: FloatArray) -> BoolArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,6 +13,8 @@ from eadp.core.geometry.polygons import FreeSpace
 
 CORNER_RADII = 1.05
 """Distance of the corners from what they go round, in turning radii."""
+MAX_CORNERS = 400
+"""Corners that are kept, the nearest: as many pairs as a second lays out."""
 
 
 class WaysTo:
@@ -35,8 +38,9 @@ class WaysTo:
         from scipy.sparse.csgraph import dijkstra  # slow to import, and few plans have obstacles
 
         self._spaces, self._radius_m = (space, near), radius_m
-        rings = space.corners_m(CORNER_RADII * radius_m)
-        self._nodes_m = nodes_m = np.array([end_m, *(corner for ring in rings for corner in ring)])
+        corners = [corner for ring in space.corners_m(CORNER_RADII * radius_m) for corner in ring]
+        nearest = sorted(corners, key=lambda corner: math.dist(corner, end_m))[:MAX_CORNERS]
+        self._nodes_m = nodes_m = np.array([end_m, *nearest])
         i, j = np.triu_indices(len(nodes_m), 1)
         seen = space.sees(nodes_m[i], nodes_m[j]) | ((i == 0) & near.sees(nodes_m[i], nodes_m[j]))
         graph = np.zeros((len(nodes_m), len(nodes_m)))

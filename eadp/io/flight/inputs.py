@@ -244,12 +244,10 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
     """Home and the way to it, round what is in the way; None without a home."""
     home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
     airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan, scenario.keys.vehicle.airframe)))
-    if any(airspace):
-        space = airspace.free_space(0.0)
-        for key, point in (("start", start_m), ("home", home_m)):
-            if point is not None and not space.sees([point], [point])[0]:
-                message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
-                raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))
+    for key, point in (("start", start_m), ("home", home_m)):
+        if point is not None and not airspace.admits(point):
+            message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
+            raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))
     if home_m is None:
         return None
     turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
@@ -258,7 +256,8 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
         from eadp.core.geometry.ways import WaysTo
 
         radius_m = HOME_RADII * turn_radius_m
-        ways = WaysTo(home_m, airspace.free_space(CLEARANCE_SHARE * radius_m), space, radius_m)
+        clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
+        ways = WaysTo(home_m, clear, near, radius_m)
     return WayHome(home_m, turn_radius_m, turns_back, ways)
 
 

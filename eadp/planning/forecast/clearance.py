@@ -47,17 +47,21 @@ def entering(
     gusts : (float, float)
         Their standard deviation on each axis [m/s] and time constant [s].
     """
-    from eadp.core.geometry.polygons import distances_m, holding
+    from eadp.core.geometry.polygons import holding, near_edges
 
     if not any(airspace):
         return {}
     points = [(leg, point) for leg in legs for point in [*leg_points(leg, STEP_M)][1:]]
     at_m = np.array([(point.x_m, point.y_m) for _, point in points])
     courses = np.unwrap([point.heading_rad for _, point in points])
-    outlines = [each.outline for each in airspace.obstacles]
-    near = distances_m([*outlines, *airspace.boundary], at_m).min(axis=0) < NEAR_RADII * airframe.turn_radius_m
-    if not near.any():
+    edges = [*(each.outline for each in airspace.obstacles), *airspace.boundary]
+    places, areas = near_edges(edges, at_m, NEAR_RADII * airframe.turn_radius_m)
+    if not len(places):
         return {}
+    near = np.zeros(len(at_m), dtype=bool)
+    near[places] = True
+    obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
+    outlines = [each.outline for each in obstacles]
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
     flown_m = np.cumsum(steps_m)
     ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
@@ -96,7 +100,7 @@ def entering(
             entered[: len(outlines)] |= holding(outlines, there_m)
             if airspace.boundary:
                 entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
-    names = [*(each.name for each in airspace.obstacles), BOUNDARY]
+    names = [*(each.name for each in obstacles), BOUNDARY]
     return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
 
 

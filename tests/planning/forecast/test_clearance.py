@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eadp.core.geometry.polygons import distances_m, holding
+from eadp.core.geometry.polygons import holding, near_edges
 from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
@@ -81,13 +81,10 @@ def test_a_boundary_that_is_left(tmp_path):
     assert (calm, windy) == ({}, {"the boundary": 1.0})
 
 
-def test_distances_and_what_holds_a_point():
+def test_edges_that_are_near_and_what_holds_a_point():
     box = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
     far = tuple((x + 100, y) for x, y in box)
-    points = [(5.0, 5.0), (13.0, 14.0), (104.0, 9.0)]
-    assert distances_m([box, far], points).tolist() == [
-        pytest.approx([5.0, 5.0, 94.0]),
-        pytest.approx([95.0, (87**2 + 4**2) ** 0.5, 1.0]),
-    ]
-
-    assert holding([box, far], np.array(points)).tolist() == [[True, False, False], [False, False, True]]
+    points = np.array([(5.0, 5.0), (13.0, 14.0), (104.0, 9.0)])  # 5 m within, 5 m off a corner, 1 m within the other
+    for distance_m, pairs in ((5.01, {(0, 0), (1, 0), (2, 1)}), (4.99, {(2, 1)}), (0.5, set())):
+        assert set(zip(*(each.tolist() for each in near_edges([box, far], points, distance_m)), strict=True)) == pairs
+    assert holding([box, far], points).tolist() == [[True, False, False], [False, False, True]]
