@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
@@ -26,7 +25,6 @@ from eadp.models.airspace import BOUNDARY, risk_text
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eadp.io.scenario.scenario_file import Scenario
     from eadp.simulation.loop import Step
 
 
@@ -87,29 +85,11 @@ def command(
     if format_ is Format.json:
         emit_json(summary)
     else:
+        from eadp.io.report.words import setting_text
+
         shown = _text(summary, out, decided=bool(flight.decisions), figure=figure)
-        emit(f"{_setting(flight.inputs.scenario)}\n{shown}")
+        emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
     return 0 if summary["completed"] and (summary["reserve_kept"] or not require_reserve) else 1
-
-
-def _setting(scenario: Scenario) -> str:
-    """The aircraft, battery and wind of a flight, and which of them are defaults."""
-    from eadp.core.geometry.bearings import compass_deg
-    from eadp.models.vehicle import PaperVehicle
-
-    keys, chosen = scenario.keys, scenario.chosen
-    airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
-    east, north = wind.steady_mps
-    speed = wind.steady_speed_mps
-    mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
-    shown = {
-        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
-        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
-        "wind": f"wind {speed:g} m/s"
-        + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
-        + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
-    }
-    return "aircraft   " + "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
 
 
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:

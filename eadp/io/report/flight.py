@@ -15,7 +15,7 @@ from eadp.errors import EadpError
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.report.thinning import changes, evenly, significant, thinned
-from eadp.io.report.words import flight_facts, flight_words
+from eadp.io.report.words import flight_facts, flight_words, setting_text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
@@ -89,7 +89,10 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     flown = _Replay(flight.inputs, columns)
     return {
         "title": plan.name.rpartition("/")[2],
-        "words": flight_words(summary, flight.decisions, world.faults),
+        "words": [
+            *flight_words(summary, flight.decisions, world.faults),
+            f"It flew with {setting_text(flight.inputs.scenario)}.",
+        ],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
         "reserve": None if world.battery.prescribed else summary["soc_reserve"],

@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import printable
+from eadp.io.scenario.scenario_file import Scenario
 from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS, BatteryFault
+from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import INFEASIBLE, TURNS_BACK
 from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
 
 SHOWN = 3
 """Most changes that are named one by one."""
+
+
+def setting_text(scenario: Scenario) -> str:
+    """The aircraft, battery and wind of a flight, and which of them are defaults."""
+    keys, chosen = scenario.keys, scenario.chosen
+    airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
+    east, north = wind.steady_mps
+    speed = wind.steady_speed_mps
+    mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    shown = {
+        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
+        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
+        "wind": f"wind {speed:g} m/s"
+        + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
+        + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
+    }
+    return "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
 
 
 def flight_words(
