@@ -368,3 +368,18 @@ def test_no_line_crashes_it(replan, lines):
     assert "bug" not in err
     assert "failed" not in err
     assert len(advice) <= len(lines)
+
+
+def test_a_constant_load_counts_in_flight_too(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(ROOT)
+    (tmp_path / "line.plan").write_text("0.1; 270; y\n3000, 0\n")
+    (tmp_path / "flight.jsonl").write_text('{"time_s": 0, "x_m": 0, "y_m": 0, "power_w": null, "soc": 1.0}\n')
+    place = ("--telemetry", str(tmp_path / "flight.jsonl"), "--set", "start.position_m=[0, 0]")
+    found = []
+    for load in ((), ("--profile", "profiles/pednet-jetson-nano.csv", "--at", "fps=2")):
+        assert main(["replan", str(tmp_path / "line.plan"), *place, *load]) == 0
+        captured = capsys.readouterr()
+        found.append(json.loads(captured.out.splitlines()[0]))
+    assert "a constant load of 5.21 W at fps=2 (as stated)" in captured.err
+    bare, loaded = found
+    assert loaded["energy_wh"] - bare["energy_wh"] == pytest.approx(5.214 * bare["remaining_s"] / 3600, rel=1e-3)
