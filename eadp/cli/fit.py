@@ -69,6 +69,23 @@ def command(
     plot: Annotated[
         str, Option(metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png).")
     ] = "",
+    spectrum: Annotated[
+        str, Option(metavar="FILE", help="Draw the power's spectrum, its harmonics marked (.svg or .png).")
+    ] = "",
+    filter_: Annotated[
+        str,
+        Option(
+            "--filter",
+            metavar="FILE",
+            help="The planners' filter over the log: estimate and states (.svg, .png, .csv).",
+        ),
+    ] = "",
+    gate: Annotated[
+        float, Option(metavar="W", min=0, help="The filter leaves out readings so near to their forecast [W].")
+    ] = 0.0,
+    track: Annotated[
+        str, Option(metavar="FILE", help="The log's positions beside the path of --plan (.svg, .png, .csv).")
+    ] = "",
     vehicle: Annotated[
         bool,
         Option("--vehicle", help="Fit the aircraft's power instead, from a log with airspeed; -o is a vehicle file."),
@@ -119,14 +136,45 @@ def command(
     if found is not None:
         _print(found.document, found.text, found.block, found.warnings, output, format)
         return 0 if found.fit.resistance_ohm is not None else 1
-    options = FitOptions(order, period_prior, plan, airspeed, start, end, keep_spikes, profile)
+    if track and not plan:
+        raise usage_fault("--track", track, "beside no plan", "--plan FILE")
+    options = FitOptions(order, period_prior, plan, airspeed, start, end, keep_spikes, profile, bool(track))
     fit = read_fit(log, chosen, options)
-    if plot:
-        from eadp.io.figures.fit import write_fit_figure
-
-        write_fit_figure(plot, fit.fitted)
+    if plot or spectrum or filter_ or track:
+        _write_pictures(fit, plot, spectrum, (filter_, gate), (track, plan))
     _print(fit.document, _text(fit), fit.yaml, fit.warnings, output, format)
     return 0 if fit.fitted.model.periodic else 1
+
+
+def _write_pictures(fit: LogFit, plot: str, spectrum: str, filter_: tuple[str, float], track: tuple[str, str]) -> None:
+    """Write the figures and tables that are asked for."""
+    from eadp.io.figures import fit as figures
+    from eadp.io.figures.canvas import check_figure_name
+    from eadp.io.log.flown_log import filtered
+    from eadp.io.text.streams import write_text
+
+    for name in (plot, spectrum, *(name for name in (filter_[0], track[0]) if not _is_table(name))):
+        if name:
+            check_figure_name(name)
+    if plot:
+        figures.write_fit_figure(plot, fit.fitted)
+    if spectrum:
+        figures.write_spectrum_figure(spectrum, fit.fitted)
+    if filter_[0]:
+        log = filtered(fit.fitted, filter_[1])
+        if _is_table(filter_[0]):
+            write_text(filter_[0], log.csv)
+        else:
+            figures.write_filter_figure(filter_[0], log)
+    if fit.track is not None:
+        if _is_table(track[0]):
+            write_text(track[0], fit.track.csv)
+        else:
+            figures.write_track_figure(track[0], fit.track, track[1].rpartition("/")[2])
+
+
+def _is_table(name: str) -> bool:
+    return name.lower().endswith(".csv")
 
 
 def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault], output: str, format: Format) -> None:

@@ -8,12 +8,25 @@ from typing import Any
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.spectrum import periodogram
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_above, write_headline
+from eadp.core.signals.spectrum import amplitudes, periodogram
+from eadp.io.figures.canvas import (
+    COLOURS,
+    GREY,
+    Axes,
+    figure_file,
+    label_map,
+    legend_above,
+    legend_below,
+    write_headline,
+)
+from eadp.io.log.flown_log import FilteredLog, FlownTrack
 from eadp.models.energy_fit import EnergyFit
 
 POINTS = 4000
 """Most samples drawn: a longer log is thinned evenly."""
+
+SPECTRUM_POINTS, SPECTRUM_HARMONICS = 4000, 3.0
+"""Frequencies of a spectrum, and the highest, over that of the fit's last harmonic."""
 
 GAP_INTERVALS = 10.0
 """A line breaks where samples are farther apart than so many of their usual intervals."""
@@ -42,6 +55,86 @@ def write_fit_figure(path: str, fitted: EnergyFit) -> None:
         _draw_periodogram(figure.add_subplot(grid[2, 0]), fitted)
         _draw_folded(figure.add_subplot(grid[2, 1]), fitted, every)
         write_headline(figure, _headline(fitted))
+
+
+def write_spectrum_figure(path: str, fitted: EnergyFit) -> None:
+    """Draw the amplitude of the power by frequency, the harmonics of the period marked; as `write_fit_figure`.
+
+    Source: letter, Fig. 1 right.
+    """
+    model, times_s = fitted.model, fitted.times_s
+    period_s = model.period_s or fitted.spectrum.period_s
+    longest_s = float(times_s[-1])
+    highest_hz = 0.5 / float(np.median(np.diff(times_s)))
+    if math.isfinite(period_s):
+        highest_hz = min(highest_hz, SPECTRUM_HARMONICS * max(model.order, 1) / period_s)
+    frequencies = np.linspace(0.5 / longest_s, highest_hz, SPECTRUM_POINTS)
+    with figure_file(path, 8.0, 4.0) as figure:
+        axes = figure.add_subplot()
+        axes.plot(frequencies, amplitudes(times_s, fitted.power_w, frequencies), color=COLOURS[0], linewidth=1.0)
+        for j in range(1, model.order + 1 if model.periodic else 1):
+            label = f"harmonics of {period_s:.5g} s" if j == 1 else None
+            axes.axvline(j / period_s, color=COLOURS[1], linewidth=1.0, dashes=(4, 3), label=label)
+            axes.annotate(f"{j}/T", (j / period_s, 1.0), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
+        axes.set_xlabel("frequency [Hz]")
+        axes.set_ylabel("amplitude [W]")
+        axes.set_ylim(bottom=0)
+        if model.periodic:
+            axes.legend(loc="upper right")
+        write_headline(figure, _headline(fitted))
+
+
+def write_filter_figure(path: str, log: FilteredLog) -> None:
+    """Draw the estimator's run over a log: power and estimate, what was left over, the states; as `write_fit_figure`.
+
+    Source: draft 002, Fig. 3.
+    """
+    with figure_file(path, 10.5, 8.0) as figure:
+        power, errors, states = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 0.8, 1.0))
+        power.plot(*_broken(log.times_s, log.power_w), color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
+        power.plot(*_broken(log.times_s, log.estimate_w), color=COLOURS[6], linewidth=1.3, label="estimate")
+        power.set_ylabel("power [W]")
+        power.set_title("Log, and the estimate after each reading")
+        legend_above(power)
+        errors.plot(*_broken(log.times_s, log.power_w - log.forecast_w), color=GREY, linewidth=0.7)
+        for edge_w in (-log.gate_w, log.gate_w) if log.gate_w else (0.0,):
+            errors.axhline(edge_w, color=COLOURS[1] if log.gate_w else "black", linewidth=0.8)
+        errors.set_ylabel("error [W]")
+        gate = f"; within {log.gate_w:g} W it corrects nothing" if log.gate_w else ""
+        errors.set_title(f"Reading less its forecast{gate}")
+        states.plot(log.times_s, log.states_w[:, 0] - log.states_w[-1, 0], color="black", label="level less its last")
+        pairs = zip(log.states_w[:, 1::2].T, log.states_w[:, 2::2].T, strict=True)
+        for j, (alpha, beta) in enumerate(pairs, 1):
+            states.plot(log.times_s, np.hypot(alpha, beta), color=COLOURS[j % len(COLOURS)], label=f"harmonic {j}")
+        low, high = np.percentile(log.states_w[len(log.times_s) // 10 :, 0] - log.states_w[-1, 0], [0, 100])
+        top = max(high, *np.hypot(log.states_w[-1, 1::2], log.states_w[-1, 2::2]), 0.1)
+        states.set_ylim(1.3 * min(low, 0.0) - 0.1 * top, 1.5 * top)
+        states.set_ylabel("[W]")
+        states.set_xlabel("time [s]")
+        states.set_title("States: the level, and the harmonics' amplitudes")
+        legend_above(states)
+        period = "no period" if log.period_s is None else f"period {log.period_s:.5g} s"
+        write_headline(figure, [period, f"{100 * log.used:.0f} % of the readings correct the state"])
+
+
+def write_track_figure(path: str, track: FlownTrack, name: str) -> None:
+    """Draw a track beside a plan's path, and its distance from it; as `write_fit_figure`.
+
+    Source: draft 002, Fig. 2.
+    """
+    with figure_file(path, 10.5, 5.5) as figure:
+        ground, off = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+        ground.plot(*track.path_m.T, color=GREY, linewidth=1.0, dashes=(4, 3), label=f"path of {name}")
+        ground.plot(*track.position_m.T, color=COLOURS[0], linewidth=1.2, label="flown")
+        label_map(ground, "Track")
+        legend_below(ground)
+        off.plot(*_broken(track.times_s, track.off_m), color=COLOURS[0], linewidth=0.9)
+        off.set_ylim(bottom=0)
+        off.set_xlabel("time [s]")
+        off.set_ylabel("[m]")
+        off.set_title("Distance from the path")
+        median_m, far_m = np.percentile(track.off_m, [50, 95])
+        write_headline(figure, [f"median {median_m:.1f} m from the path", f"95 % within {far_m:.1f} m"])
 
 
 def _headline(fitted: EnergyFit) -> list[str]:

@@ -17,6 +17,7 @@ from itertools import chain
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
 from eadp.io.log.power_log import (
@@ -111,6 +112,7 @@ class _Layout:
     dates: bool = False  # times by ISO 8601
     position: bool = False
     degrees: bool = False
+    origin_deg: Point | None = None
     also: tuple[str, ...] = ()
     warnings: list[Fault] = field(default_factory=list)
     guessed: bool = False
@@ -127,7 +129,7 @@ def _layout(header: Row | None, columns: Columns, second: Row | None) -> _Layout
     if twice := repeated(header.fields):
         message = f"the name {printable(header.fields[twice[0]], 80)} stands twice"
         raise InputError(header.fault(twice[0], message, "each column under a name of its own"))
-    layout = _Layout([], [], 0 if columns.names else len(header.fields))
+    layout = _Layout([], [], 0 if columns.names else len(header.fields), origin_deg=columns.origin_deg)
     for role in ("time", *_power_roles(header, columns)):
         index = _find(header, role, getattr(columns, role))
         layout.index.append(index)
@@ -279,7 +281,7 @@ def _readings(
     table = np.array(values).reshape(len(lines), len(columns))
     rest = np.array(others).reshape(len(lines), len(layout.others)) * layout.scales
     if layout.degrees and len(rest):
-        rest[:, :2] = _metres(name, rest[:, :2], lines)
+        rest[:, :2] = _metres(name, rest[:, :2], lines, layout.origin_deg)
     readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
     return readings, layout.warnings + warnings, counts
 
@@ -322,8 +324,8 @@ def _optional(fields: Sequence[str], index: int) -> float:
     return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
 
 
-def _metres(name: str, degrees: FloatArray, lines: Sequence[int]) -> FloatArray:
-    """Latitude and longitude [°] as east and north of the first [m]; numbers as large as autopilots' are 1e-7 °."""
+def _metres(name: str, degrees: FloatArray, lines: Sequence[int], origin_deg: Point | None) -> FloatArray:
+    """Latitude and longitude [°] as metres about an origin, the first of them for None; large numbers are 1e-7 °."""
     known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
     if not len(known):
         return degrees
@@ -335,7 +337,7 @@ def _metres(name: str, degrees: FloatArray, lines: Sequence[int]) -> FloatArray:
         swapped = ": they seem to be swapped" if abs(latitude) <= 180 and abs(longitude) <= 90 else ""
         expected = "latitude within ±90 and longitude within ±180 degrees"
         raise InputError.at(name, lines[beyond[0]], 1, f"{message}{swapped}", expected)
-    origin = (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
+    origin = origin_deg or (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
     result = np.full_like(degrees, np.nan)
     for i in known:
         result[i] = to_local_m(float(scaled[i, 0]), float(scaled[i, 1]), origin)

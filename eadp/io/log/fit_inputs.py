@@ -12,12 +12,14 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.lap_time import lap_time_s
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import energy_document, energy_yaml
+from eadp.io.log.flown_log import FlownTrack, flown_track
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.mission.reader import PlanReader
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.streams import read_text
 from eadp.models.energy_fit import EnergyFit, fit_energy
+from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
@@ -28,7 +30,10 @@ AIRSPEED_MPS = 15.0
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a fit. Paths are '' where there is none; `start_s` and `end_s` are seconds from the first reading."""
+    """Options of a fit. Paths are '' where there is none; `start_s` and `end_s` are seconds from the first reading.
+
+    With `track` the log's positions are laid beside the plan's path.
+    """
 
     order: int | None = None
     period_prior_s: float | None = None
@@ -38,6 +43,7 @@ class FitOptions:
     end_s: float | None = None
     keep_spikes: bool = False
     profile: str = ""
+    track: bool = False
 
     def check(self) -> None:
         """Refuse times and speeds that cannot be; raises InputError."""
@@ -57,13 +63,14 @@ def _refused(option: str, value: float, message: str, expected: str) -> InputErr
 
 @dataclass(frozen=True)
 class LogFit:
-    """A fit with its prior and the source of it, the readings left out of the log by reason, and warnings."""
+    """A fit with its prior and the source of it, readings left out by reason, warnings, and the track if asked for."""
 
     fitted: EnergyFit
     prior_s: float | None
     prior_source: str
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
+    track: FlownTrack | None = None
 
     @property
     def yaml(self) -> str:
@@ -99,6 +106,9 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     """
     options.check()
     profile, warnings = read_profile(options.profile) if options.profile else (None, [])
+    plan = PlanReader()(read_text(options.plan))[0] if options.plan else None
+    if plan is not None and options.track:
+        columns = replace(columns, origin_deg=plan.site.origin_deg)
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     warnings = [*log.warnings, *warnings]
     counts = dict(log.counts)
@@ -111,7 +121,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
             counts["no_configuration"] = int(np.count_nonzero(~known))
         log = _kept(log, np.flatnonzero(known))
         power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
-    prior_s, source = _prior(log, options)
+    prior_s, source = _prior(log, options, plan)
     try:
         fitted = _fit(log, power_w, options, prior_s, source)
     except Infeasible as error:
@@ -122,7 +132,10 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
         message = f"{many} left out, the first at {first_s:.6g} s (--keep-spikes fits them, too)"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
-    return LogFit(fitted, prior_s, source, counts, warnings)
+    track = None
+    if plan is not None and options.track:
+        track = flown_track(log.name, log.times_s, log.position_m, _legs(plan, options.plan))
+    return LogFit(fitted, prior_s, source, counts, warnings, track)
 
 
 def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
@@ -168,14 +181,12 @@ def _computing_power_w(path: str, profile: AnyProfile, configurations: FloatArra
     return power[which.ravel()] if len(power) else np.zeros(len(configurations))
 
 
-def _prior(log: PowerLog, options: FitOptions) -> tuple[float | None, str]:
+def _prior(log: PowerLog, options: FitOptions, plan: Plan | None) -> tuple[float | None, str]:
     """The period to search near [s], and the source of it."""
     if options.period_prior_s is not None:
         return options.period_prior_s, "option"
-    if options.plan:
-        return plan_lap_s(
-            PlanReader()(read_text(options.plan))[0], options.plan, options.airspeed_mps or AIRSPEED_MPS
-        ), "plan"
+    if plan is not None and not (options.track and not plan.repeats):
+        return plan_lap_s(plan, options.plan, options.airspeed_mps or AIRSPEED_MPS), "plan"
     lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
     return lap_s, "" if lap_s is None else "position"
 
@@ -188,13 +199,18 @@ def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
     InputError
         If the plan has no laps, or no path at these parameters.
     """
-    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
-    try:
-        legs = nominal_legs(plan, parameters)
-    except PathUndefined as error:
-        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
+    legs = _legs(plan, name)
     whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first may start anywhere
     length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
     if legs[-1].lap == 0 or not 0 < length_m < math.inf:
         raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")
     return length_m / airspeed_mps
+
+
+def _legs(plan: Plan, name: str) -> list[Leg]:
+    """The legs of a plan, parameters at their maximum."""
+    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
+    try:
+        return list(nominal_legs(plan, parameters))
+    except PathUndefined as error:
+        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None

@@ -35,7 +35,8 @@ class Columns:
 
     `names` are those of the first columns of a file without a header, '' for a column to skip. `factors` asks for
     voltage and current even if there is a power; `also` for other columns, by name; `motion` for the motion that the
-    log has, in the columns `MOTION` of `also`; `instance` is the battery of an autopilot's log.
+    log has, in the columns `MOTION` of `also`; `instance` is the battery of an autopilot's log. Positions in degrees
+    become metres about `origin_deg`, None for the first of them.
     """
 
     time: str = ""
@@ -48,6 +49,7 @@ class Columns:
     also: Sequence[str] = ()
     instance: int | None = None
     motion: bool = False
+    origin_deg: tuple[float, float] | None = None
 
 
 AIRSPEED, BANK, CLIMB, ALTITUDE = MOTION = ("airspeed_mps", "bank_rad", "climb_mps", "altitude_m")

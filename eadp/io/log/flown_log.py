@@ -1,0 +1,147 @@
+"""A power log as a planner would have seen it: the filter's estimate after each reading, and the track by a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.signals.harmonics import output_row
+from eadp.errors import InputError
+from eadp.models.energy_fit import EnergyFit
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
+
+PATH_STEP_M = 1.0
+"""Distance between the points of a plan's path that a track is compared with [m]."""
+WINDOW, BEGIN_M = 40, 50.0
+"""Points by which a track may be ahead of or behind its path, and its greatest distance from it at first [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredLog:
+    """The estimator of the planners over a log.
+
+    Attributes
+    ----------
+    period_s : float or None
+        T [s], of the fit; None without one.
+    gate_w : float
+        A reading no farther than this from its forecast corrected nothing [W].
+    times_s, power_w : array, shape (n,)
+        Readings.
+    forecast_w : array, shape (n,)
+        Of each, from those before it [W].
+    states_w : array, shape (n, 2r + 1)
+        α0, α1, β1, … after each [W].
+    """
+
+    period_s: float | None
+    gate_w: float
+    times_s: FloatArray
+    power_w: FloatArray
+    forecast_w: FloatArray
+    states_w: FloatArray
+
+    @property
+    def estimate_w(self) -> FloatArray:
+        """C q after each reading [W], shape (n,): the power without its slow disturbance."""
+        estimate: FloatArray = self.states_w @ output_row((self.states_w.shape[1] - 1) // 2)
+        return estimate
+
+    @property
+    def used(self) -> float:
+        """Share of the readings that corrected the state."""
+        return float(np.mean(np.abs(self.power_w - self.forecast_w) > self.gate_w))
+
+    @property
+    def csv(self) -> str:
+        """A table of the readings: forecast, estimate, period and states."""
+        waves = [f"{name}{j}_w" for j in range(1, (self.states_w.shape[1] + 1) // 2) for name in ("alpha", "beta")]
+        header = ["time_s", "power_w", "forecast_w", "estimate_w", "period_s", "alpha0_w", *waves]
+        columns = self.times_s, self.power_w, self.forecast_w, self.estimate_w
+        period = "" if self.period_s is None else self.period_s
+        rows = zip(*(column.tolist() for column in columns), self.states_w.tolist(), strict=True)
+        return _table([header, *([*values, period, *state] for *values, state in rows)])
+
+
+def filtered(fitted: EnergyFit, gate_w: float = 0.0) -> FilteredLog:
+    """Run the planners' estimator over the readings of a fit, from its period and with a gate [W].
+
+    Source: draft 002, Fig. 3 and Algorithm l. 9-16.
+    """
+    model, times_s = fitted.model, fitted.times_s
+    settings = EstimatorSettings(order=model.order, gate_w=gate_w, every_s=float(np.median(np.diff(times_s))))
+    estimator = ExactEstimator(settings, model.period_s, period_std_s=model.period_std_s)
+    forecasts, states = [], []
+    for time_s, power_w in zip(times_s.tolist(), fitted.power_w.tolist(), strict=True):
+        forecasts.append(estimator.observe(time_s, power_w))
+        states.append(estimator.state_w)
+    return FilteredLog(model.period_s, gate_w, times_s, fitted.power_w, np.array(forecasts), np.array(states))
+
+
+def _table(rows: Sequence[Sequence[object]]) -> str:
+    return "".join(",".join(map(str, row)) + "\n" for row in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class FlownTrack:
+    """Positions of a log beside the path of a plan.
+
+    Attributes
+    ----------
+    times_s : array, shape (n,)
+    position_m, path_m : array, shape (n, 2) and (m, 2)
+        Flown, and of the plan.
+    off_m : array, shape (n,)
+        Distance of each position from the path [m].
+    """
+
+    times_s: FloatArray
+    position_m: FloatArray
+    path_m: FloatArray
+    off_m: FloatArray
+
+    @property
+    def csv(self) -> str:
+        """A table of the positions and their distances."""
+        values = np.column_stack([self.times_s, self.position_m, self.off_m])
+        return _table([["time_s", "x_m", "y_m", "cross_track_m"], *values.tolist()])
+
+
+def flown_track(name: str, times_s: FloatArray, position_m: FloatArray | None, legs: Sequence[Leg]) -> FlownTrack:
+    """The track of a log beside the legs of a plan.
+
+    Raises
+    ------
+    InputError
+        If the log has no positions.
+    """
+    known = None if position_m is None else np.isfinite(position_m).all(axis=1)
+    if position_m is None or known is None or not known.any():
+        raise InputError.at(name, 1, 1, "the log has no positions", "columns x_m and y_m, or lat and lon")
+    path_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, PATH_STEP_M)])
+    return FlownTrack(times_s[known], position_m[known], path_m, _along(path_m, position_m[known]))
+
+
+def _along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Distance of each position from a path that is flown along [m]: lines of other laps may lie nearer.
+
+    From every lap on whose path the track may begin, each position has the nearest point a little ahead of that of the
+    one before; the lap with the least squares counts.
+    """
+    moved = np.linalg.norm(np.diff(position_m, axis=0, prepend=position_m[:1]), axis=1) / PATH_STEP_M
+    first_m = np.linalg.norm(path_m - position_m[0], axis=1)
+    nearest = (first_m[1:-1] <= first_m[:-2]) & (first_m[1:-1] <= first_m[2:]) & (first_m[1:-1] < BEGIN_M)
+    found: list[FloatArray] = []
+    for at in [*(np.flatnonzero(nearest) + 1).tolist(), int(first_m.argmin())]:
+        off_m = np.empty(len(position_m))
+        for k, steps in enumerate(moved.tolist()):
+            low, high = max(at - WINDOW, 0), at + round(1.5 * steps) + WINDOW
+            ahead_m = np.linalg.norm(path_m[low:high] - position_m[k], axis=1)
+            at = low + int(ahead_m.argmin())
+            off_m[k] = ahead_m.min()
+        found.append(off_m)
+    return min(found, key=lambda off_m: float(off_m @ off_m))
