@@ -65,10 +65,10 @@ def write_spectrum_figure(path: str, fitted: EnergyFit) -> None:
     model, times_s = fitted.model, fitted.times_s
     period_s = model.period_s or fitted.spectrum.period_s
     longest_s = float(times_s[-1])
-    highest_hz = 0.5 / float(np.median(np.diff(times_s)))
+    last_hz = 0.5 / float(np.median(np.diff(times_s)))
     if math.isfinite(period_s):
-        highest_hz = min(highest_hz, SPECTRUM_HARMONICS * max(model.order, 1) / period_s)
-    frequencies = np.linspace(0.5 / longest_s, highest_hz, SPECTRUM_POINTS)
+        last_hz = min(last_hz, SPECTRUM_HARMONICS * max(model.order, 1) / period_s)
+    frequencies = np.linspace(0.5 / longest_s, last_hz, SPECTRUM_POINTS)
     with figure_file(path, 8.0, 4.0) as figure:
         axes = figure.add_subplot()
         axes.plot(frequencies, amplitudes(times_s, fitted.power_w, frequencies), color=COLOURS[0], linewidth=1.0)
