@@ -6,13 +6,17 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from eadp.cli.output import emit
+from eadp.cli.output import emit, usage_fault
 from eadp.errors import printable
 
 
 def command(
     result: Annotated[
-        str, Argument(metavar="RESULT", help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan.")
+        list[str],
+        Argument(
+            metavar="RESULT…",
+            help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan; or several folders.",
+        ),
     ],
     out: Annotated[
         str | None,
@@ -24,13 +28,23 @@ def command(
 ) -> int:
     """Example: eadp report runs/survey
 
-    Write a result as one HTML page, which opens from disk and needs no network.
+    Write a result as one HTML page, which opens from disk and needs no network. Of several folders it has paths side by
+    side, power, charge and parameters over each other, and a table of what differs, which is printed too.
 
     Exit code 0 when the page is written, 2 on bad input.
     """
     from eadp import api
 
-    target = api.report(result, out, keep)
+    if len(result) > 1:
+        from eadp.io.report.result import write_comparison
+
+        if keep is not None:
+            raise usage_fault("--keep", keep, "is of a sweep's results", "no --keep beside several folders")
+        target, table = write_comparison(result, out)
+        if target != "-":
+            emit(table)
+    else:
+        target = api.report(result[0], out, keep)
     if target != "-":
         emit(f"written    {printable(target)}")
     return 0

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from eadp.errors import EadpError, InputError, printable
+from eadp.io.figures.flights import write_flights_figure
 from eadp.io.flight.folder import REPORT
 from eadp.io.report.flight import flight_data
+from eadp.io.report.flights import comparison, flights_data, read_flights, table_text
 from eadp.io.report.page import check_page, page_html
 from eadp.io.report.replan_log import log_data
 from eadp.io.report.result_folder import SUMMARY, read_folder
 from eadp.io.report.sweep import sweep_data
-from eadp.io.text.streams import read_text, write_text
+from eadp.io.text.streams import output_file, read_text, write_text
 
 SQLITE = b"SQLite format 3\0"
+COMPARISON = "comparison.html"
 
 
 def write_report(result: str, out: str | None = None, keep: str | None = None) -> str:
@@ -43,6 +47,35 @@ def write_report(result: str, out: str | None = None, keep: str | None = None) -
     kind, data = _data(Path(result), page if target == "-" else Path(target), keep)
     write_text(target, page_html(kind, data))
     return target
+
+
+def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[str, str]:
+    """Write the page of several flights, and their figure beside it as .svg and .png; return its path and the table.
+
+    Parameters
+    ----------
+    folders : sequence of str
+        Result folders, two or more.
+    out : str, optional
+        By default `comparison.html` beside the first folder; `-` is standard output, without a figure.
+
+    Raises
+    ------
+    InputError
+        If one is no result folder or stands twice, or a file cannot be written.
+    """
+    for folder in folders:
+        if not os.path.isdir(folder):
+            raise InputError.at(folder, 1, 1, "is no folder of a flight", "folders of eadp simulate, one or more")
+    flights = read_flights(folders)
+    page = Path(folders[0]).resolve().parent / COMPARISON if out is None else Path(out)
+    if out != "-":
+        output_file(str(page))
+        check_page(page)
+    write_text(str(page) if out != "-" else "-", page_html("flights", flights_data(flights)))
+    if out != "-":
+        write_flights_figure(page, flights)
+    return str(page), table_text(comparison(flights))
 
 
 def page_of(result: str) -> Path:

@@ -1,0 +1,89 @@
+"""The figure of several flights: paths side by side; power, charge and parameters over each other.
+
+Source: letter, Fig. 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from eadp.core.expressions.tree import number_text
+from eadp.io.figures.canvas import COLOURS, FIELD, GREY, START, Axes, draw_airspace, draw_area, figure_pair, label_map
+from eadp.models.plan.plan import Plan
+
+COLUMNS = 4
+"""Most paths side by side."""
+
+
+class DrawnFlight(NamedTuple):
+    """A flight with its name in the figure: its plan, `summary.json`, and the columns of `flight.csv`."""
+
+    name: str
+    plan: Plan
+    summary: Mapping[str, Any]
+    columns: Mapping[str, Sequence[float]]
+
+
+def write_flights_figure(path: Path, flights: Sequence[DrawnFlight]) -> None:
+    """Draw several flights. Written to `path` with the endings .svg and .png.
+
+    Parameters
+    ----------
+    path : Path
+    flights : sequence of DrawnFlight
+        Two or more, with names of their own.
+    """
+    names = list(dict.fromkeys(name for flight in flights for name in flight.plan.names))
+    across = min(len(flights), COLUMNS)
+    maps = -(-len(flights) // across)
+    charts = ["power_w", "soc", *names]
+    heights = [2.6] * maps + [1.0] * len(charts)
+    with figure_pair(path, 11.5, 1.5 * sum(heights)) as figure:
+        grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
+        for i, flight in enumerate(flights):
+            axes = figure.add_subplot(grid[i // across, i % across])
+            _draw_path(axes, flight, COLOURS[i % len(COLOURS)])
+        time: Axes | None = None
+        for row, column in enumerate(charts, maps):
+            time = figure.add_subplot(grid[row, :], sharex=time)
+            _draw_column(time, flights, column)
+            if column != charts[-1]:
+                time.tick_params(labelbottom=False)
+            if row == maps:
+                time.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(flights))
+        assert time is not None
+        time.set_xlabel("time [s]")
+
+
+def _draw_path(axes: Axes, flight: DrawnFlight, colour: str) -> None:
+    columns, field = flight.columns, flight.plan.site.field
+    for part in field.parts if field is not None else ():
+        draw_area(axes, part, **{**FIELD, "label": None})
+    draw_airspace(axes, flight.plan.site.airspace)
+    axes.plot(columns["x_m"], columns["y_m"], color=colour, linewidth=1.0)
+    axes.plot(columns["x_m"][0], columns["y_m"][0], **START)
+    completed = flight.summary["completed"]
+    end: dict[str, Any] = {"marker": "s", "markersize": 4} if completed else {"marker": "X", "markersize": 9}
+    axes.plot(columns["x_m"][-1], columns["y_m"][-1], color=colour, **end)
+    label_map(axes, flight.name)
+
+
+def _draw_column(axes: Axes, flights: Sequence[DrawnFlight], column: str) -> None:
+    """One column of the flights that have it over time."""
+    titles = {"power_w": "Power [W]", "soc": "State of charge"}
+    steps = "default" if column in titles else "steps-post"
+    for i, flight in enumerate(flights):
+        if column not in flight.columns:
+            continue
+        time, values, colour = flight.columns["time_s"], flight.columns[column], COLOURS[i % len(COLOURS)]
+        width = 0.6 if column == "power_w" else 1.4
+        axes.plot(time, values, color=colour, linewidth=width, drawstyle=steps, label=flight.name)
+        if not flight.summary["completed"]:
+            axes.plot(time[-1], values[-1], "X", color=colour, markersize=9)
+    if column == "soc":
+        for reserve in {flight.summary["soc_reserve"] for flight in flights}:
+            axes.axhline(reserve, color=GREY, linewidth=0.9, dashes=(4, 3))
+            axes.annotate(f"reserve {number_text(reserve)}", (0, reserve), fontsize=7, color=GREY, va="bottom")
+    axes.set_title(titles.get(column, column))

@@ -1,0 +1,11 @@
+"use strict";
+// Several flights: a table of what differs, and their figure.
+document.title = data.title;
+$("title").textContent = data.title;
+$("plans").textContent = data.plans.length > 1 ? `Of different plans: ${data.plans.join(", ")}.` : `Of the plan ${data.plans[0]}.`;
+const [head, ...rows] = data.table;
+$("differences").append(
+  el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
+  el("tbody", {}, ...rows.map(([name, ...cells]) => el("tr", {}, el("th", { scope: "row" }, name), ...cells.map((cell) => el("td", {}, cell))))),
+);
+$("picture").src = `data:image/svg+xml;base64,${data.figure}`;

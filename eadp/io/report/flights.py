@@ -1,0 +1,91 @@
+"""Several flights beside each other: a figure, a table of what differs, and a page of both."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from eadp.errors import InputError
+from eadp.io.figures.flights import DrawnFlight, write_flights_figure
+from eadp.io.report.result_folder import read_folder
+
+Row = tuple[str, Callable[[Mapping[str, Any]], str]]
+
+
+def read_flights(folders: Sequence[str]) -> list[DrawnFlight]:
+    """The flights of result folders, each named by its planner, or by its folder where two have one planner.
+
+    Raises
+    ------
+    InputError
+        If a folder stands twice, or as `read_folder`.
+    """
+    places = [Path(folder).resolve() for folder in folders]
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            raise InputError.at(folders[i], 1, 1, "stands twice", "folders of different flights")
+    flights = [read_folder(Path(folder)) for folder in folders]
+    planners = [flight.summary["planner"] for flight in flights]
+    names = planners if len(set(planners)) == len(planners) else [place.name for place in places]
+    if len(set(names)) < len(names):
+        names = list(folders)
+    return [
+        DrawnFlight(
+            name if flight.summary["completed"] else f"{name}: NOT completed",
+            flight.inputs.world.plan,
+            flight.summary,
+            flight.columns,
+        )
+        for name, flight in zip(names, flights, strict=True)
+    ]
+
+
+ROWS: tuple[Row, ...] = (
+    ("completed", lambda s: "yes" if s["completed"] else f"NO: {s['reason']}"),
+    ("time [s]", lambda s: f"{s['duration_s']:.1f}"),
+    ("distance [km]", lambda s: f"{s['distance_m'] / 1000:.2f}"),
+    ("energy [Wh]", lambda s: f"{s['energy_wh']:.3f}"),
+    ("charge at the end", lambda s: f"{s['soc_final']:.3f}"),
+    ("reserve kept", lambda s: "yes" if s["reserve_kept"] else "NO"),
+    ("quality U", lambda s: "–" if s["quality"] is None else f"{s['quality']:.3f}"),
+    ("ground covered", lambda s: "–" if s["coverage"] is None else f"{100 * s['coverage']:.1f} %"),
+    ("re-plannings", lambda s: f"{s['replans']}, failed runs {s['solver']['failed']}"),
+    ("obstacles entered", lambda s: ", ".join(entry["name"] for entry in s["obstacles"]) or "none"),
+)
+"""What is compared: its name, and how it is written of a summary."""
+
+
+def comparison(flights: Sequence[DrawnFlight]) -> list[list[str]]:
+    """A table: a header with the flights' names, and a row for each figure and each parameter."""
+    table = [["", *(flight.name for flight in flights)]]
+    table += [[name, *(text(flight.summary) for flight in flights)] for name, text in ROWS]
+    names = dict.fromkeys(name for flight in flights for name in flight.summary["parameters"])
+    for name in names:
+        found = [flight.summary["parameters"].get(name) for flight in flights]
+        table.append([name, *("–" if each is None else _parameter(each) for each in found)])
+    return table
+
+
+def _parameter(values: Mapping[str, Any]) -> str:
+    changes = values["changes"]
+    return f"mean {values['mean']:.4g}, {changes} change{'' if changes == 1 else 's'}"
+
+
+def table_text(table: Sequence[Sequence[str]]) -> str:
+    """A table for people."""
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    lines = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)) for row in table]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def flights_data(flights: Sequence[DrawnFlight]) -> dict[str, Any]:
+    """The data of the page: the figure as an image, and the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "figure"
+        write_flights_figure(draft, flights)
+        picture = base64.b64encode(draft.with_suffix(".svg").read_bytes()).decode()
+    plans = {flight.plan.name.rpartition("/")[2] for flight in flights}
+    return {"title": f"{len(flights)} flights", "plans": sorted(plans), "figure": picture, "table": comparison(flights)}
