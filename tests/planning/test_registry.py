@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, break_osqp
 from common import ROOT
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
@@ -25,7 +25,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.planning.qp import OsqpSolver
 from eadp.planning.registry import PLANNERS, make_planner, planner_class
 from eadp.planning.static import StaticPlanner
 
@@ -266,7 +265,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
 
 
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
-    monkeypatch.setattr(OsqpSolver, "run", BROKEN["failing"])
+    break_osqp(monkeypatch, BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, soc=0.70))

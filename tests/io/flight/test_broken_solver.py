@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, broken_osqp
 from common import ROOT
 
 import eadp
-from eadp.planning.qp import OsqpSolver
 
 SCENARIOS = {
     "paper": ("paper-drained", {"time_limit_s": 150}),
@@ -46,10 +45,9 @@ def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken, monkeypatch):
+def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken):
     planner, good = sound
-    with monkeypatch.context() as patch:
-        patch.setattr(OsqpSolver, "run", BROKEN[broken])
+    with broken_osqp(BROKEN[broken]):
         flight = flown(planner)
     solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
     assert solver["calls"] == solver["failed"] == 2 * solver["retried"] > 0

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from branch_and_bound import best_levels
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, broken_osqp
 from scipy.optimize import linprog
 
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.base import SolverReport
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
-from eadp.planning.qp import OsqpSolver
 
 EXACT = 1e-9
 WITHIN_W = 2e-6
@@ -534,13 +533,11 @@ def test_a_forecast_that_is_not_a_number_is_a_failure(part):
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_a_solver_that_is_broken_is_a_failure(broken, monkeypatch):
+def test_a_solver_that_is_broken_is_a_failure(broken):
     found, report = easy(), SolverReport()
     horizon = found.horizon(report)
-    with monkeypatch.context() as patch:
-        patch.setattr(OsqpSolver, "run", BROKEN[broken])
-        with pytest.raises(SolverFailed):
-            horizon.solve(found.forecast)
+    with broken_osqp(BROKEN[broken]), pytest.raises(SolverFailed):
+        horizon.solve(found.forecast)
     assert (report.calls, report.failed, report.retried) == (2, 2, 1)
     check_solution(found, horizon.solve(found.forecast))
 
