@@ -275,6 +275,7 @@ def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypat
     assert (decision.record.status, decision.record.gap) == ("fallback", None)
     assert decision.reason.startswith("fallback, lowered by δ: OSQP")
     assert decision.parameters[1] == 4.0, "10, then 7, then 4, which fits 6.9 W"
+    assert pilot.update(observation(4.0, soc=1.0)).parameters[1] == 10.0, "from the maximum again"
 
 
 def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(monkeypatch):

@@ -238,16 +238,16 @@ class PaperPlanner(TrackingPlanner):
             return decided, record
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
         values, powers_w = [sets[i].lo for i in free], None
+        deltas = np.array([self._deltas[i] for i in free])
         try:
             solution = horizon.solve(forecast)
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
             record = record._replace(status=INFEASIBLE, reason=f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
-            now, deltas = np.array([[decided[i], self._deltas[i]] for i in free]).T
             how = "lowered by δ"
             try:
-                values = horizon.lowered(now, deltas, forecast)[0].tolist()
+                values = horizon.lowered(deltas, forecast)[0].tolist()
             except Infeasible:
                 how = "minimum"
             record = record._replace(status=FALLBACK, reason=f"fallback, {how}: {error}")

@@ -564,9 +564,8 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         found = case(rng, computations, 4, "control", tight=False)
         horizon = found.horizon()
         deltas = rng.uniform(0.5, 3.0, len(computations.low))
-        now = rng.uniform(computations.low, computations.high)
         # every set of values on the way down, taken down to levels
-        way, c = [], now.copy()
+        way, c = [], computations.high
         while True:
             way.append(
                 [max(x for x in levels if x <= v + 1e-9) for levels, v in zip(computations.levels, c, strict=True)]
@@ -577,18 +576,18 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         admissible = [values for values in way if found.excess_w([np.array(values)] * 4) <= 1e-6]
         if not admissible:
             with pytest.raises(Infeasible):
-                horizon.lowered(now, deltas, found.forecast)
+                horizon.lowered(deltas, found.forecast)
             continue
-        plan = horizon.lowered(now, deltas, found.forecast)
+        plan = horizon.lowered(deltas, found.forecast)
         assert plan.shape == (4, len(computations.low))
         assert plan == pytest.approx(np.tile(admissible[0], (4, 1)))
         lowered += admissible[0] != way[0]
     assert lowered > 10
 
 
-def test_lowered_keeps_what_is_admissible():
+def test_lowered_keeps_the_maximum_where_it_is_admissible():
     found = easy(soc=0.95)
-    plan = found.horizon().lowered(np.array([10.0]), np.array([2.0]), found.forecast)
+    plan = found.horizon().lowered(np.array([2.0]), found.forecast)
     assert plan == pytest.approx(np.full((5, 1), 10.0))
 
 
