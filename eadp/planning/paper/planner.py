@@ -24,6 +24,7 @@ from eadp.planning.base import (
     INFEASIBLE,
     JUMPED,
     KEPT,
+    LOWERED,
     NOTHING_TO_CHOOSE,
     SOC_JUMP,
     SOLVED,
@@ -45,6 +46,8 @@ from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost,
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
+
+SUBROUTINE = "subroutine"
 
 LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
@@ -86,6 +89,10 @@ class PaperSettings:
 
     delta: Mapping[str, Positive] = field(default_factory=dict)
     """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
+
+    solver: Literal["qp", "subroutine"] = "qp"
+    """What finds the parameters: a quadratic program of the computations, and the path rule; or the drafts' subroutine,
+    computations and path from their maximum down by `delta` until the constraints hold."""
 
     path_rule: Literal["delta", "largest", "subroutine"] = "delta"
     """How a path parameter changes: by its delta; to the largest value for which the time suffices; or from its maximum
@@ -240,7 +247,19 @@ class PaperPlanner(TrackingPlanner):
         values, powers_w = [sets[i].lo for i in free], None
         deltas = np.array([self._deltas[i] for i in free])
         try:
-            solution = horizon.solve(forecast)
+            if self._own.solver == SUBROUTINE:
+                values = horizon.lowered(deltas, forecast)[0].tolist()
+                record = record._replace(status=LOWERED, reason="planned")
+            else:
+                solution = horizon.solve(forecast)
+                values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
+                record = record._replace(
+                    status=KEPT if solution.kept else SOLVED,
+                    reason="planned",
+                    iterations=solution.iterations,
+                    gap=solution.gap,
+                    battery_limit=solution.battery_limit,
+                )
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
             record = record._replace(status=INFEASIBLE, reason=f"infeasible: {error}", battery_limit=limit)
@@ -251,15 +270,6 @@ class PaperPlanner(TrackingPlanner):
             except Infeasible:
                 how = "minimum"
             record = record._replace(status=FALLBACK, reason=f"fallback, {how}: {error}")
-        else:
-            values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
-            record = record._replace(
-                status=KEPT if solution.kept else SOLVED,
-                reason="planned",
-                iterations=solution.iterations,
-                gap=solution.gap,
-                battery_limit=solution.battery_limit,
-            )
         chosen = list(decided)
         for i, value in zip(free, values, strict=True):
             chosen[i] = value
@@ -364,7 +374,7 @@ class PaperPlanner(TrackingPlanner):
             chosen = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
             longer = sum(coverage.controls_s(chosen)) >= sum(coverage.controls_s(path))
             return path if longer and not own.raise_path else chosen
-        if own.path_rule == "subroutine":
+        if SUBROUTINE in (own.solver, own.path_rule):
             # drafts 003 and 004: lowered by δ until the time suffices
             if own.raise_path:
                 path = tuple(box.hi if down < 0 else box.lo for box in boxes)
