@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from broken_osqp import BROKEN, broken_osqp
+from broken_osqp import BROKEN, BUG, broken_osqp
 from common import ROOT
 
 import eadp
@@ -27,6 +27,12 @@ def flown(planner):
 @pytest.fixture(scope="module", params=["paper", "joint"])
 def sound(request):
     return request.param, flown(request.param)
+
+
+@pytest.mark.parametrize("planner", SCENARIOS)
+def test_a_bug_ends_the_flight(planner):
+    with broken_osqp(BUG), pytest.raises(AttributeError, match="no such thing"):
+        flown(planner)
 
 
 def test_the_fallback_starts_at_the_maximum_and_flies_nearly_as_well():
