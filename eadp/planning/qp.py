@@ -15,6 +15,7 @@ used.
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -59,6 +60,12 @@ def load_osqp() -> Any:
     except ImportError as error:
         raise EadpError(f"osqp cannot be imported ({error}); install it, as in: pip install osqp") from None
     return osqp
+
+
+def require_osqp() -> None:
+    """Raise an EadpError where osqp is missing, before a flight needs it; nothing is imported where it is there."""
+    if importlib.util.find_spec("osqp") is None:
+        load_osqp()
 
 
 class QpSolution(NamedTuple):

@@ -23,6 +23,7 @@ PLAN = "plans/survey.plan"
 SCENARIO = "scenarios/paper-i-dynamic.yaml"
 LINE = "0.1; 90; x\n0, 400\n"
 SHORT = ("--set", "time_limit_s=20")
+SUBROUTINE = ("--scenario", SCENARIO, "--set", "planner.paper.solver=subroutine")
 
 
 @pytest.fixture
@@ -185,6 +186,11 @@ def test_a_missing_osqp_is_bad_input_not_a_bug(eadp, monkeypatch, tmp_path, plan
     answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", planner, "-o", tmp_path / "out")
     assert refused(answer, "eadp: error: osqp cannot be imported", "pip install osqp")
     assert not (tmp_path / "out").exists()
+    assert eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", "static", *SHORT).code == 1
+    assert eadp("simulate", PLAN, *SUBROUTINE, *SHORT).code == 1
+    telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
+    replanned = eadp("replan", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", planner, *telemetry)
+    assert refused(replanned, "eadp: error: osqp cannot be imported")
 
 
 def test_a_plan_on_standard_input(eadp, monkeypatch):

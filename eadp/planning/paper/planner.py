@@ -43,6 +43,7 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.qp import require_osqp
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
@@ -139,6 +140,8 @@ class PaperPlanner(TrackingPlanner):
     ) -> None:
         super().__init__(settings, estimator, mission)
         self._own = own = own or PaperSettings()
+        if own.solver != SUBROUTINE:
+            require_osqp()
         self._rho = mission.plan.path_count
         self._next_s = own.start_after_s
         self._next_path_s = own.start_after_s
