@@ -347,7 +347,7 @@ def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
                 spent[name].append(now[name])
                 now[name] = 0.0
             (mixture,) = ours._horizon._mixtures.values()
-            spent["of it OSQP's solve in C"].append(mixture.program._solver._extension.info.solve_time)
+            spent["of it OSQP's solve in C"].append(mixture.program._solver._osqp._solver.info.solve_time)
     each = {name: 1e6 * float(np.median(times)) for name, times in spent.items()}
     each["the rest"] = each["all"] - sum(each[name] for name in PARTS)
     return each

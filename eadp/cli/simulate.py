@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
@@ -55,6 +56,9 @@ def command(
     require_reserve: Annotated[
         bool, Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
     ] = False,
+    strict_solver: Annotated[
+        bool, Option("--strict-solver", help="Exit 1 also where a run of the solver fails.")
+    ] = False,
     format_: FormatOption = Format.text,
 ) -> int:
     """Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
@@ -89,7 +93,11 @@ def command(
 
         shown = _text(summary, out, decided=bool(flight.decisions), figure=figure)
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
-    return 0 if summary["completed"] and (summary["reserve_kept"] or not require_reserve) else 1
+    failures = _failures(summary)
+    if failures is not None:
+        sys.stderr.write(f"eadp: warning: {failures}\n")
+    kept = summary["reserve_kept"] or not require_reserve
+    return 0 if summary["completed"] and kept and not (strict_solver and failures) else 1
 
 
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
@@ -129,11 +137,24 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
         f"{solver['failed']} failed), {solver['skipped']} kept, {solver['fallbacks']} by the fallback, "
         f"{solver['infeasible']} infeasible"
     )
+    if failures := _failures(summary):
+        lines.append(f"solver     {failures}")
     if out is not None:
         decisions = "decisions.jsonl, " if decided else ""
         names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [REPORT]
         lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decisions}{', '.join(names)}")
     return "\n".join(lines)
+
+
+def _failures(summary: Mapping[str, Any]) -> str | None:
+    """Runs of the solver that failed, and the decisions of the fallback; None without any."""
+    solver = summary["solver"]
+    if not (solver["failed"] or solver["fallbacks"]):
+        return None
+    return (
+        f"{solver['fallbacks']} of {summary['replans']} decisions by the fallback: OSQP did not solve "
+        f"({solver['failed']} of {solver['calls']} runs FAILED)"
+    )
 
 
 def _endurance(endurance: Mapping[str, Any] | None) -> list[str]:

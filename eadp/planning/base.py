@@ -273,7 +273,7 @@ TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 """Causes of a re-planning."""
 
 SOLVED, KEPT, FALLBACK, CLOSED_FORM = "solved", "kept", "fallback", "closed form"
-INFEASIBLE, NOTHING_TO_CHOOSE = "infeasible", "nothing to choose"
+INFEASIBLE, NOTHING_TO_CHOOSE, LOWERED = "infeasible", "nothing to choose", "lowered"
 """Statuses of a re-planning, see `DecisionRecord`."""
 
 

@@ -7,17 +7,15 @@ magnitudes of about 1. A solution counts if OSQP calls it solved and it satisfie
 computed here. A run that fails is repeated once from scratch, with a smaller step ρ, more iterations and a larger ε.
 The report of the planner counts every run.
 
-OSQP's Python class sets a problem up. Updates and solves go to its extension: the class around them takes as long as a
-problem of ten steps.
-
-This module guards against behaviour of OSQP 1.1: an infeasible problem returns huge numbers as its solution; NaN in
-the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints, returns a code and
-keeps the old data; messages go to standard output, those of polishing even where `verbose` is off, so polishing is not
+This module guards against behaviour of OSQP 1: an infeasible problem returns huge numbers as its solution; NaN in
+the data is accepted and poisons the warm start; an update with l > u or a wrong length only prints and keeps the old
+data; messages go to standard output, those of polishing even where `verbose` is off, so polishing is not
 used.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
-from eadp.errors import SolverFailed
+from eadp.errors import EadpError, SolverFailed
 from eadp.planning.base import SolverReport
 
 if TYPE_CHECKING:
@@ -47,6 +45,27 @@ ROOM = 1e3
 
 SOLVED, UNVERIFIED = "solved", "solved, not verified"
 SILENT = {"verbose": False, "polishing": False, "warm_starting": True}
+
+
+def load_osqp() -> Any:
+    """The module osqp.
+
+    Raises
+    ------
+    EadpError
+        If it cannot be imported.
+    """
+    try:
+        import osqp
+    except ImportError as error:
+        raise EadpError(f"osqp cannot be imported ({error}); install it, as in: pip install osqp") from None
+    return osqp
+
+
+def require_osqp() -> None:
+    """Raise an EadpError where osqp is missing, before a flight needs it; nothing is imported where it is there."""
+    if importlib.util.find_spec("osqp") is None:
+        load_osqp()
 
 
 class QpSolution(NamedTuple):
@@ -92,26 +111,21 @@ class OsqpSolver:
         upper: FloatArray,
         settings: dict[str, Any],
     ) -> None:
-        import osqp
         from scipy.sparse import identity
 
         self.rows, self.columns = rows.shape
-        self._owner = osqp.OSQP()
-        self._owner.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
-        self._extension = self._owner._solver
+        self._osqp = load_osqp().OSQP()
+        self._osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
 
     def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
         """Set the vectors and the entries of A."""
-        fault = self._extension.update_data_vec(q=linear, l=lower, u=upper)
-        fault = fault or self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
-        if fault:
-            raise SolverFailed(f"OSQP refused the data: {fault}")
+        self._osqp.update(q=linear, l=lower, u=upper, Ax=entries)
 
     def run(self, start: FloatArray) -> QpSolution:
         """Solve, from an x."""
-        self._extension.warm_start(start, None)
-        self._extension.solve()
-        info, found = self._extension.info, self._extension.solution
+        self._osqp.warm_start(x=start)
+        found = self._osqp.solve(raise_error=False)
+        info = found.info
         # OSQP may write its next solution into the same memory
         return QpSolution(np.array(found.x), np.array(found.y), info.status_val, info.status, info.iter)
 
@@ -194,9 +208,7 @@ class QuadraticProgram:
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
         """One run of OSQP, counted."""
-        import osqp
-
-        report = self._report
+        osqp, report = load_osqp(), self._report
         report.calls += 1
         try:
             solution = self._result(data, proximal, settings)
@@ -205,7 +217,7 @@ class QuadraticProgram:
                 status = solution.name
             else:
                 status = SOLVED if _is_optimal(data, proximal, solution) else UNVERIFIED
-        except Exception as error:  # whatever the extension raises is a failed run
+        except osqp.OSQPException as error:  # a problem that the extension refuses; any other exception is a bug
             status = type(error).__name__
         report.by_status[status] = report.by_status.get(status, 0) + 1
         if status != SOLVED:

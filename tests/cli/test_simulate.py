@@ -6,9 +6,11 @@ import csv
 import json
 import math
 import re
+import sys
 
 import numpy as np
 import pytest
+from broken_osqp import BROKEN, broken_osqp
 from common import ROOT
 from common.answers import refused
 from common.recorder import Recorder
@@ -21,6 +23,7 @@ PLAN = "plans/survey.plan"
 SCENARIO = "scenarios/paper-i-dynamic.yaml"
 LINE = "0.1; 90; x\n0, 400\n"
 SHORT = ("--set", "time_limit_s=20")
+SUBROUTINE = ("--scenario", SCENARIO, "--set", "planner.paper.solver=subroutine")
 
 
 @pytest.fixture
@@ -160,6 +163,34 @@ def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
     low = ("--set", "reserve_soc=0.9999")
     assert eadp("simulate", line_plan, *low).code == 0
     assert eadp("simulate", line_plan, *low, "--require-reserve").code == 1
+
+
+@pytest.mark.parametrize("format_", ["text", "json"])
+def test_failed_runs_of_the_solver_are_seen(eadp, format_):
+    """The fallback of planner joint completes the flight, too."""
+    flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_)
+    sound = eadp(*flight, "--strict-solver")
+    assert (sound.code, sound.err) == (0, "")
+    assert "FAILED" not in sound.out
+    with broken_osqp(BROKEN["failing"]):
+        answer, strict = eadp(*flight), eadp(*flight, "--strict-solver")
+    assert (answer.code, strict.code) == (0, 1)
+    line = r"(\d+) of \1 decisions by the fallback: OSQP did not solve \((\d+) of \2 runs FAILED\)"
+    assert re.fullmatch(f"eadp: warning: {line}\n", answer.err)
+    assert bool(re.search(f"^solver     {line}$", answer.out, re.MULTILINE)) == (format_ == "text")
+
+
+@pytest.mark.parametrize("planner", ["paper", "joint"])
+def test_a_missing_osqp_is_bad_input_not_a_bug(eadp, monkeypatch, tmp_path, planner):
+    monkeypatch.setitem(sys.modules, "osqp", None)
+    answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", planner, "-o", tmp_path / "out")
+    assert refused(answer, "eadp: error: osqp cannot be imported", "pip install osqp")
+    assert not (tmp_path / "out").exists()
+    assert eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", "static", *SHORT).code == 1
+    assert eadp("simulate", PLAN, *SUBROUTINE, *SHORT).code == 1
+    telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
+    replanned = eadp("replan", PLAN, "--scenario", "scenarios/survey.yaml", "--planner", planner, *telemetry)
+    assert refused(replanned, "eadp: error: osqp cannot be imported")
 
 
 def test_a_plan_on_standard_input(eadp, monkeypatch):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+import sys
 
 import numpy as np
 import osqp
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, BUG, break_osqp, broken_osqp, ends_with
 from scipy.optimize import nnls
 
-from eadp.errors import SolverFailed
+from eadp.errors import EadpError, SolverFailed
 from eadp.planning import qp
 from eadp.planning.base import SolverReport
 from eadp.planning.qp import UNBOUNDED, UNVERIFIED, QuadraticProgram
@@ -181,15 +181,15 @@ def test_a_failed_run_is_repeated_once_and_counted(monkeypatch):
     assert (report.calls, report.solved, report.retried, report.failed) == (4, 1, 2, 3)
 
 
-def test_data_that_osqp_refuses_are_a_failed_run():
-    """A code is all that its extension gives; it keeps the old data."""
+def test_data_that_osqp_refuses_are_a_failed_run(monkeypatch):
+    """It keeps the old data without a word; their solution does not satisfy the conditions of the new ones."""
     report = SolverReport()
     program = box(report=report)
     program.solve(*box_data())
-    program._solver._extension = SimpleNamespace(update_data_vec=lambda **_: 1)
+    break_osqp(monkeypatch, {"update_data_vec": lambda *_, **__: 1})
     # the repetition has ε = 10, and finds −g/ε
     assert program.solve(*box_data((-3.0, -2.0))).x == pytest.approx([0.3, 0.2], abs=FEASIBLE)
-    assert report.by_status == {"solved": 2, "SolverFailed": 1}
+    assert report.by_status == {"solved": 2, UNVERIFIED: 1}
     assert (report.calls, report.failed, report.retried) == (3, 1, 1)
 
 
@@ -198,8 +198,7 @@ def test_only_solved_is_a_solution(status, monkeypatch):
     report = SolverReport()
     program = box(report=report)
     good = program.solve(*box_data())
-    run = qp.QpSolution(good.x, good.multipliers, status, status.name, 1)
-    monkeypatch.setattr(qp.OsqpSolver, "run", lambda solver, start: run)
+    break_osqp(monkeypatch, ends_with(status, status.name))
     if status.name == "OSQP_SOLVED":
         assert program.solve(*box_data()).x == pytest.approx(good.x)
         return
@@ -209,15 +208,30 @@ def test_only_solved_is_a_solution(status, monkeypatch):
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_what_is_called_solved_is_verified(broken, monkeypatch):
+def test_what_is_called_solved_is_verified(broken):
     report = SolverReport()
     program = box(report=report)
-    with monkeypatch.context() as patch:
-        patch.setattr(qp.OsqpSolver, "run", BROKEN[broken])
-        with pytest.raises(SolverFailed):
-            program.solve(*box_data())
+    with broken_osqp(BROKEN[broken]), pytest.raises(SolverFailed):
+        program.solve(*box_data())
     assert (report.calls, report.solved, report.retried, report.failed) == (2, 0, 1, 2)
-    expected = {"failing": "maximum iterations reached", "raising": "RuntimeError"}.get(broken, UNVERIFIED)
+    expected = {"failing": "maximum iterations reached", "refusing": "OSQPException"}.get(broken, UNVERIFIED)
     assert report.by_status == {expected: 2}
     # a failed program is built anew
     assert program.solve(*box_data()).x == pytest.approx([0.5, 1.0], abs=FEASIBLE)
+
+
+@pytest.mark.parametrize("later", [False, True], ids=["first solve", "later solve"])
+def test_a_bug_is_no_failed_solve(later):
+    report = SolverReport()
+    program = box(report=report)
+    if later:
+        program.solve(*box_data())
+    with broken_osqp(BUG), pytest.raises(AttributeError):
+        program.solve(*box_data())
+    assert (report.failed, report.retried) == (0, 0)
+
+
+def test_a_missing_osqp_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "osqp", None)
+    with pytest.raises(EadpError, match=r"osqp cannot be imported .*pip install osqp"):
+        box().solve(*box_data())

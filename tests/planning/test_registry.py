@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, break_osqp
 from common import ROOT
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
@@ -25,7 +25,6 @@ from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.planning.qp import OsqpSolver
 from eadp.planning.registry import PLANNERS, make_planner, planner_class
 from eadp.planning.static import StaticPlanner
 
@@ -266,7 +265,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
 
 
 def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypatch):
-    monkeypatch.setattr(OsqpSolver, "run", BROKEN["failing"])
+    break_osqp(monkeypatch, BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
     for k in range(1, 30):
         decision = pilot.update(observation(0.1 * k, soc=0.70))
@@ -276,6 +275,7 @@ def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypat
     assert (decision.record.status, decision.record.gap) == ("fallback", None)
     assert decision.reason.startswith("fallback, lowered by δ: OSQP")
     assert decision.parameters[1] == 4.0, "10, then 7, then 4, which fits 6.9 W"
+    assert pilot.update(observation(4.0, soc=1.0)).parameters[1] == 10.0, "from the maximum again"
 
 
 def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(monkeypatch):
@@ -285,6 +285,45 @@ def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(mo
     decision = pilot.update(observation(0.1))
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("fallback, minimum")
+
+
+def by_subroutine(time_s, soc, motion_w, delta):
+    """The drafts' subroutine by plain loops: c̄ ← c̄ − δ until the constraint holds for 6 s, and the time suffices."""
+    b = BATTERY
+
+    def rate_per_s(power_w):
+        root = np.sqrt(b.voltage_v**2 - 4 * b.resistance_ohm * power_w)
+        return b.k_b_per_s * (b.voltage_v - root) / (2 * b.resistance_ohm) / b.capacity_ah
+
+    def power_w(fps):
+        return motion_w + np.interp(fps, [2.0, 10.0], [4.75376, 9.75462])
+
+    def keeps(fps):
+        left = [soc - k * rate_per_s(power_w(fps)) for k in range(1, 7)]
+        return all(power_w(fps) <= each * b.capacity_ah * b.voltage_v for each in left)
+
+    c1, fps = 0.0, 10.0
+    while not keeps(fps) and fps > 2.0:
+        fps = max(fps - delta["c2"], 2.0)
+    while 705.96 + c1 / 1000 * (705.96 - 270.15) - time_s > soc / rate_per_s(power_w(fps)) and c1 > -1000.0:
+        c1 = max(c1 - delta["c1"], -1000.0)
+    return c1, fps
+
+
+@pytest.mark.parametrize("delta", [{"c1": 500.0, "c2": 2.0}, {"c1": 130.0, "c2": 3.0}])
+def test_the_subroutine_is_that_of_the_drafts(delta):
+    found = set()
+    for soc in np.linspace(0.2, 1.0, 30):
+        own = replace(OWN, solver="subroutine", path_rule="delta", delta=delta)
+        pilot = planner(own, battery=replace(BATTERY, letter_crate_per_h=1.0))
+        for k in range(1, 31):
+            decision = pilot.update(observation(0.1 * k, soc=soc))
+        expected = by_subroutine(3.0, soc, 36.0 - 9.75462, delta)
+        assert decision.parameters == pytest.approx(expected)
+        assert decision.record.status == ("infeasible" if decision.reason.startswith("infeasible") else "lowered")
+        found.add(expected)
+        assert pilot.report.calls == pilot.report.fallbacks == 0
+    assert len(found) > 4
 
 
 def test_inhibited_computations_are_not_solved_for():

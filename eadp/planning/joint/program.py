@@ -21,7 +21,7 @@ from eadp.core.arrays import FloatArray
 from eadp.errors import SolverFailed
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.forecast.knapsack import FULL, Filling, Knapsack, fill_greedy
-from eadp.planning.qp import UNBOUNDED, QuadraticProgram
+from eadp.planning.qp import UNBOUNDED, QuadraticProgram, require_osqp
 
 PROXIMAL, TOLERANCE = 1e-4, 1e-7
 """Weight of the proximal term, for a gradient of median 1, and OSQP's tolerance."""
@@ -77,9 +77,15 @@ class ComputationProgram:
     ----------
     report : SolverReport
         Counts the runs of OSQP.
+
+    Raises
+    ------
+    EadpError
+        If osqp is missing.
     """
 
     def __init__(self, report: SolverReport) -> None:
+        require_osqp()
         self._report = report
         self._size = 0
         self._qp: QuadraticProgram | None = None

@@ -476,14 +476,16 @@ class Horizon:
                     return trial
         return None
 
-    # --- the fallback
+    # --- the drafts' subroutine, also the fallback
 
-    def lowered(self, now: FloatArray, deltas: FloatArray, forecast: HorizonForecast) -> FloatArray:
-        """Fallback of a failed solve: lower the parameters in force by δ until every constraint holds.
+    def lowered(self, deltas: FloatArray, forecast: HorizonForecast) -> FloatArray:
+        """The maximum parameters c̄, lowered by δ until every constraint holds.
 
         Parameters
         ----------
-        now, deltas : array, shape (σ,)
+        deltas : array, shape (σ,)
+            δ.
+        forecast : HorizonForecast
 
         Returns
         -------
@@ -498,7 +500,7 @@ class Horizon:
         Source: drafts 003 and 004, the subroutine of their algorithms.
         """
         table = self.table(forecast)
-        c = np.clip(now, self._c.low, self._c.high)
+        c = self._c.high
         while True:
             values = [
                 max((level for level in levels if level <= x + 1e-9), default=levels[0])

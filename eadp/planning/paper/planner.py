@@ -24,6 +24,7 @@ from eadp.planning.base import (
     INFEASIBLE,
     JUMPED,
     KEPT,
+    LOWERED,
     NOTHING_TO_CHOOSE,
     SOC_JUMP,
     SOLVED,
@@ -42,9 +43,12 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.qp import require_osqp
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
+
+SUBROUTINE = "subroutine"
 
 LOOK_AHEAD_STEP_S = 1.0
 SAMPLES_PER_STEP = 10
@@ -86,6 +90,10 @@ class PaperSettings:
 
     delta: Mapping[str, Positive] = field(default_factory=dict)
     """Step of each parameter, by name; by default a tenth of a path parameter's set, and 1 for a computation."""
+
+    solver: Literal["qp", "subroutine"] = "qp"
+    """What finds the parameters: a quadratic program of the computations, and the path rule; or the drafts' subroutine,
+    computations and path from their maximum down by `delta` until the constraints hold."""
 
     path_rule: Literal["delta", "largest", "subroutine"] = "delta"
     """How a path parameter changes: by its delta; to the largest value for which the time suffices; or from its maximum
@@ -132,6 +140,8 @@ class PaperPlanner(TrackingPlanner):
     ) -> None:
         super().__init__(settings, estimator, mission)
         self._own = own = own or PaperSettings()
+        if own.solver != SUBROUTINE:
+            require_osqp()
         self._rho = mission.plan.path_count
         self._next_s = own.start_after_s
         self._next_path_s = own.start_after_s
@@ -238,28 +248,31 @@ class PaperPlanner(TrackingPlanner):
             return decided, record
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
         values, powers_w = [sets[i].lo for i in free], None
+        deltas = np.array([self._deltas[i] for i in free])
         try:
-            solution = horizon.solve(forecast)
+            if self._own.solver == SUBROUTINE:
+                values = horizon.lowered(deltas, forecast)[0].tolist()
+                record = record._replace(status=LOWERED, reason="planned")
+            else:
+                solution = horizon.solve(forecast)
+                values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
+                record = record._replace(
+                    status=KEPT if solution.kept else SOLVED,
+                    reason="planned",
+                    iterations=solution.iterations,
+                    gap=solution.gap,
+                    battery_limit=solution.battery_limit,
+                )
         except Infeasible as error:
             limit = horizon.battery_limit(forecast) if len(horizon.choices) else None
             record = record._replace(status=INFEASIBLE, reason=f"infeasible: {error}", battery_limit=limit)
         except SolverFailed as error:
-            now, deltas = np.array([[decided[i], self._deltas[i]] for i in free]).T
             how = "lowered by δ"
             try:
-                values = horizon.lowered(now, deltas, forecast)[0].tolist()
+                values = horizon.lowered(deltas, forecast)[0].tolist()
             except Infeasible:
                 how = "minimum"
             record = record._replace(status=FALLBACK, reason=f"fallback, {how}: {error}")
-        else:
-            values, powers_w = solution.chosen[0].tolist(), solution.chosen_w
-            record = record._replace(
-                status=KEPT if solution.kept else SOLVED,
-                reason="planned",
-                iterations=solution.iterations,
-                gap=solution.gap,
-                battery_limit=solution.battery_limit,
-            )
         chosen = list(decided)
         for i, value in zip(free, values, strict=True):
             chosen[i] = value
@@ -364,7 +377,7 @@ class PaperPlanner(TrackingPlanner):
             chosen = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
             longer = sum(coverage.controls_s(chosen)) >= sum(coverage.controls_s(path))
             return path if longer and not own.raise_path else chosen
-        if own.path_rule == "subroutine":
+        if SUBROUTINE in (own.solver, own.path_rule):
             # drafts 003 and 004: lowered by δ until the time suffices
             if own.raise_path:
                 path = tuple(box.hi if down < 0 else box.lo for box in boxes)

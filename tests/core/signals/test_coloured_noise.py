@@ -60,7 +60,7 @@ def test_errors_of_every_order_are_those_of_its_own_least_squares() -> None:
     for i in range(2):
         for order in range(4):
             columns = designs[i][:, : 2 * order + 1]
-            _, (expected,), *_ = np.linalg.lstsq(columns, table.power_w)
+            _, (expected,), *_ = np.linalg.lstsq(columns, table.power_w, rcond=None)
             assert error[i, order, 0] == pytest.approx(expected, rel=1e-6)
             assert volume[i, order] == pytest.approx(np.linalg.slogdet(columns.T @ columns)[1], abs=1e-5)
 
@@ -68,7 +68,7 @@ def test_errors_of_every_order_are_those_of_its_own_least_squares() -> None:
 def test_covariance_of_coefficients_is_that_of_every_noise_by_its_restricted_likelihood() -> None:
     table = bins(2)
     columns = design_matrix(table.times_s, 1 / 30, 1)
-    fitted, *_ = np.linalg.lstsq(columns, table.power_w)
+    fitted, *_ = np.linalg.lstsq(columns, table.power_w, rcond=None)
     left = float(np.sum((table.power_w - columns @ fitted) ** 2)) / (N - 3)
     back = np.linalg.inv(columns.T @ columns) @ columns.T
     likelihoods, covariances = [], []

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, BUG, broken_osqp
 from common import ROOT
 
 import eadp
-from eadp.planning.qp import OsqpSolver
 
 SCENARIOS = {
     "paper": ("paper-drained", {"time_limit_s": 150}),
@@ -30,6 +29,21 @@ def sound(request):
     return request.param, flown(request.param)
 
 
+@pytest.mark.parametrize("planner", SCENARIOS)
+def test_a_bug_ends_the_flight(planner):
+    with broken_osqp(BUG), pytest.raises(AttributeError, match="no such thing"):
+        flown(planner)
+
+
+def test_the_fallback_starts_at_the_maximum_and_flies_nearly_as_well():
+    """Lowered from the parameters in force, they would never rise: U = 0.37."""
+    with broken_osqp(BROKEN["failing"]):
+        flight = eadp.simulate(ROOT / "plans/survey.plan", scenario=ROOT / "scenarios/paper-ii-dynamic.yaml")
+    solver = flight.summary["solver"]
+    assert solver["fallbacks"] == flight.summary["replans"] == solver["failed"] / 2 > 0
+    assert flight.summary["quality"] == pytest.approx(0.601, abs=0.001)  # 0.621 with OSQP
+
+
 def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
     _, flight = sound
     solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
@@ -46,10 +60,9 @@ def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken, monkeypatch):
+def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken):
     planner, good = sound
-    with monkeypatch.context() as patch:
-        patch.setattr(OsqpSolver, "run", BROKEN[broken])
+    with broken_osqp(BROKEN[broken]):
         flight = flown(planner)
     solver, statuses = flight.summary["solver"], [record.status for record in flight.decisions]
     assert solver["calls"] == solver["failed"] == 2 * solver["retried"] > 0

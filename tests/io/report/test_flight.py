@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from common.answers import refused
 from common.pages import Page
+from scipy.integrate import trapezoid
 
 import eadp as library
 
@@ -77,7 +78,7 @@ def test_decisions_keep_what_was_forecast_beside_what_came(page, decisions, log)
         assert shown["wind_mps"]["of"][shown["wind_mps"]["at"][i]] == pytest.approx(row["wind_mps"], rel=1e-5)
         after = log["time_s"] >= row["time_s"]
         assert shown["used_after_wh"][i] == pytest.approx(
-            np.trapezoid(log["power_w"][after], log["time_s"][after]) / 3600, abs=2e-3
+            trapezoid(log["power_w"][after], log["time_s"][after]) / 3600, abs=2e-3
         )
     changed = [row["parameters"] for row, new in zip(decisions, shown["changed"], strict=True) if new]
     assert len(changed) >= 1

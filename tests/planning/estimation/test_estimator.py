@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from forecast_variance import energy_forecast, forecast_with_variance
+from scipy.integrate import trapezoid
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
@@ -369,7 +370,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
             errors["power soon"].append(standard[4])
             errors["power later"].append(standard[150])
             joule, square = energy_forecast(estimator, duration_s)
-            lived = np.trapezoid(np.concatenate([power[known][-1:], power[~known]]), dx=0.25)
+            lived = trapezoid(np.concatenate([power[known][-1:], power[~known]]), dx=0.25)
             errors["energy"].append((lived - joule) / math.sqrt(square))
     low, high = chi2.ppf([SURE, 1 - SURE], RUNS)
     for name, values in errors.items():

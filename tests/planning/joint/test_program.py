@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, break_osqp
 from scipy.optimize import linprog
 
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.forecast.knapsack import FULL, Knapsack, fill_greedy
 from eadp.planning.joint import program as module
 from eadp.planning.joint.program import ComputationProgram
-from eadp.planning.qp import OsqpSolver
 
 LP = 1e-8
 ROUNDING = 1e-12
@@ -102,7 +101,7 @@ def test_ties_are_mixed_within_the_charge():
 @pytest.mark.parametrize("broken", BROKEN)
 def test_a_broken_solver_is_counted_and_the_closed_form_stands_in(monkeypatch, broken):
     knapsack, report = knapsack_of(4, 0.5), SolverReport()
-    monkeypatch.setattr(OsqpSolver, "run", BROKEN[broken])
+    break_osqp(monkeypatch, BROKEN[broken])
     solution = ComputationProgram(report).solve(knapsack)
     assert (solution.status, solution.gap) == (FALLBACK, None)
     assert solution.value == float(fill_greedy(knapsack).value[0])
@@ -111,15 +110,10 @@ def test_a_broken_solver_is_counted_and_the_closed_form_stands_in(monkeypatch, b
 
 
 def test_a_solver_that_fails_later_is_counted(monkeypatch):
-    report, true_run, calls = SolverReport(), OsqpSolver.run, []
-
-    def sometimes(solver, start):
-        calls.append(1)
-        return (true_run if len(calls) == 1 else BROKEN["failing"])(solver, start)
-
-    monkeypatch.setattr(OsqpSolver, "run", sometimes)
-    program, knapsack = ComputationProgram(report), knapsack_of(4, 0.5)
+    report, knapsack = SolverReport(), knapsack_of(4, 0.5)
+    program = ComputationProgram(report)
     assert program.solve(knapsack).status == SOLVED
+    break_osqp(monkeypatch, BROKEN["failing"])
     solution = program.solve(knapsack)
     checked(knapsack, solution)
     assert solution.status == FALLBACK

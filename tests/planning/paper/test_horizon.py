@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from branch_and_bound import best_levels
-from broken_osqp import BROKEN
+from broken_osqp import BROKEN, broken_osqp
 from scipy.optimize import linprog
 
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import Battery
 from eadp.planning.base import SolverReport
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
-from eadp.planning.qp import OsqpSolver
 
 EXACT = 1e-9
 WITHIN_W = 2e-6
@@ -534,13 +533,11 @@ def test_a_forecast_that_is_not_a_number_is_a_failure(part):
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_a_solver_that_is_broken_is_a_failure(broken, monkeypatch):
+def test_a_solver_that_is_broken_is_a_failure(broken):
     found, report = easy(), SolverReport()
     horizon = found.horizon(report)
-    with monkeypatch.context() as patch:
-        patch.setattr(OsqpSolver, "run", BROKEN[broken])
-        with pytest.raises(SolverFailed):
-            horizon.solve(found.forecast)
+    with broken_osqp(BROKEN[broken]), pytest.raises(SolverFailed):
+        horizon.solve(found.forecast)
     assert (report.calls, report.failed, report.retried) == (2, 2, 1)
     check_solution(found, horizon.solve(found.forecast))
 
@@ -567,9 +564,8 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         found = case(rng, computations, 4, "control", tight=False)
         horizon = found.horizon()
         deltas = rng.uniform(0.5, 3.0, len(computations.low))
-        now = rng.uniform(computations.low, computations.high)
         # every set of values on the way down, taken down to levels
-        way, c = [], now.copy()
+        way, c = [], computations.high
         while True:
             way.append(
                 [max(x for x in levels if x <= v + 1e-9) for levels, v in zip(computations.levels, c, strict=True)]
@@ -580,18 +576,18 @@ def test_lowered_lowers_by_delta_until_the_constraints_hold():
         admissible = [values for values in way if found.excess_w([np.array(values)] * 4) <= 1e-6]
         if not admissible:
             with pytest.raises(Infeasible):
-                horizon.lowered(now, deltas, found.forecast)
+                horizon.lowered(deltas, found.forecast)
             continue
-        plan = horizon.lowered(now, deltas, found.forecast)
+        plan = horizon.lowered(deltas, found.forecast)
         assert plan.shape == (4, len(computations.low))
         assert plan == pytest.approx(np.tile(admissible[0], (4, 1)))
         lowered += admissible[0] != way[0]
     assert lowered > 10
 
 
-def test_lowered_keeps_what_is_admissible():
+def test_lowered_keeps_the_maximum_where_it_is_admissible():
     found = easy(soc=0.95)
-    plan = found.horizon().lowered(np.array([10.0]), np.array([2.0]), found.forecast)
+    plan = found.horizon().lowered(np.array([2.0]), found.forecast)
     assert plan == pytest.approx(np.full((5, 1), 10.0))
 
 
