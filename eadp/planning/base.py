@@ -243,6 +243,13 @@ class TradeOff:
     at_least: float
     """r: the minimum of the weighted sum."""
 
+    stages: tuple[Annotated[int, Ge(1)], ...] = ()
+    """Stages in which it holds; by default in all."""
+
+    def holds_in(self, stage: int) -> bool:
+        """Whether it holds in a stage, from 1."""
+        return not self.stages or stage in self.stages
+
 
 @dataclass(frozen=True)
 class PlannerSettings:
@@ -562,6 +569,10 @@ def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, st
     boxes = {name: plan.hull(i) for i, name in enumerate(plan.names)} if plan.has_sets else {}
     found = []
     for i, row in enumerate(rows):
+        beyond = [stage for stage in row.stages if stage > len(plan.stages)]
+        if beyond:
+            expected = f"stages from 1 to {len(plan.stages)}"
+            found.append((f"trade_offs.{i}.stages", f"the plan has no stage {beyond[0]}", expected))
         greatest = sum(
             max(weight * boxes[name].lo, weight * boxes[name].hi)
             for name, weight in row.coefficients.items()

@@ -160,12 +160,14 @@ class Envelopes:
 
     def _group(self, stage: Stage, own: Vector) -> int:
         """The number of the group of a stage."""
-        path = own[: self._rho] if self._trade_offs else ()
+        trade_offs = [row for row in self._trade_offs if row.holds_in(stage.index)]
+        path = own[: self._rho] if trade_offs else ()
         weights = self.shares.weights if self._total else self.shares.scaled(stage.index)
-        key = (tuple((box.lo, box.hi) for box in stage.sets[self._rho :]), path, tuple(weights[self._rho :].tolist()))
+        sets = tuple((box.lo, box.hi) for box in stage.sets[self._rho :])
+        key = (sets, path, tuple(weights[self._rho :].tolist()), tuple(map(id, trade_offs)))
         number = self._numbers.setdefault(key, len(self._groups))
         if number == len(self._groups):
-            configurations, powers_w = self._listed(stage.sets, own)
+            configurations, powers_w = self._listed(stage.sets, own, trade_offs)
             values = self._values(configurations, stage.sets, weights)
             self._groups.append(_Group(configurations, powers_w, values))
         return number
@@ -181,7 +183,9 @@ class Envelopes:
                 values += weight * (column - box.lo) / (box.hi - box.lo)
         return values
 
-    def _listed(self, sets: Sequence[Box], own: Vector) -> tuple[FloatArray, FloatArray]:
+    def _listed(
+        self, sets: Sequence[Box], own: Vector, trade_offs: Sequence[TradeOff]
+    ) -> tuple[FloatArray, FloatArray]:
         """Configurations of a stage within the trade-offs, and their powers [W], in ascending order of power."""
         rho, names, computing = self._rho, self._mission.plan.names, self._mission.computing
         levels = thinned(
@@ -197,7 +201,7 @@ class Envelopes:
             named = list(zip(names, values, strict=True))
             if any(
                 sum(row.coefficients.get(name, 0.0) * value for name, value in named) < row.at_least - 1e-9
-                for row in self._trade_offs
+                for row in trade_offs
             ):
                 continue
             try:

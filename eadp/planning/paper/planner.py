@@ -293,9 +293,10 @@ class PaperPlanner(TrackingPlanner):
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
         plan, own, steps = self._mission.plan, self._own, self._steps()
         sets = plan.stages[o.stage - 1].sets
-        paths = frozenset({o.parameters[: self._rho], path} if own.trade_offs else ())
+        trade_offs = [row for row in own.trade_offs if row.holds_in(o.stage)]
+        paths = frozenset({o.parameters[: self._rho], path} if trade_offs else ())
         battery = self._mission.battery.near(o.soc)
-        key = (steps, battery.voltage_v, paths, sets[self._rho :])
+        key = (steps, battery.voltage_v, paths, sets[self._rho :], tuple(map(id, trade_offs)))
         if key not in self._horizons:
             free = self._free(o)
             base = [*o.parameters[: self._rho], *(box.lo for box in sets[self._rho :])]
@@ -310,7 +311,7 @@ class PaperPlanner(TrackingPlanner):
                 np.array([sets[i].lo for i in free]), np.array([sets[i].hi for i in free]), levels, power
             )
             rows = []
-            for row in own.trade_offs:
+            for row in trade_offs:
                 weights = [row.coefficients.get(name, 0.0) for name in plan.names]
                 for parameters in ((*some, *base[self._rho :]) for some in paths):
                     rest = sum(weights[i] * parameters[i] for i in range(len(weights)) if i not in free)
