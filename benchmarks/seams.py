@@ -42,6 +42,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
 AIRCRAFT = ("small-wing", "survey-wing", "foam-wing", "mapper")
 ORIGIN = "55.37,10.43"
+PEDNET, RATES = eadp.read_profile(PROFILE), np.linspace(2, 10, 401).tolist()
 
 
 def ring(rng: np.random.Generator, centre: tuple[float, float], half: tuple[float, float]) -> list[tuple[float, float]]:
@@ -119,8 +120,9 @@ def _differences(covered: Any, plan: Path, scenario: Path, exported: Path, altit
     subprocess.run(
         [sys.executable, "-m", "eadp", *command, "--altitude", f"{altitude_m}"], check=True, capture_output=True
     )
-    computation = covered.plan.names[covered.plan.path_count]
-    load = {"profile_at.fps": round(before["parameters"][computation], 9)}
+    # a constant load of the computations' mean power
+    mean_w = before["computing_wh"] * 3600 / before["time_s"]
+    load = {"profile_at.fps": float(np.interp(mean_w, [PEDNET.power_w_at([fps]) for fps in RATES], RATES))}
     read = load_flight(str(exported), scenario_path=str(scenario), overrides={"planner.name": "static", **load})
     again = read.preflight().forecast
     inputs = load_flight(str(plan), scenario_path=str(scenario))

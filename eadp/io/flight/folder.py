@@ -140,6 +140,7 @@ def _expected(expected: Preflight, plan: Plan) -> dict[str, Any]:
         "time_std_s": forecast.remaining_std_s,
         "energy_wh": forecast.energy_wh,
         "energy_std_wh": forecast.energy_std_wh,
+        "computing_wh": expected.computing_wh,
         "soc_end": forecast.soc_end,
         "soc_end_std": forecast.soc_end_std,
         "parameters": expected.parameters | segments,

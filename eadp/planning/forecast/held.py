@@ -45,6 +45,8 @@ class Preflight:
         Planned U.
     stages : dict
         Time [s] and energy [Wh] of each stage, over all its laps.
+    computing_wh : float
+        Energy of the computations, of that of the forecast [Wh].
     turn_back : TurnBack or None
         The latest one, where there is a home.
     entering : dict
@@ -58,6 +60,7 @@ class Preflight:
     feasible: bool
     quality: float | None
     stages: dict[int, tuple[float, float]]
+    computing_wh: float
     turn_back: TurnBack | None = None
     entering: dict[str, float] = field(default_factory=dict)
 
@@ -75,11 +78,14 @@ class Preflight:
         quality = float(filling.value[place]) if counted else None
         forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
         expected_s = evaluation.expected_s(place)
-        powers_w = evaluation.load.motion_w + evaluation.computing_w(filling.shares)
+        computing_w = evaluation.computing_w(filling.shares)
+        powers_w = evaluation.load.motion_w + computing_w
         seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
+        computing_wh = float(computing_w @ expected_s) / 3600
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
         turn_back = latest_turn_back(evaluation, place, filling)
-        return cls(names, parameters, later or parameters, forecast, feasible, quality, stages, turn_back)
+        later = later or parameters
+        return cls(names, parameters, later, forecast, feasible, quality, stages, computing_wh, turn_back)
 
     def segments(self, plan: Plan) -> dict[str, tuple[float, ...]]:
         """The path parameters whose values differ between segments of laps, by name: a value for each segment."""
