@@ -63,7 +63,9 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
         _draw_legs(axes, plan, legs, step, scale / 50)
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]
-        draw_circles(axes, ends, radii)
+        first = [i for i, leg in enumerate(legs) if leg.lap == 0 and legs[0].lap == 0] or range(len(legs))
+        draw_circles(axes, [ends[i] for i in first], [radii[i] for i in first])
+        _draw_bounds(axes, plan, parameters)
         label = f"trigger, radius {span_text(radii)} m"
         axes.plot(*zip(*ends, strict=True), "x", color="#444", markersize=4, linewidth=0, label=label)
         axes.plot(*legs[0].start_m, **START)
@@ -75,8 +77,8 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
 
 
 def _title(plan: Plan, parameters: Sequence[float], length_m: float) -> str:
-    values = zip(plan.names[: plan.path_count], parameters, strict=False)
-    at = ", ".join(f"{name} = {value:g}" for name, value in values)
+    values = enumerate(parameters[: plan.path_count], 1)
+    at = ", ".join(f"$c_{{i,{i}}}$ = {value:g}" for i, value in values)
     return f"Nominal path, {length_m / 1000:.2f} km" + (f", at {at}" if at else "")
 
 
@@ -118,6 +120,30 @@ def _draw_range(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
     if strips:
         label = "range of the path parameters, lap by lap"
         draw_areas(axes, strips, color="#c9ced6", alpha=0.45, linewidth=0, zorder=0, label=label)
+
+
+def _draw_bounds(axes: Axes, plan: Plan, parameters: Sequence[float]) -> None:
+    """The second lap, which the parameters move, at both ends c̲ and c̄ of the path parameters' sets, dashed."""
+    rho = plan.path_count
+    if not plan.has_sets or all(plan.hull(i).fixed for i in range(rho)):
+        return
+    for end, name, dashes in (("lo", "underline", (2, 2)), ("hi", "overline", (6, 3))):
+        values = [getattr(plan.hull(i), end) for i in range(rho)]
+        try:
+            laps = list(varied_legs(plan, parameters, [*values, *parameters[rho:]]))
+        except PathUndefined:
+            continue
+        lap = laps[min(1, len(laps) - 1)]
+        path = np.concatenate([_points(leg, leg.length_m / (1 if leg.stage.kind == LINE else CORNERS)) for leg in lap])
+        at = ", ".join(f"$\\{name}{{c}}_{{i,{i}}}$ = {value:g}" for i, value in enumerate(values, 1))
+        axes.plot(
+            *path.T,
+            color="black",
+            linewidth=1.0,
+            dashes=dashes,
+            zorder=5,
+            label=f"second lap at {at}" if len(laps) > 1 else at,
+        )
 
 
 def _points(leg: Leg, step_m: float) -> FloatArray:
