@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import csv
+import itertools
 from functools import lru_cache
 
 import numpy as np
@@ -189,3 +190,68 @@ def test_the_lowest_computations_of_flight_i_give_nine_minutes_an_hour():
     assert endurance["lowest"]["parameters"] == {"c2": 2.0}
     assert endurance["gain_min_per_h"] == pytest.approx(60 * (36.394 / 31.393 - 1), abs=0.05)
     assert endurance["highest"]["time_s"] == pytest.approx(711, abs=1)
+
+
+# --- the page, to the last digit printed
+
+PAGE = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
+SCENARIOS = {"I": "paper-I-static", "II": "paper-II-static", "i": "paper-i-dynamic", "ii": "paper-ii-dynamic"}
+FIGURES = {
+    "duration [s]": lambda summary, shares: summary["duration_s"],
+    "mean power [W]": lambda summary, shares: summary["power_w"]["mean"],
+    "minimum power [W]": lambda summary, shares: summary["power_w"]["min"],
+    "maximum power [W]": lambda summary, shares: summary["power_w"]["max"],
+    "shortest lap after the first [s]": lambda summary, shares: min(summary["lap_times_s"]),
+    "longest lap after the first [s]": lambda summary, shares: max(summary["lap_times_s"]),
+    "mean normalised c1": lambda summary, shares: shares[0],
+    "mean normalised c2": lambda summary, shares: shares[1],
+    "metric, raw": lambda summary, shares: summary["paper_metric"],
+}
+
+
+def page_table(heading):
+    """The rows of the page's table whose header begins so, as cells."""
+    lines = PAGE.splitlines()
+    first = next(i for i, text in enumerate(lines) if text.startswith(heading))
+    rows = itertools.takewhile(lambda text: text.startswith("|"), lines[first:])
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+
+
+def as_printed(value, text):
+    """Whether a figure of the page is a value, rounded to its digits."""
+    return f"{value:.{len(text.partition('.')[2])}f}" == text
+
+
+def test_the_pages_table_is_what_is_flown():
+    head, _, *rows = page_table("| | I published |")
+    assert {row[0] for row in rows} == set(FIGURES)
+    for row in rows:
+        for name, text in zip(head[1:], row[1:], strict=True):
+            flight, whose = name.split()
+            if whose == "ours":
+                summary, shares, _ = flown(SCENARIOS[flight])
+                value = FIGURES[row[0]](summary, shares)
+                assert as_printed(value, text), (row[0], name, value)
+
+
+def test_the_pages_table_of_drained_flights_is_what_is_flown():
+    cases = dict(zip(("0 m/s, no drops", "5 m/s towards 0°, drops", "5 m/s towards 90°, drops"), DRAINED, strict=True))
+    for row in page_table("| wind | at maximum |")[2:]:
+        for rules, text in (((), row[3]), (tuple(CORRECTED.items()), row[5])):
+            value = drained(cases[row[0]], rules)[1]
+            assert as_printed(value, text), (row[0], value)
+
+
+def test_other_figures_of_the_page_are_what_is_flown():
+    changes = {flight: flown(SCENARIOS[flight])[0]["parameters"]["c1"]["changes_at"] for flight in ("i", "ii")}
+    (first, _), (second, _) = changes["i"]
+    assert f"c1 changes to −500 at {first:.2f} s and to −1000 at {second:.2f} s" in PAGE
+    (first, _), (second, _) = changes["ii"]
+    assert f"changes to −500 at {first:.2f} s and to 0 at {second:.2f} s" in " ".join(PAGE.split())
+    discs = flown("paper-I-static", (("vehicle.airframe.published_triggers", False),))[0]["duration_s"]
+    assert f"With discs, flight I takes {discs:.2f} s" in PAGE
+    lowered = drained("towards 0", (("planner.paper.solver", "subroutine"),))[1]
+    assert f"U is {lowered:.3f} where OSQP has {drained('towards 0')[1]:.3f}" in " ".join(PAGE.split())
+    endurance = flown("paper-I-static")[0]["endurance"]
+    assert f"mean motion power of {endurance['motion_w']:.2f} W" in PAGE
+    assert f"which is {endurance['gain_min_per_h']:.1f} minutes more" in PAGE
