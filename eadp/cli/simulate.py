@@ -175,15 +175,18 @@ def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
         return []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
+    left = expected["soc_end"]
+    charge = f"{'lands with' if left > 0 else 'short by'} {100 * abs(left):.0f} ± {100 * expected['soc_end_std']:.0f} %"
     home = []
     if expected["turn_back_s"] is not None:
         x, y = expected["turn_back_m"]
         home = [
-            f"home       within reach with the reserve until {expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+            f"home       latest turn-back to keep the reserve: at {expected['turn_back_s']:.0f} s, ({x:.0f}, {y:.0f}) m"
         ]
+    finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} %" for what in ("completes", "reserve"))
     return [
-        f"forecast   completes with {100 * expected['completes_probability']:.0f} %, keeps the reserve with "
-        f"{100 * expected['reserve_probability']:.0f} %: {energy} in {times}",
+        f"forecast   finishes with {finishes}, {charge} of the charge, keeps the reserve with {keeps}: "
+        f"{energy} in {times}",
         *home,
         *(f"airspace   {risk_text(each['name'], each['probability'])}" for each in expected["obstacles"]),
     ]

@@ -141,7 +141,7 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
     answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder, *often, *SHORT)
-    assert answer.out.splitlines()[1].startswith("forecast   completes with ")
+    assert answer.out.splitlines()[1].startswith("forecast   finishes with ")
     assert "decisions.jsonl" in answer.out
     told = json.loads((folder / "summary.json").read_text())["energy_forecast"]
     assert f"{told['energy_wh']:.2f} ± {told['energy_std_wh']:.2f} Wh in {told['time_s']:.0f} ±" in answer.out
@@ -593,7 +593,7 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert f"At {last['time_s']:g} s it decided: home: " in page
     latest_s = summary["energy_forecast"]["turn_back_s"]
     assert latest_s == pytest.approx(summary["turned_back_s"], rel=0.15)
-    assert f"home       within reach with the reserve until {latest_s:.0f} s" in answer.out
+    assert f"home       latest turn-back to keep the reserve: at {latest_s:.0f} s" in answer.out
     assert f"home was within reach with the reserve until {latest_s:.0f} s" in page
     assert "turned back home" in (folder / "flight.svg").read_text()
     with (folder / "flight.csv").open() as stream:
