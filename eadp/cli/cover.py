@@ -169,7 +169,7 @@ def command(
     ]
     warn([Fault(name, 1, 1, note, severity="note") for note in notes])
     written = [f"written    {out}"] if out else []
-    emit(found.text if wanted is CoverFormat.plan else "\n".join([*found.report.text(), *written]))
+    emit(found.text if wanted is CoverFormat.plan else "\n".join([*found.lines, *written]))
     return 0
 
 

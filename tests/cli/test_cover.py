@@ -102,6 +102,11 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert set(pictures) == {16, 0}
     assert pictures[0] == 16
     assert pictures[-1] == 0
+    camera = answer["camera"]
+    assert (camera["width_m"], camera["side_overlap"], camera["distance_m"]) == pytest.approx((120, 0.7, 16))
+    # the field once, or with lines of half the distance twice; and what lines show beyond its edge
+    apart_m = 18 if pattern == "zamboni" else 36
+    assert 1.0 < camera["number"] * 16 * apart_m / answer["field"]["area_m2"] < 1.35
     # on along a line, off after it
     on = sum(before == 0 and now == 16 for before, now in zip([0, *pictures], pictures, strict=False))
     assert on == answer["lines"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
@@ -168,6 +168,15 @@ class CameraOptions:
             return None
         return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, wanted)
 
+    def pictures(self, sensed_m: float) -> Pictures | None:
+        """The pictures along lines of a length [m]; None without a camera."""
+        if self.sensor_width_mm is None:
+            return None
+        width_m = self._footprint_m("--sensor-width-mm", self.sensor_width_mm, 0.0)
+        apart_m = self.picture_distance_m
+        count = None if apart_m is None else math.ceil(sensed_m / apart_m)
+        return Pictures(width_m, self._side_overlaps[1] / 100, apart_m, count)
+
     @cached_property
     def picture_distance_m(self) -> float | None:
         """Distance between pictures along a line [m]; None where none are taken."""
@@ -232,19 +241,56 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         return heading_rad(self.heading_deg)
 
 
+class Pictures(NamedTuple):
+    """A camera's pictures.
+
+    Attributes
+    ----------
+    width_m : float
+        Of the ground in one, across the lines [m].
+    side_overlap : float
+        Share of it that the next line's shows too, at least.
+    distance_m : float or None
+        Between pictures along a line [m]; None where none are taken.
+    number : int or None
+        Of all lines, the densest.
+    """
+
+    width_m: float
+    side_overlap: float
+    distance_m: float | None
+    number: int | None
+
+    def text(self, swath_m: float) -> str:
+        """For people; lines are a swath apart at most."""
+        along = "" if self.distance_m is None else f"; one each {self.distance_m:.1f} m, {self.number} in all"
+        return (
+            f"camera     pictures of {self.width_m:.1f} m across, lines {swath_m:.1f} m apart or less: side overlap "
+            f"{100 * self.side_overlap:.0f} % or more{along}"
+        )
+
+
 @dataclass(frozen=True)
 class CoveragePlan:
-    """A plan that covers a field: the plan, its text, its report, and the repairs made to the field."""
+    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures."""
 
     plan: Plan
     text: str
     report: CoverageReport
     repairs: Sequence[str]
+    pictures: Pictures | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
-        return self.report.document(self.repairs, self.text)
+        camera = None if self.pictures is None else self.pictures._asdict()
+        return self.report.document(self.repairs, self.text) | {"camera": camera}
+
+    @property
+    def lines(self) -> list[str]:
+        """A summary for people, line by line."""
+        camera = [] if self.pictures is None else [self.pictures.text(self.report.motion.swath_m)]
+        return [*self.report.text(), *camera]
 
 
 def plan_coverage(
@@ -306,7 +352,8 @@ def plan_coverage(
     power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
-    return CoveragePlan(plan, comments + plan_text(plan), report, repairs)
+    sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
+    return CoveragePlan(plan, comments + plan_text(plan), report, repairs, options.pictures(sensed_m))
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
