@@ -156,28 +156,37 @@ class Acquisition:
         return list(dict.fromkeys(choices))
 
 
-def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, number: int, to: Sighting) -> Hypothesis | None:
-    """A flight on a leg at a position; None where position or course do not fit."""
+def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: int, to: Sighting) -> Hypothesis | None:
+    """The flight placed on a leg, at the position sighted; None where position or course do not fit.
+
+    `executor` is at the start of the plan. The likelihood is left at 1: `update` weighs the position next, as it does
+    for every hypothesis.
+    """
     assert to.position_m is not None
     x, y = to.position_m[0] - leg.offset_m[0], to.position_m[1] - leg.offset_m[1]
     try:
         phi, gx, gy, *_ = leg.path(x, y)
     except (EadpError, ArithmeticError, ValueError):
         return None
-    if phi * phi > (MAX_STDS * TRACK_STD_M) ** 2 * (gx * gx + gy * gy):  # before its points are laid out
+    # too far from the path: cheaper to see than by its points
+    if phi * phi > (MAX_STDS * TRACK_STD_M) ** 2 * (gx * gx + gy * gy):
         return None
     match = best_match(leg, to)
     if match is None:
         return None
     try:
-        placed = Hypothesis(executor).on_leg(cursor, leg, number, to.position_m, match[0])
+        placed = Hypothesis(executor).on_leg(cursor, leg, legs_before, to.position_m, match[0])
     except PathUndefined:
         return None
     return Hypothesis(placed, to.time_s)
 
 
 def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sighting, in_force: dict[int, float]) -> None:
-    """Advance a hypothesis to a position: by the stage reported, else by its triggers."""
+    """Advance a hypothesis, in place, along a line to a position: by the stage reported, else by its triggers.
+
+    It is excluded (log likelihood −∞) where the stage reported is more than one ahead, where its plan has ended, and
+    where its path is undefined. `in_force` are the parameters reported, by index.
+    """
     assert to.position_m is not None
     executor = hypothesis.executor
     try:

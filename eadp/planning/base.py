@@ -402,7 +402,7 @@ class Planner(Protocol):
 
     @property
     def reading_every_s(self) -> float:
-        """Time between readings of the power sensor [s]; infinite without readings."""
+        """Time between the readings of the power sensor that the planner takes [s]; infinite if it takes none."""
 
     @property
     def next_update_s(self) -> float:
@@ -487,7 +487,7 @@ class TrackingPlanner:
 
     @property
     def reading_every_s(self) -> float:
-        """Time between readings of the estimator [s]."""
+        """The estimator's setting `every_s` [s]."""
         return self._sensor_every_s
 
     @property
@@ -602,13 +602,13 @@ def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
     if settings.kind == PUBLISHED:
         return PublishedEstimator(settings)
     if mission.energy is not None:
-        return _of_fit(settings, mission.energy)
+        return _estimator_of_fit(settings, mission.energy)
     if not mission.plan.primitive_stages:
         return ExactEstimator(settings, None)
     return ExactEstimator(settings, _nominal_lap_s(mission))
 
 
-def _of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
+def _estimator_of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
     """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
     std_s, disturbance = None, fitted.disturbance
     if fitted.period_s is not None and fitted.period_std_s is not None:

@@ -147,7 +147,7 @@ class LiveFlight:
         if tracker.complete and not tracker.end_uncertain:
             return None, ()
         if not tracker.complete and sample.soc is not None and sample.soc <= 0:
-            return self._run_empty(sample), ()
+            return self._empty_advice(sample), ()
         self._empty = False
         advice = self._advice_at(sample, sample.time_s - self._origin_s, velocity)
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
@@ -284,13 +284,13 @@ class LiveFlight:
         self._next_s = next_multiple(time_s, self._every_s)
         return self._advice(sample, SEARCHED, sample.wind_mps, Ending())
 
-    def _run_empty(self, sample: Sample) -> Advice | None:
-        """The battery is measured to be empty: no decisions until it is not."""
+    def _empty_advice(self, sample: Sample) -> Advice | None:
+        """Advice that the battery is empty by its gauge, once; None after it, until charge is measured again."""
         self.forecast_completes = False
         if self._empty:
             return None
         self._empty = True
-        self._next_s = -math.inf
+        self._next_s = -math.inf  # advice at once when it is
         return self._advice(sample, EMPTY, sample.wind_mps, Ending(soc_end=0.0, completes_probability=0.0))
 
     def _advice(self, sample: Sample, reason: str, wind_mps: Point | None, ending: Ending) -> Advice:

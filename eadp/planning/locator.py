@@ -246,7 +246,10 @@ class Locator:
 
     def go_on(self) -> bool:
         """Go on with the plan after an end of it, of which the flight is uncertain; return whether it has more."""
-        following = self.executor.past_end()
+        try:
+            following = self.executor.past_end()
+        except PathUndefined:  # the next lap has no path
+            return False
         if following is not None:
             self.hypotheses[0].executor = following
         return following is not None

@@ -62,8 +62,10 @@ class PlanTracker:
     applied : AppliedParameters
     complete : bool
         Whether the plan is complete.
+    locator : Locator
+        Has the hypotheses of where the flight is.
     lost : bool
-        Whether the plan cannot be followed any more.
+        Whether the plan cannot be followed any more, for good; `locator.lost` is until the flight is found again.
     located : (float, (float, float))
         Time of the last known position [s], and that position [m].
     """
@@ -74,7 +76,7 @@ class PlanTracker:
         self.locator = Locator(executor, mission.cruise_mps, time_s)
         self.applied = AppliedParameters(mission.parameters, mission.plan)
         self.located: tuple[float, Point] = (time_s, start_m)
-        self._usual_s = 0.0
+        self._last_step_s = 0.0
         self.acquisition: Acquisition | None = None
         self._continuation: Continuation | None = None
         self._past_stage: int | None = None
@@ -115,7 +117,7 @@ class PlanTracker:
         self.locator = Locator(found.executor, self._mission.cruise_mps, to.time_s, to.position_m)
         self.locator.hypotheses, self.locator.through_gap = [found], True
         if to.position_m is not None:
-            self._usual_s, self.located = to.time_s - self.located[0], (to.time_s, to.position_m)
+            self._last_step_s, self.located = to.time_s - self.located[0], (to.time_s, to.position_m)
             self.locator.decide(self.applied.effective, to.position_m)
         if settled:
             self.acquisition = None
@@ -132,9 +134,9 @@ class PlanTracker:
         """
         (located_s, last), position = self.located, to.position_m
         step_s = to.time_s - located_s
-        gap = step_s > GAP_S and (position is None or step_s > GAP_STEPS * self._usual_s)
+        gap = step_s > GAP_S and (position is None or step_s > GAP_STEPS * self._last_step_s)
         if position is not None:
-            self.located, self._usual_s = (to.time_s, position), step_s
+            self.located, self._last_step_s = (to.time_s, position), step_s
         if self.lost:
             return position or last
         try:
@@ -193,9 +195,16 @@ class PlanTracker:
         return skips
 
     def update_end(self, to: Sighting, position: Point, step_s: float) -> bool | None:
-        """Find out whether the plan is complete: an end may be uncertain, and the aircraft may fly on all the same.
+        """Update `complete` and `end_uncertain` with a sample, `step_s` [s] after the last one.
 
-        Returns whether the flight has come to an end, and None where nothing has changed.
+        Where the plan has more after the end reached, it is followed past that end, and later positions decide whether
+        the aircraft flies on; `complete` may be taken back then.
+
+        Returns
+        -------
+        bool or None
+            True where an end of the plan is reached, be it uncertain, or confirmed; False where the aircraft is seen to
+            fly on; None where nothing has changed.
         """
         if self._continuation is not None:
             goes_on = self._continuation.update(self.executor, to, step_s)
@@ -210,9 +219,10 @@ class PlanTracker:
             return self.complete
         if not self.executor.complete:
             return None
-        certain, goes_on = is_certain(self.executor, position, to.course_rad), self.locator.go_on()
-        self.complete = certain or not goes_on
-        if goes_on:
+        certain = is_certain(self.executor, position, to.course_rad)  # before the executor is moved past this end
+        has_more = self.locator.go_on()
+        self.complete = certain or not has_more
+        if has_more:
             self._continuation = Continuation(self.executor)
         if not self.complete:
             self._messages.reasons.append(UNCERTAIN_END)

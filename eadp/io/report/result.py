@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,15 +68,16 @@ def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[st
     for folder in folders:
         if not os.path.isdir(folder):
             raise InputError.at(folder, 1, 1, "is no folder of a flight", "folders of eadp simulate, one or more")
-    flights = read_flights(folders)
+    with _whole(folders[0]):
+        flights = read_flights(folders)
+        table, data = table_text(comparison(flights)), flights_data(flights)
     page = Path(folders[0]).resolve().parent / COMPARISON if out is None else Path(out)
     if out != "-":
         output_file(str(page))
         check_page(page)
-    write_text(str(page) if out != "-" else "-", page_html("flights", flights_data(flights)))
-    if out != "-":
         write_flights_figure(page, flights)
-    return str(page), table_text(comparison(flights))
+    write_text(str(page) if out != "-" else "-", page_html("flights", data))
+    return str(page), table
 
 
 def page_of(result: str) -> Path:
@@ -89,17 +91,24 @@ def page_of(result: str) -> Path:
 def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:
     """The kind of a result's page, and its data."""
     faulty = path / SUMMARY if os.path.isdir(path) else path
-    try:
+    with _whole(str(faulty)):
         if os.path.isdir(path):
             return "flight", flight_data(read_folder(path))
         if _is_database(path):
             return "sweep", sweep_data(str(path), page, keep)
         return "flight", log_data(read_text(str(path)))
+
+
+@contextmanager
+def _whole(name: str) -> Iterator[None]:
+    """Errors of a result that is damaged as faults of its file."""
+    try:
+        yield
     except EadpError:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         what = f"is damaged: {type(error).__name__}: {printable(str(error))}"
-        raise InputError.at(str(faulty), 1, 1, what, "a result of eadp, whole") from None
+        raise InputError.at(name, 1, 1, what, "a result of eadp, whole") from None
 
 
 def _is_database(path: Path) -> bool:

@@ -213,7 +213,7 @@ class ExactEstimator:
         """
         if self._time_s is None:
             self._time_s = time_s
-            self._learn_from(time_s)
+            self._restart_learning(time_s)
         if motion_w is not None and not self._started:
             self._start(motion_w)
         step_s, self._time_s = time_s - self._time_s, time_s
@@ -240,7 +240,7 @@ class ExactEstimator:
         self._lap_marks_s.append(time_s)
         times = np.diff(self._lap_marks_s).tolist()
         if not times:
-            self._learn_from(time_s)
+            self._restart_learning(time_s)
         if times and times[-1] > 0 and self._order:
             self.period_s = times[-1]
             self.period_std_s = _lap_time_std_s(times)
@@ -249,7 +249,7 @@ class ExactEstimator:
     def start_lap(self, time_s: float) -> None:
         """Start a lap that follows no other."""
         self._lap_marks_s = [time_s]
-        self._learn_from(time_s)
+        self._restart_learning(time_s)
 
     # --- forecasts
 
@@ -289,8 +289,11 @@ class ExactEstimator:
         drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
         return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
 
-    def _learn_from(self, time_s: float) -> None:
-        """Restart the noise estimate: flight before the laps has other statistics."""
+    def _restart_learning(self, time_s: float) -> None:
+        """Drop the readings kept for the noise estimate, and start again at a time [s].
+
+        Flight before the laps has other statistics. Sets when the first estimate is due.
+        """
         self._readings = array("d"), array("d")
         self._learn_from_s = time_s
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
@@ -352,12 +355,12 @@ def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> Flo
 
 
 @lru_cache(maxsize=1)
-def _published_step(order: int, turn: float, steps: int) -> tuple[list[complex], list[float]]:
+def _published_step(order: int, turn_rad: float, steps: int) -> tuple[list[complex], list[float]]:
     """The published filter's factor of each harmonic in some equal Euler steps of an angle, and its gain."""
     # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
-    factors = [complex(1.0, -turn * j) ** steps for j in range(1, order + 1)]
+    factors = [complex(1.0, -turn_rad * j) ** steps for j in range(1, order + 1)]
     # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
-    sums = np.array([1.0] + [sign for j in range(1, order + 1) for sign in (1 + turn * j, 1 - turn * j)])
+    sums = np.array([1.0] + [sign for j in range(1, order + 1) for sign in (1 + turn_rad * j, 1 - turn_rad * j)])
     output = output_row(order)
     shared = sums * (sums @ output) + output.sum()
     return factors, (shared / (output @ shared + 1.0)).tolist()
@@ -388,14 +391,18 @@ class PublishedEstimator:
         return np.array(self._state)
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """One step of the published filter; see `ExactEstimator.observe`."""
+        """Predict to a time by equal Euler steps of at most `PUBLISHED_STEP_S`, and correct once with the reading.
+
+        Returns the forecast of the reading [W]; see `ExactEstimator.observe`.
+        """
         # the time of the last lap, or of this one once it is longer
-        period_s = self.period_s = self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
+        self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
+        self.period_s = self._lap_s
         step_s = round(time_s - self._time_s, 9)
         self._time_s = time_s
         steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
-        turn = 2 * math.pi / period_s * (step_s / steps)
-        factors, gain = _published_step(self._order, turn, steps)
+        turn_rad = 2 * math.pi / self.period_s * (step_s / steps)
+        factors, gain = _published_step(self._order, turn_rad, steps)
         old = self._state
         state = [old[0]]
         expected = old[0]

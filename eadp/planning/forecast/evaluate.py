@@ -95,9 +95,12 @@ class Totals(NamedTuple):
 
 
 class UncertainEnds(NamedTuple):
-    """Ends before the last leg's that a flight may have: their probabilities, and the share of each leg not flown."""
+    """Earlier ends at which a flight may stop, before that of its last leg.
 
-    shares: tuple[float, ...]
+    The probability of each, and the share of each leg that is not flown then, shape (legs,).
+    """
+
+    probabilities: tuple[float, ...]
     unflown: tuple[FloatArray, ...]
 
     def unspent(self, values: FloatArray) -> list[float]:
@@ -105,9 +108,9 @@ class UncertainEnds(NamedTuple):
         return [0.0, *(float(values @ unflown) for unflown in self.unflown)]
 
     @property
-    def all_shares(self) -> tuple[float, ...]:
-        """Probability of the route's end, and of each before it."""
-        return (1.0 - sum(self.shares), *self.shares)
+    def all_probabilities(self) -> tuple[float, ...]:
+        """Probability that the flight ends at the route's end, and at each earlier end, as `unspent` lists them."""
+        return (1.0 - sum(self.probabilities), *self.probabilities)
 
 
 CERTAIN = UncertainEnds((), ())
@@ -187,9 +190,9 @@ class Evaluation:
         last_soc = self.known.soc - float(filling.use[place]) - lost
         unspent_j = ends.unspent(self._energies_j(place, filling))
         means = tuple([last_soc + soc_per_j * left_j for left_j in unspent_j])
-        mean_soc, _ = moments(ends.all_shares, means)
+        mean_soc, _ = moments(ends.all_probabilities, means)
         std = self.evaluator.charge_std(self.known, self.totals, mean_soc)[place]
-        return FinalCharge(float(std), ends.all_shares, means)
+        return FinalCharge(float(std), ends.all_probabilities, means)
 
     def forecast(self, place: int, filling: Filling) -> Ending:
         """Forecast at a place with computations as filled: means and deviations over all ends that it may have."""
@@ -197,8 +200,8 @@ class Evaluation:
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
         energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
         energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
-        early_s, spread_s2 = moments(ends.all_shares, ends.unspent(times_s))
-        unspent_j, spread_j2 = moments(ends.all_shares, ends.unspent(energies_j))
+        early_s, spread_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
+        unspent_j, spread_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
         empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
         return Ending(
             remaining_s=seconds - early_s,
@@ -434,12 +437,14 @@ class Evaluator:
         soc = known.soc - self.losses(totals.seconds) * LOSS
         level = soc - self._z * std
         for place, own in enumerate(ends):
-            if own.shares:
+            if own.probabilities:
                 mine = legs.place == place
                 # the computations' power matters where an end is uncertain
                 unspent = own.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
                 means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
-                level[place] = FinalCharge(float(std[place]), own.all_shares, means).level(self.objective.probability)
+                level[place] = FinalCharge(float(std[place]), own.all_probabilities, means).level(
+                    self.objective.probability
+                )
         available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
         # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j

@@ -102,7 +102,7 @@ class JointPlanner(TrackingPlanner):
         self._losses = 0
         self._started, self._ambiguous = 1, False
         self._home: tuple[float | None, float] = (None, 0.0)
-        self._staged = any(row.stages for row in own.trade_offs)
+        self._by_stage = any(row.stages for row in own.trade_offs)
         # what is shown is forecast again and again, and a way home on which it depends
         self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
@@ -138,7 +138,7 @@ class JointPlanner(TrackingPlanner):
             return self._decision
         entered, self._started = o.stages_started != self._started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
-        entered &= self._mission.live or self._staged or (bool(self._places.open) and o.cursor.accepts_changes())
+        entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
         self._ambiguous = state.is_ambiguous(o.soc)
         starts_s = WARM_UP_S if jumped else WARM_UP_S + self._own.start_after_s
@@ -264,8 +264,8 @@ class JointPlanner(TrackingPlanner):
         )
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         # no fall where the stage, by its trade-offs, allows no more
-        most_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
-        return computations, lasts_s, after_w < min(now_w, most_w) - 1e-9
+        max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
+        return computations, lasts_s, after_w < min(now_w, max_w) - 1e-9
 
     def _is_free(self, o: Observation) -> bool:
         """Whether the stage leaves the computations a choice."""

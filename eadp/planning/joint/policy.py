@@ -35,7 +35,7 @@ class Policy:
 
     @property
     def path_gain(self) -> float:
-        """Gain of U for which a path parameter changes."""
+        """Least gain of the objective for which a path parameter changes: half of `min_gain` more for each before."""
         return self._min_gain * (1 + self._path_changes / 2)
 
     def closes(self, cause: str, remaining_s: float) -> bool:

@@ -66,7 +66,7 @@ class Solution(NamedTuple):
 
     @property
     def feasible(self) -> bool:
-        """Whether the charge suffices for minimum power."""
+        """Whether the reserve is kept with its probability, with every leg at minimum power."""
         return bool(self.filling.feasible[0])
 
 

@@ -86,19 +86,19 @@ class Search:
     threshold: float = -math.inf
     known: dict[Shares, Place | None] = field(default_factory=dict)
 
-    def look(self, places: Iterable[Shares]) -> list[Place]:
-        """Evaluate places at once; return those that can be flown."""
-        wanted = list(dict.fromkeys(places))
-        new = [place for place in wanted if place not in self.known]
+    def look(self, wanted: Iterable[Shares]) -> list[Place]:
+        """The places at some shares, without those that cannot be flown; shares not known yet are evaluated at once."""
+        wanted = list(dict.fromkeys(wanted))
+        new = [shares for shares in wanted if shares not in self.known]
         if new:
-            self.known.update(dict.fromkeys(new))
-            flyable, found = self.evaluate(new)
-            if found is not None:
-                filling, spare = found.filled(), found.knapsack.spare
-                counts = found.legs.last - found.legs.first + 1
+            self.known.update(dict.fromkeys(new))  # None: cannot be flown, unless found below
+            flyable, evaluation = self.evaluate(new)
+            if evaluation is not None:
+                filling, spare = evaluation.filled(), evaluation.knapsack.spare
+                legs = evaluation.legs.last - evaluation.legs.first + 1
                 for i, shares in enumerate(flyable):
                     feasible, value = bool(filling.feasible[i]), float(filling.value[i])
-                    self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(counts[i]))
+                    self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(legs[i]))
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
     def best(self, start: Shares, dimensions: int) -> Place | None:

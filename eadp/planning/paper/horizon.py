@@ -271,7 +271,7 @@ class Horizon:
         self._delivered_w = float(battery.max_power_w(battery.voltage_v))
         self._cost = cost or HorizonCost()
         self._report = report or SolverReport()
-        self.choices, self.powers_w = self._listed(trade_offs)
+        self.choices, self.powers_w = self._feasible_choices(trade_offs)
         self._span_w = float(self.powers_w[-1] - self.powers_w[0]) if len(self.powers_w) > 1 else 0.0
         u = self._controls()
         r = _square(self._cost.control_weights, u.shape[1])
@@ -287,8 +287,11 @@ class Horizon:
         self._mixtures: dict[tuple[tuple[int, ...], ...], _Mixture] = {}
         self._last: tuple[_Mixture, _Relaxed] | None = None
 
-    def _listed(self, trade_offs: Sequence[tuple[Sequence[float], float]]) -> tuple[FloatArray, FloatArray]:
-        """Every combination of levels that satisfies the trade-offs, and its power [W], in ascending order of power."""
+    def _feasible_choices(self, trade_offs: Sequence[tuple[Sequence[float], float]]) -> tuple[FloatArray, FloatArray]:
+        """The J combinations of levels that satisfy the trade-offs, shape (J, σ), and their powers [W], shape (J,).
+
+        In ascending order of power. Of more than `CHOICES` combinations some levels are left out first.
+        """
         choices = np.array(list(itertools.product(*thinned(self._c.levels, CHOICES))), dtype=float)
         rows = np.array([row for row, _ in trade_offs], dtype=float).reshape(-1, len(self._c.low))
         least = np.array([r for _, r in trade_offs], dtype=float)
@@ -450,25 +453,28 @@ class Horizon:
         return made
 
     def _raised(self, made: IntArray, mixed: np.ndarray, table: _Table, soc: float) -> IntArray | None:
-        """Better choices with one mixed step raised to its next choice, if need be with an earlier step lowered.
+        """The choices with one mixed step raised to its next better choice; None where none is better or feasible.
 
-        None if the constraints admit none.
+        `made`, shape (M,), is the choice of each step, and `mixed`, shape (M,), whether the QP mixed two there. Raises
+        are tried by gain, the greatest first. Where the charge does not suffice, an earlier step is lowered that frees
+        what is missing and loses less than is gained. Charges are states of charge.
         """
         at = self._at + made
-        now, value = table.drop.take(at), table.value.take(at)
-        left, raises = soc - now.cumsum() + now, []
+        used, value = table.drop.take(at), table.value.take(at)
+        before, raises = soc - used.cumsum() + used, []
         for step in np.flatnonzero(mixed).tolist():
             better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
             if len(better):
                 above = made[step] + 1 + better[0]
-                short = table.limit[step, above] - (left[step] - table.drop[step, above])
-                raises.append((value[step] - table.value[step, above], step, above, short))
-        for loss, step, above, short in sorted(raises):
+                missing = table.limit[step, above] - (before[step] - table.drop[step, above])
+                raises.append((value[step] - table.value[step, above], step, above, missing))
+        for minus_gain, step, above, missing in sorted(raises):
             losses = value[:step, None] - table.value[:step]
-            enough = now[:step, None] - table.drop[:step] >= max(short, 1e-15)
-            places = zip(*np.nonzero(enough & (losses < -loss)), strict=True)
+            enough = used[:step, None] - table.drop[:step] >= max(missing, 1e-15)
+            places = zip(*np.nonzero(enough & (losses < -minus_gain)), strict=True)
             others = [place for _, place in sorted((losses[place], place) for place in places)]
-            for other, choice in [(step, above), *others] if short <= 0 else others:
+            # (step, above) stands for no other step changed
+            for other, choice in [(step, above), *others] if missing <= 0 else others:
                 trial = made.copy()
                 trial[other] = choice
                 trial[step] = above
@@ -530,8 +536,11 @@ def _square(weights: FloatArray | float, size: int) -> FloatArray:
 
 
 def _state_values(states_w: FloatArray, powers_w: FloatArray, weights: FloatArray) -> FloatArray:
-    """½ (q + e₁ g)ᵀ Q (q + e₁ g), of states of shape (n, m) and powers of shape (J,) [W]: shape (n, J)."""
-    forces = states_w @ weights
-    fixed = (states_w * forces).sum(axis=1)[:, None]
-    values: FloatArray = 0.5 * (fixed + powers_w * (2 * forces[:, :1] + weights[0, 0] * powers_w))
+    """½ xᵀ Q x [W²], shape (n, J), at x = q with the power of each of the J choices added to its α0.
+
+    States q have shape (n, 2r + 1), `weights` Q is symmetric.
+    """
+    weighted = states_w @ weights
+    without_computing = (states_w * weighted).sum(axis=1)[:, None]
+    values: FloatArray = 0.5 * (without_computing + powers_w * (2 * weighted[:, :1] + weights[0, 0] * powers_w))
     return values

@@ -267,11 +267,6 @@ class ChargeFilter:
         """The state that `use` starts from."""
         return self._now._replace(use_slope=max(self._now.use_slope, self._min_slope))
 
-    def gain_std(self, soc: float) -> float:
-        """Standard deviation of b at a reading, as a gauge that is not exact counts too much or too little."""
-        gain_std, first_soc = self.gauge_gain
-        return gain_std * max(first_soc - soc, 0.0)
-
     @property
     def gauge_gain(self) -> tuple[float, float]:
         """Standard deviation of the gauge's gain, and the charge from which on it counts; 0 for an exact gauge."""
@@ -287,15 +282,18 @@ class ChargeFilter:
 
 
 def after_drain(charge: Charge, drain: float) -> Charge:
-    """The state after a predicted drain d, whose power was measured.
+    """The state after a predicted drain d, a state of charge: x ← F x, P ← F P Fᵀ + Q.
+
+    The extra variance of a drain without a measured power is the caller's.
 
     Source: prediction of a Kalman filter.
     """
+    # covariances are named by their two states; one by one, as this function may be compiled
     # fmt: off
     (soc, ratio, slope, var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope,
      offset, soc_offset, ratio_offset, slope_offset, var_offset) = charge
     # fmt: on
-    d, h = drain, drain * drain / 2
+    d, h = drain, drain * drain / 2  # h = d²/2
     # x ← F x with F = [[1, −d, −d²/2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     soc, ratio = soc - ratio * d - slope * h, ratio + slope * d
     # F P, the first row

@@ -20,16 +20,13 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
 from eadp.planning.base import Mission, Observation, Readings
-from eadp.planning.state.charge import ChargeFilter, DrainModel
+from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.heading_gate import HEADING_DISBELIEVED, HeadingGate
 from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown, WindKnown
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.state.time_ratio import TimeRatio
-
-MAX_STEP_S = 10.0
-"""Time between readings above which the power in it is not measured [s]."""
 
 SAME_TIME_S = 1e-9
 
@@ -119,14 +116,16 @@ class FlightState:
             self._read(readings)
 
     def _locate(self, o: Observation) -> None:
-        """Update place, parameters in force, ground seen, and what the legs flown show."""
+        """Take the place of an observation: a new stage, or changed parameters; power of computations; measured wind.
+
+        Readings before it are processed already, with the parameters that were in force.
+        """
         place = self._place
         place.through_gap |= o.through_gap
+        # without a route: at take-off, or where it could not be laid out, tried again
         if o.stages_started != place.stages_started or place.route is None:
             self._start_stage(o)
-        if (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided) or (
-            o.stages_started != place.stages_started
-        ):
+        elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
         place.cursor, place.stages_started = o.cursor, o.stages_started
         self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
@@ -154,7 +153,11 @@ class FlightState:
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings) -> None:
-        """Update the filters with readings."""
+        """Update the filters with readings, columns of shape (n,), in the order of their use.
+
+        Navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has no
+        step. Readings at the time of the last one are left out.
+        """
         times_s = np.asarray(readings.times_s, dtype=float)
         before_s = float(times_s[0]) if self._last_s is None else self._last_s
         steps_s = np.diff(times_s, prepend=before_s)
@@ -177,10 +180,10 @@ class FlightState:
             self._measured_wind = None
         moving = steps_s > 0
         self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s, airspeeds_mps)))
-        known = powers_w.copy()
-        known[steps_s > MAX_STEP_S] = math.nan  # not measured in between
+        # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
+        drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._motion.ingest(powers_w, self._computing_w + climb_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
-        self._losses += self._charge.ingest(_numbers(readings.charges), known, steps_s)
+        self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s)
 
     def _followed(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Power that climbing and the stage's airspeed added over each step [W], and the level airspeed [m/s]."""

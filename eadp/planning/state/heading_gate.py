@@ -64,6 +64,7 @@ class HeadingGate:
     Attributes
     ----------
     disbelieved : bool
+        Whether the headings are not to be used.
 
     Source: weighted least squares; the circle by Kåsa's linear fit.
     """
@@ -71,7 +72,10 @@ class HeadingGate:
     def __init__(self) -> None:
         self.disbelieved = False
         self._sums = np.zeros((4, 4)), np.zeros(4)
-        self._fits_s = self._unjudged_s = 0.0
+        self._fits_s = 0.0
+        """How long a disbelieved heading has fit, turns included [s]."""
+        self._unjudged_s = 0.0
+        """Time of readings since the last judgement [s]."""
 
     def ingest(
         self,

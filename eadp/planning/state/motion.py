@@ -188,11 +188,12 @@ def _window_ended(state: MotionState, prior: MotionPrior, slope: float) -> Motio
 
 
 def _fitted(sums: MotionSums, prior: MotionPrior, noise: float) -> MotionFit:
-    """Posterior of a and b at a noise of the windows [J²/s], in closed form."""
-    # (P⁻¹ + XᵀX/v) (a, b) = P⁻¹ prior + Xᵀy/v
-    aa, ab, bb = prior.level_information + sums.n / noise, sums.x / noise, prior.slope_information + sums.xx / noise
-    first = prior.level_information * prior.level_w + sums.y / noise
-    second = prior.slope_information * prior.slope_w + sums.xy / noise
-    determinant = aa * bb - ab * ab
-    a, b = (bb * first - ab * second) / determinant, (aa * second - ab * first) / determinant
-    return MotionFit(a, b, bb / determinant, -ab / determinant, aa / determinant, noise)
+    """Posterior of a and b [W] and their covariance [W²], by the sums over windows and a given noise [J²/s]."""
+    # (P⁻¹ + XᵀX/v) (a, b) = P⁻¹ prior + Xᵀy/v, with P the prior covariance and v the noise
+    info_aa, info_ab = prior.level_information + sums.n / noise, sums.x / noise
+    info_bb = prior.slope_information + sums.xx / noise
+    rhs_a = prior.level_information * prior.level_w + sums.y / noise
+    rhs_b = prior.slope_information * prior.slope_w + sums.xy / noise
+    determinant = info_aa * info_bb - info_ab * info_ab
+    a, b = (info_bb * rhs_a - info_ab * rhs_b) / determinant, (info_aa * rhs_b - info_ab * rhs_a) / determinant
+    return MotionFit(a, b, info_bb / determinant, -info_ab / determinant, info_aa / determinant, noise)

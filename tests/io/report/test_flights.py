@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import shutil
 
 import pytest
 from common import ROOT
@@ -66,3 +67,12 @@ def test_what_is_refused(eadp, folders, tmp_path):
     page.write_text("mine")
     assert refused(eadp("report", *folders, "-o", page), "is no page of eadp")
     assert page.read_text() == "mine"
+
+
+def test_a_damaged_result_is_a_fault_of_its_file(eadp, folders, tmp_path):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(folders[0], damaged)
+    (damaged / "summary.json").write_text("{}")
+    page = tmp_path / "page.html"
+    assert refused(eadp("report", damaged, folders[1], "-o", page), "is damaged")
+    assert not page.exists()

@@ -43,7 +43,7 @@ def own_parts(evaluation, place):
         yield array[place : place + 1]
     yield from e.knapsack.at(place)[:2]
     yield from e.knapsack.at(place)[3:]
-    yield np.array([*e.ends[place].shares, *itertools.chain(*e.ends[place].unflown)])
+    yield np.array([*e.ends[place].probabilities, *itertools.chain(*e.ends[place].unflown)])
 
 
 @pytest.mark.parametrize("battery", BATTERIES)
@@ -351,7 +351,7 @@ def test_an_end_that_was_passed_long_ago_is_none():
     forecasting = Forecasting(survey_inputs(**CALM))
     found = forecasting.at(1.0)
     (route,) = found.routes
-    assert found.ends[0].shares
+    assert found.ends[0].probabilities
     (end,) = route.ends
     rest = route
     for _ in range(end.leg):
@@ -364,10 +364,10 @@ def test_an_end_that_was_passed_long_ago_is_none():
         points = list(leg.track.points((sx - ox, sy - oy), flown_m, flown_m / leg.length_m, 1))
         (x, y), _ = points[-1]
         at = known._replace(position_m=(x + ox, y + oy), time_s=flown_m / speed)
-        return forecasting.evaluator.evaluate(at, [rest]).ends[0].shares
+        return forecasting.evaluator.evaluate(at, [rest]).ends[0].probabilities
 
     before = share_after(0.5 * end.flown_m)
-    assert before == pytest.approx(found.ends[0].shares)
+    assert before == pytest.approx(found.ends[0].probabilities)
     if end.flown_m + 4 * speed < leg.length_m:
         assert share_after(end.flown_m + (module.PASSED_S - 1) * speed) == pytest.approx(before)
         assert share_after(end.flown_m + (module.PASSED_S + 0.5) * speed) == ()

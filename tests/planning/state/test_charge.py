@@ -266,8 +266,8 @@ def test_the_gain_of_a_gauge_is_unknown_unless_it_is_exact():
     for k in range(100):
         observe(coarse, round(1 - 1e-3 * k, 2), 1e-3 * (k > 0))
         observe(exact, 1 - 1e-3 * k, 1e-3 * (k > 0))
-    assert coarse.gain_std(0.2) == pytest.approx(0.01 * 0.8)
-    assert exact.gain_std(0.2) == 0.0
+    assert coarse.gauge_gain == pytest.approx((0.01, 1.0))
+    assert exact.gauge_gain == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("voltage_fall", "slope"), [(0.0, 0.0), (0.2, -0.2)])
