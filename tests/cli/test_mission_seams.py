@@ -10,6 +10,7 @@ import pytest
 from common import ROOT
 from common.answers import refused
 
+from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 
 BOX = "0 0, 600 0, 600 400, 0 400"
@@ -22,15 +23,17 @@ PROFILE = ("--profile", "profiles/pednet-jetson-nano.yaml")
 HEADERS = ("home", "avoid", "inside", "min-radius", "made-for", "swath", "field")
 
 
-@pytest.fixture
-def covered(eadp, tmp_path):
+@pytest.fixture(scope="module")
+def covered(tmp_path_factory):
     """A plan of a field with an obstacle, a boundary and a home."""
+    folder = tmp_path_factory.mktemp("covered")
     for name, text in LIMITS.items():
-        (tmp_path / f"{name}.csv").write_text(text)
+        (folder / f"{name}.csv").write_text(text)
     options = ("--metres", "--swath", "40", "--home", "-50,-50", "--wind", "3,270")
-    limits = ("--avoid", tmp_path / "avoid.csv", "--inside", tmp_path / "inside.csv")
-    out = tmp_path / "covered.plan"
-    assert eadp("cover", tmp_path / "field.csv", *options, *limits, *PROFILE, "-o", out).code == 0
+    limits = ("--avoid", str(folder / "avoid.csv"), "--inside", str(folder / "inside.csv"))
+    profile = ("--profile", str(ROOT / PROFILE[1]))
+    out = folder / "covered.plan"
+    assert main(["cover", str(folder / "field.csv"), *options, *limits, *profile, "-o", str(out)]) == 0
     return out
 
 
@@ -150,15 +153,20 @@ start: {altitude_m: 25} # a mission starts on the ground otherwise
 """
 
 
-@pytest.fixture
-def blocks(eadp, tmp_path):
+@pytest.fixture(scope="module")
+def blocks(tmp_path_factory):
     """A plan of a field of two blocks, and its scenario."""
-    (tmp_path / "field.csv").write_text(HALVES)
-    (tmp_path / "scenario.yaml").write_text(SCENARIO)
-    plan = tmp_path / "blocks.plan"
+    folder = tmp_path_factory.mktemp("blocks")
+    (folder / "field.csv").write_text(HALVES)
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    plan = folder / "blocks.plan"
     options = ("--metres", "--swath", "30", "--pattern", "zamboni", "--wind", "3,240")
-    assert eadp("cover", tmp_path / "field.csv", *options, "-o", plan).code == 0
-    return plan, tmp_path / "scenario.yaml"
+    assert main(["cover", str(folder / "field.csv"), *options, "-o", str(plan)]) == 0
+    return plan, folder / "scenario.yaml"
+
+
+FORECAST = ("--set", "time_limit_s=1")
+"""A flight of a second, for its forecast alone."""
 
 
 @pytest.mark.parametrize("capacity_ah", [0.9, 1.2])
@@ -166,7 +174,7 @@ def blocks(eadp, tmp_path):
 def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
     plan, scenario = blocks
     mission = tmp_path / "mission"
-    given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+    given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}", *FORECAST)
     expected = json.loads(eadp("simulate", plan, *given, "--format", "json").out)["energy_forecast"]
     answer = eadp("export", plan, "--to", to, "--origin", "55.37,10.43", *given, "-o", mission)
     assert answer.code == 0
@@ -180,7 +188,7 @@ def test_a_value_for_each_block_is_forecast_and_exported(eadp, blocks):
     plan, scenario = blocks
     found = []
     for capacity_ah in (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1):
-        given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}")
+        given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}", *FORECAST)
         summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
         chosen = summary["energy_forecast"]["parameters"]["c1"]
         if isinstance(chosen, dict):
