@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ WALL = ((-50.0, 200.0), (400.0, 200.0), (400.0, 205.0), (-50.0, 205.0))
 HOME_M = (300.0, 30.0)
 
 
+@cache
 def ways(*avoid, inside=(), home_m=HOME_M):
     return WaysTo(home_m, FreeSpace(avoid, inside, CLEAR_M), FreeSpace(avoid, inside), RADIUS_M)
 
@@ -27,7 +29,7 @@ def way_length_m(start, line):
     return sum(math.dist(a, b) for a, b in zip((start, *line[:-1]), line, strict=True))
 
 
-def grid_length_m(start, end, space, step=4.0):
+def grid_length_m(start, end, space, step=5.0):
     """Shortest way on a grid with 32 directions: longer than the shortest in the plane by up to 1.3 %."""
     x, y = np.meshgrid(np.arange(-60, 420, step), np.arange(-160, 260, step), indexing="ij")
     points = np.stack((x.ravel(), y.ravel()), axis=1)
@@ -61,7 +63,7 @@ def test_without_anything_in_the_way_it_is_a_straight_line():
     assert next(ways(HOUSE).lines((200.0, -200.0))) == (HOME_M,)
 
 
-@pytest.mark.parametrize("heading_deg", range(-180, 180, 20))
+@pytest.mark.parametrize("heading_deg", range(-180, 180, 40))
 @pytest.mark.parametrize("start", [(0.0, 0.0), (60.0, 0.0), (140.0, 0.0), (190.0, 180.0)])
 def test_turns_onto_the_way_are_free_too(start, heading_deg):
     found = ways(HOUSE, BARN)

@@ -130,7 +130,15 @@ def searched(mission, start=None, **more):
     return Search(mission.evaluate, mission.weight, **more).best(start, mission.dimensions)
 
 
-@pytest.mark.parametrize(("dimensions", "seeds"), [(1, range(40)), (2, range(100, 112))])
+@pytest.mark.parametrize(
+    ("dimensions", "seeds"),
+    [
+        (1, range(16)),
+        (2, range(100, 105)),
+        pytest.param(1, range(40), marks=pytest.mark.slow),
+        pytest.param(2, range(100, 112), marks=pytest.mark.slow),
+    ],
+)
 def test_made_up_missions_against_brute_force(dimensions, seeds):
     gaps = []
     for seed in seeds:
