@@ -94,6 +94,9 @@ def figure_pair(
         assert engine is not None
         engine.execute(figure)  # once for both files: with an engine, each would lay out and draw twice
         figure.set_layout_engine(None)
+        for axes in figure.axes:  # the engine's last digits change from run to run
+            x, y, width, height = (round(v, 6) for v in axes.get_position(original=True).bounds)
+            axes.set_position((x, y, width, height))
         for suffix in suffixes:
             figure.savefig(path.with_suffix(suffix), metadata=METADATA[suffix])
 

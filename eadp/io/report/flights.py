@@ -81,11 +81,20 @@ def table_text(table: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def flights_data(flights: Sequence[DrawnFlight]) -> dict[str, Any]:
-    """The data of the page: the figure as an image, and the table."""
+def draw_flights(flights: Sequence[DrawnFlight]) -> dict[str, bytes]:
+    """The figure of several flights, drawn once: its files by their endings, .svg and .png."""
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "figure"
         write_flights_figure(draft, flights)
-        picture = base64.b64encode(draft.with_suffix(".svg").read_bytes()).decode()
+        return {path.suffix: path.read_bytes() for path in draft.parent.iterdir()}
+
+
+def flights_data(flights: Sequence[DrawnFlight], svg: bytes) -> dict[str, Any]:
+    """The data of the page: the figure as an image, and the table."""
     plans = {flight.plan.name.rpartition("/")[2] for flight in flights}
-    return {"title": f"{len(flights)} flights", "plans": sorted(plans), "figure": picture, "table": comparison(flights)}
+    return {
+        "title": f"{len(flights)} flights",
+        "plans": sorted(plans),
+        "figure": base64.b64encode(svg).decode(),
+        "table": comparison(flights),
+    }

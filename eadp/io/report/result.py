@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from eadp.errors import EadpError, InputError, printable
-from eadp.io.figures.flights import write_flights_figure
 from eadp.io.flight.folder import REPORT
 from eadp.io.report.flight import flight_data
-from eadp.io.report.flights import comparison, flights_data, read_flights, table_text
+from eadp.io.report.flights import comparison, draw_flights, flights_data, read_flights, table_text
 from eadp.io.report.page import check_page, page_html
 from eadp.io.report.replan_log import log_data
 from eadp.io.report.result_folder import SUMMARY, read_folder
 from eadp.io.report.sweep import sweep_data
-from eadp.io.text.streams import output_file, read_text, write_text
+from eadp.io.text.streams import output_file, read_text, write_bytes, write_text
 
 SQLITE = b"SQLite format 3\0"
 COMPARISON = "comparison.html"
@@ -70,12 +69,14 @@ def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[st
             raise InputError.at(folder, 1, 1, "is no folder of a flight", "folders of eadp simulate, one or more")
     with _whole(folders[0]):
         flights = read_flights(folders)
-        table, data = table_text(comparison(flights)), flights_data(flights)
+        pictures = draw_flights(flights)
+        table, data = table_text(comparison(flights)), flights_data(flights, pictures[".svg"])
     page = Path(folders[0]).resolve().parent / COMPARISON if out is None else Path(out)
     if out != "-":
         output_file(str(page))
         check_page(page)
-        write_flights_figure(page, flights)
+        for suffix, picture in pictures.items():
+            write_bytes(str(page.with_suffix(suffix)), picture)
     write_text(str(page) if out != "-" else "-", page_html("flights", data))
     return str(page), table
 

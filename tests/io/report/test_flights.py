@@ -10,7 +10,7 @@ from common import ROOT
 from common.answers import refused
 
 from eadp.api import simulate
-from eadp.io.report.flights import comparison, read_flights, table_text
+from eadp.io.report.flights import comparison, draw_flights, read_flights, table_text
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 
@@ -40,6 +40,11 @@ def test_the_page_has_the_table_and_the_figure(eadp, folders, tmp_path):
     assert page.with_suffix(".png").stat().st_size > 10_000
     assert table_text(data["table"]) in answer.out
     assert data["plans"] == ["survey.plan"]
+
+
+def test_the_same_flights_are_the_same_figure(folders):
+    flights = read_flights(folders[:2])
+    assert draw_flights(flights) == draw_flights(flights)
 
 
 def test_the_table_is_the_summaries(folders):
