@@ -163,13 +163,15 @@ def value(flight: Mapping[str, Any]) -> float:
 
 def row(name: str, flights: list[dict[str, Any]], beside: list[dict[str, Any]]) -> str:
     """A variant's row: differences to other flights of the same missions, their mean and its standard error."""
-    apart = [value(own) - value(other) for own, other in zip(flights, beside, strict=True)]
-    error = statistics.stdev(apart) / math.sqrt(len(apart)) if len(apart) > 1 else math.nan
+    pairs = list(zip(flights, beside, strict=True))
+    apart = [value(own) - value(other) for own, other in pairs]
+    both = [own["u"] - other["u"] for own, other in pairs if own["completed"] and other["completed"]]
     cpu = sum(flight["cpu_s"] for flight in flights) / sum(flight["cpu_s"] for flight in beside)
     return line(
         name,
         f"{statistics.fmean(map(value, flights)):.4f}",
-        f"{statistics.fmean(apart):+.4f} ± {error:.4f}",
+        _mean_text(apart),
+        _mean_text(both),
         sum(abs(one) > 1e-9 for one in apart),
         sum(flight["completed"] for flight in flights),
         sum(flight["kept"] for flight in flights),
@@ -178,7 +180,22 @@ def row(name: str, flights: list[dict[str, Any]], beside: list[dict[str, Any]]) 
     )
 
 
-TITLES = ("U, all", "difference", "missions that differ", "completed", "reserve kept", "changes", "CPU, ratio")
+def _mean_text(values: list[float]) -> str:
+    """The mean of differences and its standard error."""
+    error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    return f"{statistics.fmean(values):+.4f} ± {error:.4f}"
+
+
+TITLES = (
+    "U, all",
+    "difference",
+    "where both complete",
+    "missions that differ",
+    "completed",
+    "reserve kept",
+    "changes",
+    "CPU, ratio",
+)
 
 
 def ablation_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:

@@ -278,7 +278,14 @@ def cover(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
-    covered = plan_coverage(str(field), options, flown.name, flown.airframe, setting.keys.wind.steady_mps, profile)
+    pack_wh = None
+    if vehicle is not None or "battery" in setting.chosen:
+        battery = flown.battery if vehicle is not None else setting.keys.battery
+        reserve = setting.keys.reserve_soc
+        pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
+    covered = plan_coverage(
+        str(field), options, flown.name, flown.airframe, setting.keys.wind.steady_mps, profile, pack_wh
+    )
     motion = covered.report.motion
     wind_mps = math.hypot(*motion.wind_mps)
     if tight := too_tight(flown.airframe, motion.airspeed_mps, motion.min_radius_m, wind_mps):

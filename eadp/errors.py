@@ -26,6 +26,15 @@ def printable(text: str, limit: int = 200) -> str:
     return shown if len(shown) <= limit else shown[:limit] + "…"
 
 
+def one_of(known: Iterable[str], given: str) -> str:
+    """What is expected where one of some names is: them, and the one that what was given looks like."""
+    import difflib
+
+    names = list(dict.fromkeys(known))
+    like = difflib.get_close_matches(given, names, 1)
+    return f"one of {', '.join(names)}{f'; did you mean {like[0]}?' if like else ''}" if names else ""
+
+
 @dataclass(frozen=True)
 class Fault:
     """One fault of an input, with its location.

@@ -55,14 +55,18 @@ def command(
         float | None,
         Option(help="Overlap of the pictures along a line [%]: the plan takes them.", metavar="PERCENT"),
     ] = None,
+    image_width: Annotated[
+        int | None,
+        Option("--image-width-px", help="Width of a picture [pixels]: the size of a pixel is said.", metavar="PX"),
+    ] = None,
     radius: Annotated[
         float | None, Option(help="Ideal turning radius [m]; by default 1.5 times the smallest.", metavar="METRES")
     ] = None,
     spacing: Annotated[
         float | None,
         Option(
-            help="Distance of the lines [m]. Of Zamboni-like laps at c1 = 0, by default half the swath, up to which c1 "
-            "widens it; of lines in an order by default the swath.",
+            help="Distance of the lines [m]. Of Zamboni-like laps the finest, by default half the swath, up to which a "
+            "planner widens it; of lines in an order by default the swath.",
             metavar="METRES",
         ),
     ] = None,
@@ -147,6 +151,7 @@ def command(
         focal_length,
         side_overlap,
         forward_overlap,
+        image_width,
     )
     try:
         found = api.cover(file, options, profile, scenario, vehicle=vehicle, warn=warn)

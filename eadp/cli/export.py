@@ -166,9 +166,9 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     """The forecast that is exported, for people."""
     segments = forecast.segments(plan)
     chosen = []
-    for name in plan.names[: plan.path_count]:
-        values = segments.get(name, (forecast.parameters[name],))
-        chosen.append(f"{name} = {' then '.join(f'{value:g}' for value in values[:2])}")
+    for item in plan.parameters[: plan.path_count]:
+        values = segments.get(item.name, (forecast.parameters[item.name],))
+        chosen.append(f"{item.label} = {' then '.join(map(item.text, values[:2]))}")
     end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
@@ -184,7 +184,8 @@ def _after(inputs: FlightInputs, telemetry: str, name: str) -> tuple[Leg, ...]:
     legs, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
     if not legs or decision is None:
         raise usage_fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
-    values = ", ".join(f"{key} = {value:g}" for key, value in decision["parameters"].items())
+    parameters = inputs.world.plan.parameters
+    values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
     length_m, end = sum(leg.distance_m for leg in legs), decision["soc_end_forecast"]
     message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
     message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"

@@ -137,21 +137,25 @@ def parameters_of(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
     values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
     for raw in overrides or []:
         name, _, number = raw.partition("=")
-        if name.strip() not in plan.names:
-            expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
-            raise usage_fault("--set", raw, f"no parameter {name.strip()}", expected)
+        index = plan.parameter(name.strip())
+        if index is None:
+            raise usage_fault("--set", raw, f"no parameter {name.strip()}", plan.expected_name(name.strip()))
         try:
             value = float(number)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
             raise usage_fault("--set", raw, f"{number or 'nothing'} is not a number", "as in c1=-500", len(name) + 2)
-        index = plan.names.index(name.strip())
-        if plan.has_sets and plan.hull(index).clip(value) != value:
+        item = plan.parameters[index]
+        by_title = name.strip() != item.name and item.stands_for is not None
+        if plan.has_sets:
             box = plan.hull(index)
-            message = f"{name} = {number_text(value)} is outside its set"
-            expected = f"a value in [{number_text(box.lo)}, {number_text(box.hi)}]"
-            raise usage_fault("--set", raw, message, expected, len(name) + 2)
+            value = item.of_shown(value, box) if by_title else value
+            if box.clip(value) != value:
+                ends = sorted(map(item.shown, (box.lo, box.hi))) if by_title else (box.lo, box.hi)
+                message = f"{name} = {number} is outside its set"
+                expected = f"a value in [{', '.join(number_text(end) for end in ends)}]"
+                raise usage_fault("--set", raw, message, expected, len(name) + 2)
         values[index] = value
     return values
 
@@ -361,8 +365,13 @@ def _table(plan: Plan) -> str:
         known = "for every" if structure_proven(plan) else "at sampled"
         lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
-    for item in plan.parameters:
+    for i, item in enumerate(plan.parameters):
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"
+        if item.stands_for is not None:
+            what += f" = {item.stands_for.text}"
+            if plan.has_sets:
+                low, high = sorted(map(item.shown, (plan.hull(i).lo, plan.hull(i).hi)))
+                what += f", from {low:.4g} to {high:.4g}"
         lines.append(f"{item.name:<10} {what}")
     for stage in plan.stages:
         direction = "counter-clockwise" if stage.rotation_deg == 90 else "clockwise"

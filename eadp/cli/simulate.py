@@ -103,7 +103,7 @@ def command(
 def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
     """The summary for people."""
     from eadp.io.flight.folder import REPORT
-    from eadp.io.report.words import reserve_text
+    from eadp.io.report.words import label_of, parameter_text, reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
@@ -124,12 +124,8 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
         x, y = summary["turned_back_m"]
         lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
     lines += _endurance(summary["endurance"])
-    for name, values in summary["parameters"].items():
-        ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
-        lines.append(
-            f"{name:<10} mean {values['mean']:.4g}{ran}, from {values['first']:g} to {values['last']:g}, "
-            f"{values['changes']} changes"
-        )
+    parameters = summary["parameters"].items()
+    lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
         lines.append(f"quality    U = {summary['quality']:.3f} (share of full quality over the ground of the mission)")
     lines.append(

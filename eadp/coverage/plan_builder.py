@@ -16,7 +16,7 @@ from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import Box, Stage
+from eadp.models.plan.stage import Box, Stage, Title
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -86,6 +86,7 @@ def build_plan(
         name=name,
         stages=tuple(replace(stage, altitude_m=altitude_m) for stage in stages),
         path_count=1 if solution.min_c1 < 0 else 0,
+        titles=(Title("spacing", "m", _expression(_spacing(solution.blocks[0]))),) if solution.min_c1 < 0 else (),
         computations=builder.computations.computations,
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
@@ -185,13 +186,15 @@ class _PlanBuilder:
         self.shortest_m = min([self.shortest_m, *(leg.piece.length_m for leg in block.legs(0.0)[2::4])])
 
 
+def _spacing(block: Block) -> str:
+    """The distance from lap to lap, which is that of the lines, in c1. Source: letter, Sec. IV-A."""
+    radius, least = _number(block.radius_m), _number(block.spacing_m)
+    return f"{least} + 2*({radius} - sqrt({radius}^2 + c1))" if block.min_c1 < 0 else least
+
+
 def _loop_variables(block: Block) -> Iterator[LoopVariable]:
-    radius = _number(block.radius_m)
-    step = _number(block.spacing_m)
-    if block.min_c1 < 0:
-        step += f" + 2*({radius} - sqrt({radius}^2 + c1))"
     yield LoopVariable("s", _expression("0"), _expression("next - s"))
-    yield LoopVariable("next", _expression(f"min(s + {step}, {_number(block.travel_m)})"))
+    yield LoopVariable("next", _expression(f"min(s + {_spacing(block)}, {_number(block.travel_m)})"))
     yield LoopVariable("top", _expression(_piecewise_linear(block.top, "s")))
     second, first = _piecewise_linear(block.low_second, "s"), _piecewise_linear(block.low_first, "next")
     yield LoopVariable("low", _expression(second if second == first else f"min({second}, {first})"))

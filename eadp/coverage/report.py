@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,9 +31,13 @@ class PowerDraw:
 
 @dataclass(frozen=True)
 class PathReport:
-    """A coverage path at one value of c1; `energy_wh` is None if the power is unknown."""
+    """A coverage path at one value of c1.
+
+    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is None if the power is unknown.
+    """
 
     c1: float
+    spacing_m: float | None
     coverage: float
     length_m: float
     time_s: float
@@ -65,7 +71,16 @@ def path_report(
         joules = power.motion_w * time_s + power.computing_w * over_s + power.computing_on_turns_w * (time_s - over_s)
         energy = joules / 3600
     coverage = covered_by_lines(path, field, motion.swath_m)
-    return PathReport(c1, coverage, path.length_m, time_s, path.lines, path.min_radius_m, energy)
+    spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
+    spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
+    return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m, energy)
+
+
+def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
+    """The median distance of neighbouring lines [m]; None for a single one."""
+    sin, cos = math.sin(heading_rad), math.cos(heading_rad)
+    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+    return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
 
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
@@ -109,14 +124,16 @@ class CoverageReport:
 
     @property
     def _steps_text(self) -> str:
-        """Whole numbers at which the laps are saved, at the lowest c1 where there is none above it."""
-        return ", ".join(number_text(max(math.floor(c1), self.solution.min_c1)) for c1 in self._steps)
+        """Spacings from which on laps are saved, rounded up: each saves its lap."""
+        block = self.solution.blocks[0]
+        ends = (block.spacing_at(c1) for c1 in self._steps)
+        return ", ".join(f"{min(math.ceil(100 * m) / 100, block.spacing_at(block.min_c1)):.4g}" for m in ends)
 
     def titled_paths(self) -> dict[str, CoveragePath]:
         """The path at each end of c1 under a title."""
         paths = {}
         for end in self.ends:
-            at = f"c1 = {number_text(end.c1)}: " if len(self.ends) > 1 else ""
+            at = f"lines {end.spacing_m:.1f} m apart: " if len(self.ends) > 1 else ""
             title = f"{at}{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered"
             paths[title] = self.solution.path(end.c1)
         return paths
@@ -130,9 +147,9 @@ class CoverageReport:
             f"{full.lines} lines, {full.length_m:.0f} m",
         ]
         if least is not full:
-            at = number_text(least.c1)
-            lines[1] += f" at c1 = 0; {least.lines} lines, {least.length_m:.0f} m at c1 = {at}"
-            lines.append(f"A lap less in each block at c1 = {self._steps_text}")
+            lines[1] += f" with a spacing of {full.spacing_m:.4g} m; {least.lines} lines, {least.length_m:.0f} m "
+            lines[1] += f"with {least.spacing_m:.4g} m, c1 = {number_text(least.c1)}"
+            lines.append(f"A lap less in each block from a spacing of {self._steps_text} m on")
         return lines
 
     def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
@@ -148,6 +165,8 @@ class CoverageReport:
             "length_m": full.length_m,
             "time_s": full.time_s,
             "lines": full.lines,
+            "spacing_m": [full.spacing_m, least.spacing_m],
+            "swath_m": self.motion.swath_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
@@ -199,11 +218,11 @@ class CoverageReport:
             f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
         ]
         for end in self.ends:
-            at = f" at c1 = {number_text(end.c1)}" if len(self.ends) > 1 else ""
+            at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
             energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
             lines.append(
-                f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: {end.lines} lines, "
-                f"{end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+                f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
+                f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
@@ -213,7 +232,7 @@ class CoverageReport:
             why = "; ground is left where a line would have no room for a turn" if short else ""
             lines.append(f"stays      {' and '.join(kept)}{why}")
         if blocks:
-            lines.append(f"laps       one less in each block at c1 = {self._steps_text}")
+            lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
         lines.append(f"turns      {wide}")

@@ -157,7 +157,8 @@ class LiveFlight:
         tracker, before, to = self._tracker, self._decision, _sighting(sample, time_s, velocity)
         known_soc = self._pilot.state.soc if self._pilot is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
-        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, sample.parameters)
+        reported = self._mission.plan.by_name(sample.parameters)
+        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, reported)
         pilot = self._pilot
         if pilot is None:
             return self._unknown(sample, time_s)
@@ -165,7 +166,7 @@ class LiveFlight:
             position = tracker.located[1]
         else:
             position = self._track(pilot, to, soc, measured=sample.soc is not None)
-            tracker.put_in_force(sample.parameters, time_s, position, pilot.planner.hold)
+            tracker.put_in_force(reported, time_s, position, pilot.planner.hold)
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
         if ends is not None:

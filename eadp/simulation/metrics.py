@@ -119,6 +119,13 @@ class ParameterLog:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
 
+    def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
+        """Time average of what a parameter stands for."""
+        record, end_s = self.records[index], self._since_s
+        times_s, values = zip((0.0, record.first), *record.history, strict=True)
+        spans_s = np.diff([*times_s, end_s])
+        return float(spans_s @ [*map(shown, values)] / end_s) if end_s else shown(record.first)
+
     def mean(self, index: int) -> float:
         """Time average of a parameter."""
         record = self.records[index]

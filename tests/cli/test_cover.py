@@ -89,7 +89,7 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert eadp(*given, "--swath", "36", "--format", "json").code == 0
     alike, answer = (
         json.loads(eadp(*given, *more, "--format", "json").out)
-        for more in (("--swath", "36"), flags(CAMERA | PICTURES))
+        for more in (("--swath", "36"), (*flags(CAMERA | PICTURES), "--image-width-px", "6000"))
     )
     assert (answer["lines"], answer["length_m"]) == (alike["lines"], alike["length_m"])
     plan.write_text(answer["plan"])
@@ -103,10 +103,14 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert pictures[0] == 16
     assert pictures[-1] == 0
     camera = answer["camera"]
-    assert (camera["width_m"], camera["side_overlap"], camera["distance_m"]) == pytest.approx((120, 0.7, 16))
+    assert (camera["width_m"], camera["distance_m"], answer["forward_overlap"]) == pytest.approx((120, 16, 0.8))
+    assert answer["side_overlap"] == pytest.approx([1 - apart_m / 120 for apart_m in answer["spacing_m"]])
+    assert min(answer["side_overlap"]) >= 0.7
+    assert answer["gsd_cm"] == pytest.approx(100 * 120 / 6000)
+    assert answer["batteries"] is None
     # the field once, or with lines of half the distance twice; and what lines show beyond its edge
     apart_m = 18 if pattern == "zamboni" else 36
-    assert 1.0 < camera["number"] * 16 * apart_m / answer["field"]["area_m2"] < 1.35
+    assert 1.0 < answer["pictures"] * 16 * apart_m / answer["field"]["area_m2"] < 1.35
     # on along a line, off after it
     on = sum(before == 0 and now == 16 for before, now in zip([0, *pictures], pictures, strict=False))
     assert on == answer["lines"]
@@ -285,12 +289,12 @@ def test_outlines_that_are_none_are_refused(eadp, tmp_path, body, message):
     assert answer.err.startswith(f"{path}:")
 
 
-def test_the_lowest_c1_that_is_printed_can_be_set(eadp, tmp_path):
+def test_the_coarsest_spacing_that_is_printed_can_be_set(eadp, tmp_path):
     plan = tmp_path / "m.plan"
     text = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "zamboni", "-o", plan).out
-    lowest = text.split("at c1 = -")[1].split(":")[0]
-    lines = int(text.split(f"-{lowest}: ")[1].split()[0])
-    trace = eadp("plan", plan, "--trace", "50", "--set", f"c1=-{lowest}")
+    coarsest = text.split("with lines ")[2].split()[0]
+    lines = int(text.split(f"with lines {coarsest} m apart: ")[1].split()[0])
+    trace = eadp("plan", plan, "--trace", "50", "--set", f"spacing={coarsest}")
     assert trace.code == 0
     runs = [row.split(",")[:2] for row in trace.out.splitlines()[1:]]
     changes = [a for a, b in zip(runs, [None, *runs], strict=False) if a != b]
@@ -334,7 +338,7 @@ def test_auto_says_what_a_fixed_spacing_gives_up(eadp):
     plan = eadp(*arguments)
     assert "note: line spacing fixed" in plan.err
     assert "fixed" not in plan.out
-    assert "spacing " not in eadp(*arguments, "--pattern", "zamboni", "--format", "text").out
+    assert "spacing  " not in eadp(*arguments, "--pattern", "zamboni", "--format", "text").out
 
 
 LIMITS = {

@@ -159,11 +159,13 @@ def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, 
     field.write_text("x_m,y_m\n0,0\n600,0\n600,200\n250,200\n250,500\n0,500\n")
     options = ("--min-radius", radius, "--swath", swath, "--pattern", "zamboni")
     answer = eadp("cover", field, *options, "-o", file)
-    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("c1 = ")[2]
+    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("spacing of ")[2]
+    spacings = printed.removesuffix(" m on").split(", ")
     plan, _ = read_plan(read_text(str(file)))
-    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *map(float, printed.split(", ")))]
+    box, item = plan.hull(0), plan.parameters[0]
+    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *(item.of_shown(float(m), box) for m in spacings))]
     assert all(fewer < more for more, fewer in itertools.pairwise(legs))
-    assert f"c1 = {printed}\n" in file.read_text()
+    assert f"from a spacing of {printed}\n" in file.read_text()
 
 
 def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):

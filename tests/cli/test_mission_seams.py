@@ -12,6 +12,8 @@ from common.answers import refused
 
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
 
 BOX = "0 0, 600 0, 600 400, 0 400"
 LIMITS = {
@@ -194,7 +196,8 @@ def test_a_value_for_each_block_is_forecast_and_exported(eadp, blocks):
         if isinstance(chosen, dict):
             first, *later = chosen["segments"]
             answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
-            assert f"c1 = {first:g} then {later[0]:g}" in answer.err
+            spacing = read_plan(read_text(str(plan)))[0].parameters[0]
+            assert f"spacing = {spacing.text(first)} then {spacing.text(later[0])}" in answer.err
             found.append(chosen)
     assert found
 
@@ -267,7 +270,8 @@ def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tm
     replan = eadp("replan", plan, "--scenario", scenario, "--telemetry", tmp_path / "sofar.jsonl")
     decided = json.loads(replan.out.splitlines()[-1])
     c1 = decided["parameters"]["c1"]
-    assert f"in stage {decided['stage']} of lap {decided['lap']}, at c1 = {c1:g}" in answer.err
+    spacing = read_plan(read_text(str(ROOT / plan)))[0].parameters[0].text(c1)
+    assert f"in stage {decided['stage']} of lap {decided['lap']}, at spacing = {spacing}" in answer.err
     # it begins where the aircraft is, and is as long as what is forecast to be left
     path = [
         to_local_m(lat, lon, (55.37, 10.43))

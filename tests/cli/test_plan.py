@@ -113,7 +113,7 @@ def test_check_of_the_survey_passes_with_warnings(eadp):
     assert answer.code == 0
     assert answer.out.count("warning:") == 6
     assert answer.out.endswith("4 stages: 0 errors, 6 warnings; 4 of 4 stages lead to the next for some parameters\n")
-    assert "plans/survey.plan:23:1: warning: the trigger of stage 2 lies 3.16 m off" in answer.out
+    assert "plans/survey.plan:24:1: warning: the trigger of stage 2 lies 3.16 m off" in answer.out
     assert answer.out.splitlines()[-4:-1] == [
         "trigger on its path  for every c1 in stages 1-2, 4; not in stage 3",
         "trigger on the next  for every c1 in stages 1, 3; not in stages 2, 4",

@@ -229,11 +229,19 @@ def test_power_and_quality_follow_the_rate_at_which_computations_run(eadp, tmp_p
     g_7_w = (8.68095 + 9.78429) / 2  # the profile's powers at 6 and 8
     assert commanded["power_w"] - actual["power_w"] == pytest.approx(10.2112 - g_7_w, abs=1e-9)
     summary, before = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("actual", "commanded"))
-    assert summary["parameters"]["c2"] == {"mean": 10, "first": 10, "last": 10, "changes": 0, "actual_mean": 7}
+    assert summary["parameters"]["c2"] == {
+        "mean": 10,
+        "first": 10,
+        "last": 10,
+        "changes": 0,
+        "actual_mean": 7,
+        "title": "fps",
+        "unit": "",
+    }
     assert "actual_mean" not in before["parameters"]["c2"]
     # c1 is at its maximum, c̃2 = (7 − 2)/8, of the same ground
     assert summary["quality"] / before["quality"] == pytest.approx((1 + 5 / 8) / 2)
-    assert "mean 10, ran at 7," in eadp(*STATIC, "--set", "computations.c2.max_rate=7").out
+    assert "fps        10, ran at 7, no change" in eadp(*STATIC, "--set", "computations.c2.max_rate=7").out
 
 
 def test_a_planner_sees_the_power_and_the_commanded_rate():

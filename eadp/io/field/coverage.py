@@ -124,6 +124,9 @@ class CameraOptions:
     forward_overlap: float | None = None
     """Overlap of the pictures along a line [%], for their distance; by default none are taken."""
 
+    image_width_px: int | None = None
+    """Width of a picture, across the lines [pixels], for the ground sampling distance."""
+
     def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
         """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
         for name, value, lowest, limit in (
@@ -175,7 +178,9 @@ class CameraOptions:
         width_m = self._footprint_m("--sensor-width-mm", self.sensor_width_mm, 0.0)
         apart_m = self.picture_distance_m
         count = None if apart_m is None else math.ceil(sensed_m / apart_m)
-        return Pictures(width_m, self._side_overlaps[1] / 100, apart_m, count)
+        forward = None if self.forward_overlap is None else self.forward_overlap / 100
+        gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
+        return Pictures(width_m, apart_m, forward, count, gsd_cm)
 
     @cached_property
     def picture_distance_m(self) -> float | None:
@@ -248,49 +253,89 @@ class Pictures(NamedTuple):
     ----------
     width_m : float
         Of the ground in one, across the lines [m].
-    side_overlap : float
-        Share of it that the next line's shows too, at least.
     distance_m : float or None
         Between pictures along a line [m]; None where none are taken.
+    forward_overlap : float or None
+        Share of a picture that the next one of the line shows too.
     number : int or None
         Of all lines, the densest.
+    gsd_cm : float or None
+        Ground sampling distance, of a pixel [cm]; None where the picture's width in pixels is not known.
     """
 
     width_m: float
-    side_overlap: float
     distance_m: float | None
+    forward_overlap: float | None
     number: int | None
+    gsd_cm: float | None
 
-    def text(self, swath_m: float) -> str:
-        """For people; lines are a swath apart at most."""
-        along = "" if self.distance_m is None else f"; one each {self.distance_m:.1f} m, {self.number} in all"
-        return (
-            f"camera     pictures of {self.width_m:.1f} m across, lines {swath_m:.1f} m apart or less: side overlap "
-            f"{100 * self.side_overlap:.0f} % or more{along}"
-        )
+    def text(self) -> str:
+        """For people."""
+        parts = [f"pictures of {self.width_m:.1f} m across"]
+        parts += [] if self.gsd_cm is None else [f"{self.gsd_cm:.2g} cm a pixel"]
+        if self.distance_m is not None and self.forward_overlap is not None:
+            overlap = f"forward overlap {100 * self.forward_overlap:.0f} %"
+            parts += [f"one each {self.distance_m:.1f} m, {overlap}", f"{self.number} in all"]
+        return f"camera     {'; '.join(parts)}"
 
 
 @dataclass(frozen=True)
 class CoveragePlan:
-    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures."""
+    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
+
+    `pack_wh` is what a full pack holds above the reserve [Wh], if the aircraft has one.
+    """
 
     plan: Plan
     text: str
     report: CoverageReport
     repairs: Sequence[str]
     pictures: Pictures | None = None
+    pack_wh: float | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
-        camera = None if self.pictures is None else self.pictures._asdict()
-        return self.report.document(self.repairs, self.text) | {"camera": camera}
+        shot = self.pictures
+        return self.report.document(self.repairs, self.text) | {
+            "side_overlap": self._side_overlaps,
+            "forward_overlap": None if shot is None else shot.forward_overlap,
+            "pictures": None if shot is None else shot.number,
+            "gsd_cm": None if shot is None else shot.gsd_cm,
+            "batteries": self._batteries,
+            "camera": None if shot is None else {"width_m": shot.width_m, "distance_m": shot.distance_m},
+        }
+
+    @property
+    def _side_overlaps(self) -> list[float | None]:
+        """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
+        width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
+        ends = (self.report.full, self.report.least)
+        return [None if end.spacing_m is None else 1 - end.spacing_m / width_m for end in ends]
+
+    @property
+    def _batteries(self) -> list[float] | None:
+        """Full packs, down to their reserve, for the path at the finest spacing and at the coarsest."""
+        ends = (self.report.full, self.report.least)
+        return None if self.pack_wh is None else [(end.energy_wh or 0.0) / self.pack_wh for end in ends]
 
     @property
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
-        camera = [] if self.pictures is None else [self.pictures.text(self.report.motion.swath_m)]
-        return [*self.report.text(), *camera]
+        camera = [] if self.pictures is None else [self.pictures.text()]
+        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+
+    def _overlap_text(self) -> list[str]:
+        """The overlap of neighbouring lines."""
+        shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
+        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line"] if shares else []
+
+    def _batteries_text(self) -> list[str]:
+        """How many packs the path takes."""
+        if self._batteries is None or self.pack_wh is None:
+            return []
+        packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
+        return [f"batteries  {packs} of {self.pack_wh:.3g} Wh above the reserve"]
 
 
 def plan_coverage(
@@ -300,6 +345,7 @@ def plan_coverage(
     airframe: Airframe,
     wind_mps: Point,
     profile: AnyProfile | None = None,
+    pack_wh: float | None = None,
 ) -> CoveragePlan:
     """The quickest path found that covers a field, as a plan.
 
@@ -315,7 +361,9 @@ def plan_coverage(
     wind_mps : pair of float
         The wind (east, north) [m/s], unless the options have one.
     profile : profile, optional
-        Its computations run over the field; with it the report has the energy.
+        Its computations run over the field; with it, or with a pack, the report has the energy.
+    pack_wh : float, optional
+        What a full pack holds above the reserve [Wh].
 
     Raises
     ------
@@ -349,11 +397,12 @@ def plan_coverage(
         altitude_m=options.altitude_m,
         commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
     )
-    power = None if profile is None else _power(plan, profile, airframe.cruise_power_w, computations)
+    known = profile is not None or pack_wh is not None
+    power = _power(plan, profile, airframe.cruise_power_w, computations) if known else None
     report = CoverageReport.of(field, motion, solution, power)
     comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
     sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
-    return CoveragePlan(plan, comments + plan_text(plan), report, repairs, options.pictures(sensed_m))
+    return CoveragePlan(plan, comments + plan_text(plan), report, repairs, options.pictures(sensed_m), pack_wh)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -453,7 +502,7 @@ def _computations(profile: AnyProfile | None, off_on_turns: bool) -> FieldComput
     return FieldComputations(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), off_on_turns)
 
 
-def _power(plan: Plan, profile: AnyProfile, cruise_power_w: float, computations: FieldComputations) -> PowerDraw:
+def _power(plan: Plan, profile: AnyProfile | None, cruise_power_w: float, computations: FieldComputations) -> PowerDraw:
     """The power drawn with every computation at its maximum."""
     try:
         computing: Computing = join_profile(plan, profile)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from eadp.core.expressions.tree import number_text
 from eadp.io.figures.canvas import (
     COLOURS,
     FIELD,
@@ -30,7 +29,7 @@ from eadp.io.figures.canvas import (
 )
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import COMPUTATION, point_at
+from eadp.models.plan.stage import point_at
 from eadp.planning.base import INFEASIBLE, TURNS_BACK, DecisionRecord
 from eadp.simulation.loop import Step, World
 
@@ -180,8 +179,7 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         width = box.hi - box.lo
         values = np.array([step.parameters[i] for step in steps])
         normalised = (values - box.lo) / width if width else np.ones(len(values))
-        title = parameter.title or ("computation" if parameter.kind == COMPUTATION else "path")
-        label = f"{parameter.name} ({title}) {number_text(box.lo)} … {number_text(box.hi)}"
+        label = f"{parameter.label} ({parameter.kind}) {parameter.text(box.lo)} … {parameter.text(box.hi)}"
         behind = min(len(plan.parameters) - 1 - i, 4)
         style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
         axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)

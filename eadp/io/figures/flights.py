@@ -35,7 +35,7 @@ def write_flights_figure(path: Path, flights: Sequence[DrawnFlight]) -> None:
     flights : sequence of DrawnFlight
         Two or more, with names of their own.
     """
-    names = list(dict.fromkeys(name for flight in flights for name in flight.plan.names))
+    names = list(dict.fromkeys(item.label for flight in flights for item in flight.plan.parameters))
     across = min(len(flights), COLUMNS)
     maps = -(-len(flights) // across)
     charts = ["power_w", "soc", *names]
@@ -75,9 +75,13 @@ def _draw_column(axes: Axes, flights: Sequence[DrawnFlight], column: str) -> Non
     titles = {"power_w": "Power [W]", "soc": "State of charge"}
     steps = "default" if column in titles else "steps-post"
     for i, flight in enumerate(flights):
-        if column not in flight.columns:
+        item = next((item for item in flight.plan.parameters if item.label == column), None)
+        if item is None and column not in titles:
             continue
-        time, values, colour = flight.columns["time_s"], flight.columns[column], COLOURS[i % len(COLOURS)]
+        if item is not None:
+            titles[column] = f"{item.label} [{item.unit}]" if item.unit else item.label
+        values = flight.columns[column] if item is None else [*map(item.shown, flight.columns[item.name])]
+        time, colour = flight.columns["time_s"], COLOURS[i % len(COLOURS)]
         width = 0.6 if column == "power_w" else 1.4
         axes.plot(time, values, color=colour, linewidth=width, drawstyle=steps, label=flight.name)
         if not flight.summary["completed"]:

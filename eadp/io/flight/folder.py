@@ -62,6 +62,11 @@ def summarise(
             parameters[parameter.name]["actual_mean"] = log.actual_mean(i)
         if parameter.kind == PATH:
             parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
+        if parameter.title:
+            parameters[parameter.name] |= {"title": parameter.title, "unit": parameter.unit}
+        if parameter.stands_for is not None:
+            values = {key: parameter.shown(getattr(record, key)) for key in ("first", "last")}
+            parameters[parameter.name]["shown"] = {"mean": log.mean_shown(i, parameter.shown), **values}
     duration_s = outcome.duration_s
     return {
         "schema": SCHEMA,

@@ -168,6 +168,7 @@ def load_flight(
     if profile_path is not None:
         texts["profile"], (profile, found) = files.read(profile_path, profile_of, reference)
         warnings += found
+    plan, scenario = _named(plan, plan_text, profile, scenario)
     computing = _computing(plan, plan_text, profile, profile_path, scenario)
     if profile is not None and not may_compute(plan):
         warnings.append(_load_note(profile, profile_path or "", computing, scenario))
@@ -207,7 +208,16 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
-    return text, _with_sets(plan, text, scenario).laps(), warnings
+    return text, plan, warnings
+
+
+def _named(plan: Plan, text: Text, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+    """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
+    columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
+    if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
+        plan = replace(plan, computations=columns)
+    scenario = scenario.with_names(plan.parameters, tuple(map(plan.hull, range(len(plan.stages[0].sets)))))
+    return _with_sets(plan, text, scenario).laps(), scenario
 
 
 def _world(
@@ -424,8 +434,7 @@ def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
             faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:.10g}, {box.hi:.10g}]"))
         values.append(value)
     for name in given:
-        expected = f"one of {', '.join(plan.names)}" if plan.names else "none: the plan has no parameters"
-        faults.append(scenario.fault(f"parameters.{name}", f"the plan has no parameter {name}", expected))
+        faults.append(scenario.unknown_parameter(f"parameters.{name}", name, plan))
     if faults:
         raise InputError(*faults)
     return tuple(values)
@@ -460,11 +469,7 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
     }
     for i, row in enumerate(getattr(own, "trade_offs", ())):
         named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
-    faults = [
-        scenario.fault(key, f"the plan has no parameter {name}", f"one of {', '.join(plan.names) or 'none'}")
-        for key, name in named.items()
-        if name not in plan.names
-    ]
+    faults = [scenario.unknown_parameter(key, name, plan) for key, name in named.items() if name not in plan.names]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
 

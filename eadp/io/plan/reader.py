@@ -5,6 +5,7 @@ Source: draft 002, Appendix II.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -30,7 +31,7 @@ from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
 from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage
+from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage, Title
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
@@ -45,6 +46,7 @@ VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
 _HEADERS = (
     "computations",
+    "paths",
     "sets",
     "trigger-radius",
     "min-radius",
@@ -611,6 +613,38 @@ class _Reader:
             offset += len(part) + 1
         return tuple(result)
 
+    def _header_paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
+        """Names of the path parameters, and what they stand for."""
+        line = self._headers.get("paths")
+        if line is None:
+            return ()
+        result: list[Title] = []
+        offset = 0
+        for part in line.text.split(","):
+            head, equals, formula = part.partition("=")
+            name, bracket, unit = head.strip().partition("[")
+            name, unit = name.rstrip(), unit.removesuffix("]").strip()
+            closed = not bracket or head.rstrip().endswith("]")
+            others = [*taken, *(title.name for title in result)]
+            if not _COMPUTATION.match(name) or _RESERVED.match(name) or not closed or name in others:
+                expected = "names like spacing, spacing [m] = 150 - 2*sqrt(4900 + c1)"
+                self._fault(line, offset, "a path parameter without a name of its own", expected)
+                return ()
+            at, own = offset + len(head) + 1, f"c{len(result) + 1}"
+            stands_for = self._expression(line, formula, at) if equals else None
+            boxes = [draft.sets[len(result)] for draft in self._drafts if len(draft.sets) > len(result)]
+            boxes += [sets.get(len(result) + 1)]
+            if stands_for is not None and stands_for.names != {own}:
+                self._fault(line, at, f"{name} is no expression in {own} alone", f"one, as in 2*sqrt({own})")
+            elif stands_for is not None and not all(_is_monotonic(stands_for, own, box) for box in boxes if box):
+                self._fault(line, at, f"{name} neither rises nor falls over all of the set of {own}", "one that does")
+            result.append(Title(name, unit, stands_for))
+            offset += len(part) + 1
+        if len(result) != path_count:
+            expected = "a name for each parameter that a path, a trigger or a shift names"
+            self._fault(line, 0, f"{len(result)} names for {path_count} path parameters", expected)
+        return tuple(result)
+
     def _header_sets(self) -> dict[int, Box]:
         line = self._headers.get("sets")
         if line is None:
@@ -726,6 +760,7 @@ class _Reader:
         if count >= path_count and count and computations and len(computations) != count - path_count:
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
+        titles = self._header_paths(path_count, {name for name, _ in computations}, sets)
         self._check_computation_sets(path_count, sets)
         self._check_faults()
         boxes = tuple(sets[i] for i in sorted(sets))
@@ -736,6 +771,7 @@ class _Reader:
             stages=stages,
             path_count=path_count,
             computations=computations,
+            titles=titles,
             trigger_radius_m=self._header_radius("trigger-radius") or TRIGGER_RADIUS_M,
             min_radius_m=self._header_radius("min-radius"),
             site=self._site(),
@@ -952,6 +988,18 @@ class _Reader:
             self._fault(line, offset, f"{number_text(value)} cannot stand here", expected)
             return None
         return value
+
+
+def _is_monotonic(expression: Expression, name: str, box: Box) -> bool:
+    """Whether an expression in one parameter is defined, and strictly rises or falls, at a hundred steps of a set."""
+    if box.fixed:
+        return True
+    try:
+        values = [expression.value({name: box.lo + (box.hi - box.lo) * i / 100}) for i in range(101)]
+    except PathUndefined:
+        return False
+    steps = [later - first for first, later in itertools.pairwise(values)]
+    return all(step > 0 for step in steps) or all(step < 0 for step in steps)
 
 
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))

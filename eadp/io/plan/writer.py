@@ -11,7 +11,7 @@ from eadp.core.expressions.tree import Expression, number_text
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, Site
 from eadp.models.plan.segments import Segment
-from eadp.models.plan.stage import PointExpression, Stage
+from eadp.models.plan.stage import PointExpression, Stage, Title
 
 
 def plan_text(plan: Plan) -> str:
@@ -20,6 +20,8 @@ def plan_text(plan: Plan) -> str:
     if plan.computations:
         names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
         lines.append(f"%: computations {', '.join(names)}")
+    if plan.titles:
+        lines.append(f"%: paths {', '.join(map(_title_text, plan.titles))}")
     if plan.trigger_radius_m != TRIGGER_RADIUS_M:
         lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
     if plan.min_radius_m is not None:
@@ -57,6 +59,11 @@ def plan_text(plan: Plan) -> str:
     if short is not None and plan.final is not None:
         lines += ["trig:", point_text(plan.final)]
     return "\n".join([*lines, ""])
+
+
+def _title_text(title: Title) -> str:
+    unit = f" [{title.unit}]" if title.unit else ""
+    return f"{title.name}{unit}" + (f" = {title.stands_for.text}" if title.stands_for else "")
 
 
 def _mission_lines(site: Site) -> list[str]:

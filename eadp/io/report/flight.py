@@ -77,12 +77,12 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     times = columns["time_s"]
     parameters = [
         {
-            "name": parameter.name,
-            "title": parameter.title or parameter.kind,
+            "name": parameter.label,
+            "title": parameter.kind,
             "unit": parameter.unit,
-            "low": plan.hull(i).lo,
-            "high": plan.hull(i).hi,
-            **changes(times, columns[parameter.name]),
+            "low": parameter.shown(plan.hull(i).lo),
+            "high": parameter.shown(plan.hull(i).hi),
+            **changes(times, [*map(parameter.shown, columns[parameter.name])]),
         }
         for i, parameter in enumerate(plan.parameters)
     ]
@@ -112,7 +112,11 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
             "boundary": plan.site.airspace.boundary,
         },
         "plan": _plan_lines(plan, flown, world.start.position_m, world.way_home and world.way_home.position_m),
-        "decisions": decisions_data(flight.decisions, columns, dict(zip(plan.names, world.parameters, strict=True))),
+        "decisions": decisions_data(
+            [{**row, "parameters": plan.shown(row["parameters"])} for row in flight.decisions],
+            columns,
+            plan.shown(dict(zip(plan.names, world.parameters, strict=True))),
+        ),
         "facts": flight_facts(summary),
     }
 

@@ -11,6 +11,7 @@ from typing import Any
 from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight, write_flights_figure
 from eadp.io.report.result_folder import read_folder
+from eadp.io.report.words import label_of, parameter_text
 
 Row = tuple[str, Callable[[Mapping[str, Any]], str]]
 
@@ -62,16 +63,13 @@ def comparison(flights: Sequence[DrawnFlight]) -> list[list[str]]:
     """A table: a header with the flights' names, and a row for each figure and each parameter."""
     table = [["", *(flight.name for flight in flights)]]
     table += [[name, *(text(flight.summary) for flight in flights)] for name, text in ROWS]
-    names = dict.fromkeys(name for flight in flights for name in flight.summary["parameters"])
-    for name in names:
-        found = [flight.summary["parameters"].get(name) for flight in flights]
-        table.append([name, *("–" if each is None else _parameter(each) for each in found)])
+    parameters = [
+        {label_of(name, values): parameter_text(values) for name, values in flight.summary["parameters"].items()}
+        for flight in flights
+    ]
+    for label in dict.fromkeys(label for each in parameters for label in each):
+        table.append([label, *(each.get(label, "–") for each in parameters)])
     return table
-
-
-def _parameter(values: Mapping[str, Any]) -> str:
-    changes = values["changes"]
-    return f"mean {values['mean']:.4g}, {changes} change{'' if changes == 1 else 's'}"
 
 
 def table_text(table: Sequence[Sequence[str]]) -> str:

@@ -127,7 +127,8 @@ def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]])
     if not changed:
         return [f"Planner {planner} kept all parameters{_often(decisions)}."]
     parts = [
-        f"{name} {_times(values['changes'])}, from {values['first']:.6g} to {values['last']:.6g}"
+        f"{label_of(name, values)} {_times(values['changes'])}, from {value_of(values, 'first')} to "
+        f"{value_of(values, 'last')}"
         for name, values in changed.items()
     ]
     words = [f"Planner {planner} changed {', and '.join(parts)}{_often(decisions)}."]
@@ -162,7 +163,8 @@ def _times(count: int) -> str:
 def _quality(summary: Mapping[str, Any]) -> list[str]:
     if summary["quality"] is None:
         return []
-    means = ", ".join(f"{name} {values['mean']:.4g}" for name, values in summary["parameters"].items())
+    parameters = summary["parameters"].items()
+    means = ", ".join(f"{label_of(name, values)} {value_of(values, 'mean')}" for name, values in parameters)
     return [f"The quality U was {summary['quality']:.3f} of 1, at mean parameters {means}."]
 
 
@@ -182,9 +184,7 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
         ("power", f"{power['min']:.2f} to {power['max']:.2f} W"),
         ("charge at the end", f"{_percent(summary['soc_final'])}, reserve {_percent(summary['soc_reserve'])}"),
     ]
-    for name, values in summary["parameters"].items():
-        text = f"mean {values['mean']:.6g}, from {values['first']:g} to {values['last']:g}, {values['changes']} changes"
-        facts.append((name, text))
+    facts += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
     if laps:
         facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
     if summary["period_s"] is not None:
@@ -193,6 +193,26 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
     runs += f"{solver['infeasible']} infeasible"
     facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
     return [list(fact) for fact in facts]
+
+
+def label_of(name: str, values: Mapping[str, Any]) -> str:
+    """What people read for a parameter of `summary.json`: its title where it has one."""
+    return str(values.get("title") or name)
+
+
+def value_of(values: Mapping[str, Any], key: str) -> str:
+    """A parameter's first, last or mean value as people read it: of what it stands for, with its unit."""
+    shown = values.get("shown")
+    return f"{values[key]:.4g}" if shown is None else f"{shown[key]:.4g} {values['unit']}".strip()
+
+
+def parameter_text(values: Mapping[str, Any]) -> str:
+    """A parameter over a flight: its mean, its first and last value, and its changes."""
+    ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
+    first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
+    if not changes:
+        return f"{first}{ran}, no change"
+    return f"mean {value_of(values, 'mean')}{ran}, from {first} to {last}, {changes} change{'s' if changes > 1 else ''}"
 
 
 def log_words(

@@ -6,9 +6,11 @@ The settings stand beside what they set, in the dataclasses of models and planni
 from __future__ import annotations
 
 import copy
+import functools
 import itertools
 import json
-from collections.abc import Callable, Iterable, Mapping
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -20,7 +22,7 @@ from eadp.core.bounds import Altitude, Coordinate, Degrees, Duration, Latitude, 
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.named import parse_named
 from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
 from eadp.io.text.source import SourceText
@@ -32,7 +34,8 @@ from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_f
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
-from eadp.models.plan.stage import Box
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box, Parameter
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Wind
@@ -45,7 +48,7 @@ MAX_STEPS = 100_000_000
 RENAMED = {**RENAMED_OF_VEHICLES, "keep_gain": "min_gain", "path_search": "path_rule"}
 """New names of keys by their old ones."""
 
-ParameterName = Annotated[str, Field(pattern=r"^c[1-9][0-9]{0,2}$")]
+ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Pair = tuple[Coordinate, Coordinate]
 TextSource = Callable[[str], Text]
 
@@ -242,6 +245,55 @@ class Scenario:
         """Sets for a plan whose stages carry none."""
         return {name: Box(lo, hi) for name, (lo, hi) in self.keys.bounds.items()}
 
+    def with_names(self, parameters: Sequence[Parameter], sets: Sequence[Box]) -> Scenario:
+        """The same scenario with parameters by their names where it has their titles, and values as the plan has them.
+
+        Raises
+        ------
+        InputError
+            If a parameter is given by both, or what it stands for has no such value.
+        """
+        titled = {item.title: i for i, item in enumerate(parameters) if item.title}
+        changed = [
+            (path, title, titled[title])
+            for path, values in _by_parameter(self.document.value)
+            for title in values
+            if title in titled
+        ]
+        if not changed:
+            return self
+        value, renamed = copy.deepcopy(self.document.value), {}
+        for path, title, i in changed:
+            values, item = functools.reduce(operator.getitem, path, value), parameters[i]
+            given, key = values.pop(title), ".".join(map(str, (*path, title)))
+            if item.name in values:
+                raise InputError(self.fault(key, f"{title} is {item.name}, which stands there too", "one of them"))
+            if item.stands_for is not None and path[-1] not in ("weights", "coefficients"):
+                given = self._of_shown(key, item, given, sets[i : i + 1])
+            values[item.name], renamed[*path, title] = given, (*path, item.name)
+        places = {renamed.get(path, path): found for path, found in self.document.places.items()}
+        overrides = {renamed.get(path, path): found for path, found in self.document.overrides.items()}
+        return _checked(replace(self.document, value=value, places=places, overrides=overrides), self.vehicle_text)
+
+    def unknown_parameter(self, key: str, name: str, plan: Plan) -> Fault:
+        """The fault of a parameter that the plan does not have, given at a dotted key."""
+        if self.document.overrides.get(("parameters", name)) == f"--set {key}":  # of --set NAME=…, which may be a key
+            known = [*(item.label for item in plan.parameters), *ScenarioFile.__dataclass_fields__]
+            return self.fault(key, f"unknown key {name}: the plan has no parameter {name} either", one_of(known, name))
+        return self.fault(key, f"the plan has no parameter {name}", plan.expected_name(name))
+
+    def _of_shown(self, key: str, item: Parameter, shown: Any, sets: Sequence[Box]) -> float:
+        """A value of a parameter that is given by what it stands for."""
+        if not key.startswith("parameters.") or not sets:
+            what = f"{item.title} stands for a value of {item.name}, which is not known here"
+            raise InputError(self.fault(key, what, item.name))
+        given = item.of_shown(float(shown), sets[0])
+        if sets[0].clip(given) != given:
+            low, high = sorted(map(item.shown, (sets[0].lo, sets[0].hi)))
+            what = f"{item.title} = {shown:.10g} is outside its set"
+            raise InputError(self.fault(key, what, f"a value in [{low:.4g}, {high:.4g}]"))
+        return given
+
     def position_m(self, key: str, origin_deg: Point | None) -> Point | None:
         """The position at `start` or `home` [m], of a plan with an origin or without; None where it has none.
 
@@ -268,6 +320,23 @@ class Scenario:
     def fault(self, key: str, message: str, expected: str = "") -> Fault:
         """A fault at a dotted key."""
         return self.document.fault(tuple(key.split(".")), message, expected)
+
+
+def _by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
+    """The mappings of a scenario whose keys are parameters, each with its path."""
+    planner = value.get("planner") or {}
+    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",), ("computations",)]
+    paths += [("planner", key) for key in ("weights", "levels")]
+    for name in PLANNERS:
+        own = planner.get(name) or {}
+        paths += [("planner", name, key) for key in ("delta", "gains")]
+        paths += [("planner", name, "trade_offs", i, "coefficients") for i in range(len(own.get("trade_offs") or ()))]
+    for path in paths:
+        found: Any = value
+        for part in path:
+            found = found[part] if isinstance(part, int) else (found or {}).get(part)
+        if found:
+            yield path, found
 
 
 def beside(name: str, path: str) -> str:
@@ -327,6 +396,10 @@ def scenario_of(
         document.value["vehicle"] = parse_named(vehicle_text, _vehicle_keys, document.fault(("vehicle",), ""))
     for key, given in overrides.items():
         _put(document, key, copy.deepcopy(given))
+    return _checked(document, vehicle_text)
+
+
+def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
     keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document), RENAMED)
@@ -356,11 +429,11 @@ def override_key(name: str) -> str | None:
     """The dotted key that a name stands for, as `c1` does for `parameters.c1`; None if it is no such name."""
     if not name or not all(part.isidentifier() for part in name.split(".")):
         return None
-    return f"parameters.{name}" if name[0] == "c" and name[1:].isdigit() else name
+    return name if "." in name or name in ScenarioFile.__dataclass_fields__ else f"parameters.{name}"
 
 
 def read_override(raw: str) -> tuple[str, Any]:
-    """`key=value` of `--set`: the dotted key, and the value read as YAML; `c1=…` is short for `parameters.c1=…`.
+    """`key=value` of `--set`: the dotted key, and the value read as YAML; `fps=…` is short for `parameters.fps=…`.
 
     Raises
     ------

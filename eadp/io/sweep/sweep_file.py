@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,12 +14,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from eadp import __version__
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.mission.reader import PlanReader
-from eadp.io.scenario.scenario_file import REPLACED, Scenario, beside, override_key, vehicle_path
+from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, vehicle_path
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
@@ -186,7 +187,7 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     scenarios = _scenarios(document, paths, kept, overrides)
     sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
     _check_values(document, keys, sweep)
-    return replace(sweep, warnings=_read_all(document, paths, sweep))
+    return replace(sweep, warnings=_read_all(document, keys, paths, sweep))
 
 
 # --- the design, and checks beyond the schema
@@ -363,12 +364,33 @@ def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
     refuse(list(dict.fromkeys(faults)))
 
 
-def _read_all(document: Document, paths: list[tuple[str, str, KeyPath]], sweep: Sweep) -> tuple[Fault, ...]:
+def _check_titles(document: Document, keys: SweepKeys, titles: Set[str]) -> None:
+    """Refuse varied keys that are neither a scenario's, nor c1, c2, …, nor the title of a parameter of any plan."""
+    known = [*sorted(filter(None, titles)), *ScenarioFile.__dataclass_fields__]
+    refuse(
+        [
+            document.fault(location, f"unknown key {name}", one_of(known, name))
+            for name, location, *_ in _varied_keys(keys)
+            if full_key(name) == f"parameters.{name}"
+            and name not in {*titles, *FILES}
+            and not re.fullmatch("c[0-9]+", name)
+        ]
+    )
+
+
+def _read_all(
+    document: Document, keys: SweepKeys, paths: list[tuple[str, str, KeyPath]], sweep: Sweep
+) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
+    named: set[str] = set()
     for kind, path, location in paths:
         if kind in parsers:
-            sweep.kept.read(path, parsers[kind], document.fault(location, ""))
+            _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
+            if kind != "energy":
+                read = content[0]
+                named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
+    _check_titles(document, keys, named)
     try:
         return sweep.kept.load(sweep.run(0)).warnings
     except InputError:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from eadp.errors import Fault, InputError, printable, refuse
+from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
@@ -203,8 +203,7 @@ def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
     found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
     if found:
         return " or ".join(dict.fromkeys(found))
-    known = ", ".join(dict.fromkeys(name for node in nodes for name, _ in properties(schema, node)))
-    return f"one of {known}" if known else ""
+    return one_of((name for node in nodes for name, _ in properties(schema, node)), wanted)
 
 
 def _paths_to(wanted: str, schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, Fault
+from eadp.errors import EadpError, Fault, one_of
 from eadp.models.airspace import EVERYWHERE, Airspace
 from eadp.models.field import Field
 from eadp.models.plan.segments import Segment
-from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage
+from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage, Title
 
 TRIGGER_RADIUS_M = 20.0
 
@@ -96,14 +96,15 @@ class Plan:
     `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
     until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
     `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. A plan of `segments` flies them one after the other; the last once, so
-    that its last trigger is the final point.
+    file's first line says, with its own sign. `titles` are what people call the path parameters. A plan of `segments`
+    flies them one after the other; the last once, so that its last trigger is the final point.
     """
 
     name: str
     stages: tuple[Stage, ...]
     path_count: int
     computations: tuple[tuple[str, str], ...] = ()
+    titles: tuple[Title, ...] = ()
     repeats: bool = False
     shift: PointExpression | None = None
     final: PointExpression | None = None
@@ -130,7 +131,8 @@ class Plan:
         """All parameters: c1..cρ of the paths, then the computations."""
         count = len(self.stages[0].sets) or max(self.path_count, self.path_count + len(self.computations))
         names = [f"c{i + 1}" for i in range(count)]
-        result = [Parameter(name, PATH) for name in names[: self.path_count]]
+        titles = (*self.titles, *[Title("")] * self.path_count)
+        result = [Parameter(name, PATH, *title) for name, title in zip(names[: self.path_count], titles, strict=False)]
         for k, name in enumerate(names[self.path_count :]):
             title, unit = self.computations[k] if k < len(self.computations) else ("", "")
             result.append(Parameter(name, COMPUTATION, title, unit))
@@ -140,6 +142,31 @@ class Plan:
     def names(self) -> tuple[str, ...]:
         """The parameters' names in order."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    def parameter(self, name: str) -> int | None:
+        """The index of a parameter by its name or its title; None if the plan has no such one."""
+        return next((i for i, own in enumerate(self.parameters) if name in (own.name, own.title) and name), None)
+
+    def by_name(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters by name, of those by name or title; names that the plan does not know stay."""
+        found = {}
+        for key, value in values.items():
+            i = self.parameter(key)
+            item = None if i is None else self.parameters[i]
+            if i is None or item is None:
+                found[key] = value
+            else:
+                by_title = key != item.name and self.has_sets
+                found[item.name] = item.of_shown(value, self.hull(i)) if by_title else value
+        return found
+
+    def shown(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters by name as people read them: by title, and of what they stand for."""
+        return {item.label: item.shown(values[item.name]) for item in self.parameters if item.name in values}
+
+    def expected_name(self, name: str) -> str:
+        """What is expected where a parameter is given by a name that the plan does not know."""
+        return one_of([item.label for item in self.parameters], name) or "none: the plan has no parameters"
 
     @cached_property
     def path_names(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
@@ -16,6 +17,8 @@ from eadp.models.plan.segments import Segment, State
 
 PATH, COMPUTATION = "path", "computation"
 ROTATIONS = (90, 270)
+SHOWN_SHARE = 1e-3
+"""Share of what a set shows by which a value may miss an end of it: values are printed with four digits."""
 
 PointExpression = tuple[Expression, Expression]
 
@@ -46,14 +49,60 @@ class Box:
         return None if self.fixed else (self.clip(value) - self.lo) / (self.hi - self.lo)
 
 
+class Title(NamedTuple):
+    """What people call a parameter: a name, a unit, and for a path parameter what it stands for, an expression in it.
+
+    As in `spacing [m] = 150 - 2*sqrt(4900 + c1)`.
+    """
+
+    name: str
+    unit: str = ""
+    stands_for: Expression | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of the plan: its name (c1, c2, …), its kind, and what the computation calls it."""
+    """A parameter of the plan: its name (c1, c2, …), its kind, and what people call it."""
 
     name: str
     kind: str
     title: str = ""
     unit: str = ""
+    stands_for: Expression | None = None
+
+    @property
+    def label(self) -> str:
+        """What people read: the title where it has one, else the name."""
+        return self.title or self.name
+
+    def shown(self, value: float) -> float:
+        """A value as people read it: of what the parameter stands for."""
+        return value if self.stands_for is None else self.stands_for.value({self.name: value})
+
+    def text(self, value: float) -> str:
+        """A value as people read it, to six digits, with its unit where it stands for something else."""
+        return f"{self.shown(value):.6g}" if self.stands_for is None else f"{self.shown(value):.4g} {self.unit}".strip()
+
+    def of_shown(self, shown: float, box: Box) -> float:
+        """The value of a set for which `shown` is read; beyond it where there is none.
+
+        Raises
+        ------
+        PathUndefined
+            If what it stands for is undefined within the set.
+        """
+        if self.stands_for is None:
+            return shown
+        from scipy.optimize import brentq  # plans that state a value are few
+
+        ends = [self.shown(end) - shown for end in (box.lo, box.hi)]
+        for end, apart in zip((box.lo, box.hi), ends, strict=True):
+            if abs(apart) <= SHOWN_SHARE * abs(ends[1] - ends[0]):
+                return end
+        if ends[0] * ends[1] > 0:
+            rises, above = ends[1] > ends[0], ends[0] > 0
+            return box.lo - 1.0 if rises == above else box.hi + 1.0
+        return float(brentq(lambda value: self.shown(value) - shown, box.lo, box.hi, xtol=1e-9))
 
 
 @dataclass(frozen=True)

@@ -339,8 +339,8 @@ class JointPlanner(TrackingPlanner):
             return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration"
         self._infeasible_since_s = None
         moved = [
-            f"{name} {old:g} → {new:g}"
-            for name, old, new in zip(self._mission.plan.names, self._decision.parameters, chosen, strict=True)
+            f"{item.label} {item.text(old)} → {item.text(new)}"
+            for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)
             if old != new
         ]
         if moved:

@@ -57,7 +57,7 @@ def test_the_table_is_the_summaries(folders):
     for i, flight in enumerate(flights):
         assert float(table["energy [Wh]"][i]) == pytest.approx(flight.summary["energy_wh"], abs=6e-4)
         assert float(table["quality U"][i]) == pytest.approx(flight.summary["quality"], abs=6e-4)
-    assert table["c2"][0].startswith("mean 10")
+    assert table["fps"][0] == "10, no change"
 
 
 def test_planners_name_flights_where_they_differ(folders):

@@ -249,7 +249,7 @@ def faults_of(tmp_path, body):
             "expected one of speed_mps, from_deg, towards_deg, profile, gust_std_mps, gust_time_s",
         ),
         ("faults: [null]", "2:10: error: faults.0 cannot be None; expected a mapping of keys"),
-        ("parameters: {c: }", "2:14: error: parameters.c cannot be 'c'; expected pattern "),
+        ("parameters: {c-1: 2}", "2:14: error: parameters.c-1 cannot be 'c-1'; expected pattern "),
     ],
 )
 def test_no_key_is_dropped(tmp_path, body, fault):
