@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 from pathlib import Path
 
@@ -44,11 +43,8 @@ def test_the_blocks_show_what_their_commands_print_in_this_order(page, tmp_path,
         assert console.fresh(block) == block
 
 
-def test_the_readmes_python_block_is_a_call_of_the_library(monkeypatch, capsys):
-    monkeypatch.chdir(ROOT)
-    (block,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    exec(compile(block, str(README), "exec"), {})
-    assert capsys.readouterr().out.startswith("True 0.76")
+def test_the_readme_stops_where_a_newcomer_stops():
+    assert len(README.read_text(encoding="utf-8").splitlines()) < 150
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -15,6 +15,7 @@ Format = StrEnum("Format", ["text", "json"])
 PlannerName = StrEnum("PlannerName", {name: name for name in PLANNERS})  # type: ignore[misc]
 """Planners by name."""
 
+VerboseOption = Annotated[bool, Option("-v", "--verbose", help="Say more: the papers' quantities, the solver's runs.")]
 FormatOption = Annotated[Format, Option("--format", help="How to print.")]
 ScenarioOption = Annotated[str | None, Option(help="Scenario (YAML).", metavar="FILE")]
 ProfileOption = Annotated[
@@ -36,7 +37,7 @@ LapsOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    Option("--set", help="Set a scenario key, as in wind.speed_mps=8 or c1=-500.", metavar="KEY=VALUE"),
+    Option("--set", help="Set a scenario key, as in wind.speed_mps=8, spacing=20 or fps=5.", metavar="KEY=VALUE"),
 ]
 
 

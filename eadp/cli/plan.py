@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from eadp.cli.options import LapsOption
+from eadp.cli.options import LapsOption, VerboseOption
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def command(
             metavar="FILE",
         ),
     ],
+    verbose: VerboseOption = False,
     format_: Annotated[
         PlanFormat,
         Option(
@@ -56,7 +57,8 @@ def command(
         Option(help="Smallest turning radius [m], for --check and the turns of a mission.", metavar="METRES", min=0),
     ] = None,
     set_: Annotated[
-        list[str] | None, Option("--set", help="A parameter for --trace and --plot, as in c1=-500.", metavar="C=VALUE")
+        list[str] | None,
+        Option("--set", help="A parameter for --trace and --plot, as in spacing=20.", metavar="NAME=VALUE"),
     ] = None,
     trace: Annotated[
         float | None,
@@ -117,7 +119,7 @@ def command(
         emit(_check_text(plan, lines, report))
     else:
         warn(lines)
-        emit(_table(plan))
+        emit(_table(plan, verbose=verbose))
     return 1 if report is not None and report.has_errors else 0
 
 
@@ -352,8 +354,8 @@ def _number_or_text(part: Any) -> float | str:
     return int(value) if value == int(value) else value
 
 
-def _table(plan: Plan) -> str:
-    """A plan as a text table."""
+def _table(plan: Plan, *, verbose: bool) -> str:
+    """A plan as a text table; `verbose` adds its structure, which may take a proof."""
     from eadp.core.expressions.tree import number_text
     from eadp.models.plan.structure import structure_proven
 
@@ -361,9 +363,10 @@ def _table(plan: Plan) -> str:
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
-        names = ", ".join(["x", "y", *plan.path_names])
-        known = "for every" if structure_proven(plan) else "at sampled"
-        lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
+        if verbose:
+            names = ", ".join(["x", "y", *plan.path_names])
+            known = "for every" if structure_proven(plan) else "at sampled"
+            lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     for i, item in enumerate(plan.parameters):
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"

@@ -18,6 +18,7 @@ from eadp.cli.options import (
     ProfileOption,
     ScenarioOption,
     SetOption,
+    VerboseOption,
     load_overrides,
 )
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
@@ -59,6 +60,7 @@ def command(
     strict_solver: Annotated[
         bool, Option("--strict-solver", help="Exit 1 also where a run of the solver fails.")
     ] = False,
+    verbose: VerboseOption = False,
     format_: FormatOption = Format.text,
 ) -> int:
     """Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
@@ -91,7 +93,7 @@ def command(
     else:
         from eadp.io.report.words import setting_text
 
-        shown = _text(summary, out, decided=bool(flight.decisions), figure=figure)
+        shown = _text(summary, out, decisions=len(flight.decisions), figure=figure, verbose=verbose)
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
     failures = _failures(summary)
     if failures is not None:
@@ -100,7 +102,9 @@ def command(
     return 0 if summary["completed"] and kept and not (strict_solver and failures) else 1
 
 
-def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure: FigureName | None) -> str:
+def _text(
+    summary: Mapping[str, Any], out: str | None, *, decisions: int, figure: FigureName | None, verbose: bool
+) -> str:
     """The summary for people."""
     from eadp.io.flight.folder import REPORT
     from eadp.io.report.words import label_of, parameter_text, reserve_text
@@ -123,22 +127,22 @@ def _text(summary: Mapping[str, Any], out: str | None, *, decided: bool, figure:
     if summary["turned_back_s"] is not None:
         x, y = summary["turned_back_m"]
         lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
-    lines += _endurance(summary["endurance"])
+    lines += _endurance(summary["endurance"], verbose=verbose)
     parameters = summary["parameters"].items()
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
         lines.append(f"quality    U = {summary['quality']:.3f} (share of full quality over the ground of the mission)")
-    lines.append(
-        f"planner    {summary['planner']}: {summary['replans']} re-plannings by OSQP ({solver['calls']} runs, "
-        f"{solver['failed']} failed), {solver['skipped']} kept, {solver['fallbacks']} by the fallback, "
-        f"{solver['infeasible']} infeasible"
-    )
+    replans = f"; re-planned {decisions} times" if decisions else ""
+    if verbose:
+        replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "
+        replans += f"{solver['skipped']} kept, {solver['fallbacks']} by the fallback, {solver['infeasible']} infeasible"
+    lines.append(f"planner    {summary['planner']}{replans}")
     if failures := _failures(summary):
         lines.append(f"solver     {failures}")
     if out is not None:
-        decisions = "decisions.jsonl, " if decided else ""
+        decided = "decisions.jsonl, " if decisions else ""
         names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [REPORT]
-        lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decisions}{', '.join(names)}")
+        lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decided}{', '.join(names)}")
     return "\n".join(lines)
 
 
@@ -153,13 +157,13 @@ def _failures(summary: Mapping[str, Any]) -> str | None:
     )
 
 
-def _endurance(endurance: Mapping[str, Any] | None) -> list[str]:
-    """How long a full battery lasts with the computations as flown, and at the ends of their sets."""
+def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> list[str]:
+    """How long a full battery lasts with the computations as flown; `verbose` adds the ends of their sets."""
     if endurance is None or endurance["gain_min_per_h"] is None:
         return []
     low, flown, high = (f"{endurance[key]['time_s'] / 60:.1f}" for key in ("lowest", "flown", "highest"))
     line = f"endurance  {flown} min on a full battery, as flown"
-    if endurance["gain_min_per_h"]:
+    if verbose and endurance["gain_min_per_h"]:
         gain = f"{endurance['gain_min_per_h']:.1f} min more in an hour"
         line += f"; {high} at the highest computations, {low} at the lowest: {gain}"
     return [line]

@@ -28,13 +28,19 @@ from eadp.io.figures.canvas import (
     write_headline,
 )
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.replay import PlanReplay
 from eadp.models.plan.stage import point_at
-from eadp.planning.base import INFEASIBLE, TURNS_BACK, DecisionRecord
+from eadp.planning.base import INFEASIBLE, JUMPED, TURNS_BACK, DecisionRecord
 from eadp.simulation.loop import Step, World
 
 APART = 0.015
 """Least distance of the marks of decisions, as a share of the path's extent or of the time."""
+
+ANSWERS = 2
+"""Most answers to losses of charge that are written beside the path."""
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
 
@@ -57,7 +63,10 @@ def write_flight_figure(
         power = figure.add_subplot(grid[0, 1])
         charge, *others = (figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))
         time = np.array([step.time_s for step in steps])
+        lost = [record for record in records if record.cause == JUMPED]
         _draw_path(map_axes, world, steps, summary["turned_back_s"])
+        if lost:
+            _draw_answer(map_axes, world, steps, lost)
         if summary["turned_back_m"] is not None:
             map_axes.plot(
                 *summary["turned_back_m"], "X", color=COLOURS[6], markersize=9, label="turned back home", zorder=6
@@ -117,6 +126,33 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
         axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
 
 
+def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
+    """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
+    rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
+    cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
+    replay = PlanReplay(cursor, world.start.position_m, rows)
+    label: str | None = "plan before the loss"
+    for leg in replay.before(lost[-1].time_s):
+        points = [(point.x_m, point.y_m) for point in leg_points(leg, max(leg.distance_m / 40, 1.0))]
+        axes.plot(*zip(*points, strict=True), color=GREY, linewidth=0.8, dashes=(3, 3), zorder=1, label=label)
+        label = None
+    for record in lost[-ANSWERS:]:
+        step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
+        side = -1 if step.x_m > sum(axes.get_xlim()) / 2 else 1
+        axes.annotate(
+            f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n"),
+            (step.x_m, step.y_m),
+            (14 * side, 10),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            fontsize=8,
+            fontweight="bold",
+            zorder=7,
+            bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": GREY, "alpha": 0.9},
+            arrowprops={"arrowstyle": "-", "color": GREY},
+        )
+
+
 def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: float | None) -> None:
     """The field, and the ground within half a swath of the lines flown."""
     if plan.site.field is None:
@@ -156,6 +192,8 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
     for fault in world.faults:
         if fault.at_s <= time[-1] and not world.battery.prescribed:
             axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
+            text = f" {100 * fault.soc_drop:.3g} % lost"
+            axes.annotate(text, (fault.at_s, 96), fontsize=8, color=GREY, va="top")
     axes.set_ylim(0, 104)
     axes.set_ylabel("state of charge [%]")
     axes.set_title("Battery")
@@ -179,7 +217,7 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         width = box.hi - box.lo
         values = np.array([step.parameters[i] for step in steps])
         normalised = (values - box.lo) / width if width else np.ones(len(values))
-        label = f"{parameter.label} ({parameter.kind}) {parameter.text(box.lo)} … {parameter.text(box.hi)}"
+        label = f"{parameter.label} {parameter.shown(box.lo):.4g} … {parameter.text(box.hi)}"
         behind = min(len(plan.parameters) - 1 - i, 4)
         style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
         axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)

@@ -42,9 +42,12 @@ def write_flights_figure(path: Path, flights: Sequence[DrawnFlight]) -> None:
     heights = [2.6] * maps + [1.0] * len(charts)
     with figure_pair(path, 11.5, 1.5 * sum(heights)) as figure:
         grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
+        xy = [[value for flight in flights for value in flight.columns[name]] for name in ("x_m", "y_m")]
+        corners = [tuple(map(min, xy)), tuple(map(max, xy))]
         for i, flight in enumerate(flights):
             axes = figure.add_subplot(grid[i // across, i % across])
             _draw_path(axes, flight, COLOURS[i % len(COLOURS)])
+            axes.update_datalim(corners)  # all maps show the same ground
         time: Axes | None = None
         for row, column in enumerate(charts, maps):
             time = figure.add_subplot(grid[row, :], sharex=time)

@@ -19,7 +19,7 @@ from eadp.io.report.words import flight_facts, flight_words, setting_text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.replay import PlanReplay, legs_from
 from eadp.models.plan.stage import point_at
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.weather import Wind
@@ -86,7 +86,9 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         }
         for i, parameter in enumerate(plan.parameters)
     ]
-    flown = _Replay(flight.inputs, columns)
+    values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
+    rows = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
+    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, rows)
     return {
         "title": plan.name.rpartition("/")[2],
         "words": [
@@ -254,54 +256,10 @@ def _energy_after_wh(columns: Mapping[str, Sequence[Any]], times_s: Sequence[flo
 # --- the plan's lines
 
 
-class _Replay:
-    """The positions in the plan along a flight, of the stages and parameters in its log.
-
-    Attributes
-    ----------
-    laps : list of int
-        The lap at each row.
-    turns : list of (float, PlanCursor, (float, float))
-        When the path parameters in force change: the time, the position in the plan, and where its stage was joined.
-    """
-
-    def __init__(self, inputs: FlightInputs, columns: Mapping[str, Sequence[float]]) -> None:
-        world = inputs.world
-        rho, plan = world.plan.path_count, world.plan
-        cursor = PlanCursor.start(plan, world.parameters, world.rules)
-        joined = world.start.position_m
-        self.laps: list[int] = []
-        self.turns = [(0.0, cursor, joined)]
-        values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
-        rows = zip(columns["time_s"], columns["stage"], columns["x_m"], columns["y_m"], values, strict=False)
-        for time_s, stage, x, y, parameters in rows:
-            if stage != cursor.stage.index:
-                cursor, joined = _next(cursor, int(stage)), (x, y)
-            if parameters != cursor.parameters:
-                turned = parameters[:rho] != cursor.parameters[:rho]
-                cursor = cursor.decide(parameters).in_force(parameters)
-                if turned:
-                    self.turns.append((time_s, cursor, joined))
-            self.laps.append(cursor.lap)
-
-
-def _next(cursor: PlanCursor, stage: int) -> PlanCursor:
-    """The next position at a stage; the same position where the plan has none."""
-    found: PlanCursor | None = cursor
-    for _ in cursor.table.plan.stages:
-        try:
-            found = found and found.next()
-        except EadpError:
-            break
-        if found is not None and found.stage.index == stage:
-            return found
-    return cursor
-
-
-def _plan_lines(plan: Plan, flown: _Replay, start: Point, home: Point | None) -> dict[str, Any]:
+def _plan_lines(plan: Plan, flown: PlanReplay, start: Point, home: Point | None) -> dict[str, Any]:
     """The plan's lines at all parameters and at those in force, start, final point and home."""
     turns = [flown.turns[i] for i in evenly(len(flown.turns), MAX_ROUTES)]
-    routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := _route(cursor, joined))]
+    routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := legs_from(cursor, joined))]
     faint = list(_faint(plan, flown.turns[0][1].parameters, start))
     while (count := sum(map(len, [*faint, *(legs for _, legs in routes)]))) * LEG_POINTS > MAX_POINTS:
         if faint:
@@ -322,13 +280,6 @@ def _plan_lines(plan: Plan, flown: _Replay, start: Point, home: Point | None) ->
         "final": point_at(plan.final_point, last.parameters, "the final point"),
         "home": home,
     }
-
-
-def _route(cursor: PlanCursor, joined: Point) -> Sequence[Leg]:
-    try:
-        return RoutePredictor().route(cursor, joined).legs
-    except EadpError:
-        return ()
 
 
 def _faint(plan: Plan, parameters: Sequence[float], start: Point) -> Iterator[Sequence[Leg]]:

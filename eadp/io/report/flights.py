@@ -44,6 +44,7 @@ def read_flights(folders: Sequence[str]) -> list[DrawnFlight]:
     ]
 
 
+UNKNOWN = "–"
 ROWS: tuple[Row, ...] = (
     ("completed", lambda s: "yes" if s["completed"] else f"NO: {s['reason']}"),
     ("time [s]", lambda s: f"{s['duration_s']:.1f}"),
@@ -51,8 +52,8 @@ ROWS: tuple[Row, ...] = (
     ("energy [Wh]", lambda s: f"{s['energy_wh']:.3f}"),
     ("charge at the end", lambda s: f"{s['soc_final']:.3f}"),
     ("reserve kept", lambda s: "yes" if s["reserve_kept"] else "NO"),
-    ("quality U", lambda s: "–" if s["quality"] is None else f"{s['quality']:.3f}"),
-    ("ground covered", lambda s: "–" if s["coverage"] is None else f"{100 * s['coverage']:.1f} %"),
+    ("quality U", lambda s: UNKNOWN if s["quality"] is None else f"{s['quality']:.3f}"),
+    ("ground covered", lambda s: UNKNOWN if s["coverage"] is None else f"{100 * s['coverage']:.1f} %"),
     ("re-plannings", lambda s: f"{s['replans']}, failed runs {s['solver']['failed']}"),
     ("obstacles entered", lambda s: ", ".join(entry["name"] for entry in s["obstacles"]) or "none"),
 )
@@ -62,13 +63,14 @@ ROWS: tuple[Row, ...] = (
 def comparison(flights: Sequence[DrawnFlight]) -> list[list[str]]:
     """A table: a header with the flights' names, and a row for each figure and each parameter."""
     table = [["", *(flight.name for flight in flights)]]
-    table += [[name, *(text(flight.summary) for flight in flights)] for name, text in ROWS]
+    rows = [[name, *(text(flight.summary) for flight in flights)] for name, text in ROWS]
+    table += [row for row in rows if set(row[1:]) != {UNKNOWN}]
     parameters = [
         {label_of(name, values): parameter_text(values) for name, values in flight.summary["parameters"].items()}
         for flight in flights
     ]
     for label in dict.fromkeys(label for each in parameters for label in each):
-        table.append([label, *(each.get(label, "–") for each in parameters)])
+        table.append([label, *(each.get(label, UNKNOWN) for each in parameters)])
     return table
 
 
