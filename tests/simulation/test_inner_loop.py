@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few
 from common.plans import PARTS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -134,7 +134,7 @@ def drawn(seed):
 
 
 @fast
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", few(range(24), 8))
 def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
 
@@ -158,7 +158,7 @@ def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compil
     same(one, other)
 
 
-@pytest.mark.parametrize("seed", range(100, 112))
+@pytest.mark.parametrize("seed", few(range(100, 112), 3))
 def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
     overrides = drawn(seed)
     if overrides["planner.name"] == "paper":  # it would see other jumps in the noise when it looks at every step

@@ -224,7 +224,7 @@ def many(count, trigger, sets="[0, 8]\n"):
     return "\n".join([*lines, f"0.1; 90; x - ({total})", f"{total} + {trigger}, 500\n" + sets * count])
 
 
-@pytest.mark.parametrize("count", [9, 24, 111, 999])
+@pytest.mark.parametrize("count", [9, 24, 111, pytest.param(999, marks=pytest.mark.slow)])
 def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_from_there(count):
     report = checked(many(count, "c1 - c2"))
     message = next(item.message for item in report.findings if item.code == "trigger-off-path")

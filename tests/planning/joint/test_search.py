@@ -8,6 +8,7 @@ from statistics import median
 
 import numpy as np
 import pytest
+from common import few
 from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
 from common.plans import TWO_BLOCKS
 
@@ -133,8 +134,8 @@ def searched(mission, start=None, **more):
 @pytest.mark.parametrize(
     ("dimensions", "seeds"),
     [
-        (1, range(16)),
-        (2, range(100, 105)),
+        (1, range(8)),
+        (2, range(100, 104)),
         pytest.param(1, range(40), marks=pytest.mark.slow),
         pytest.param(2, range(100, 112), marks=pytest.mark.slow),
     ],
@@ -246,7 +247,7 @@ def test_a_place_is_evaluated_once():
 # --- on routes --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("capacity_ah", [0.28, 0.34, 0.42, 0.6])
+@pytest.mark.parametrize("capacity_ah", few([0.28, 0.34, 0.42, 0.6], 2))
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, -3.0)])
 def test_the_survey_against_every_place(capacity_ah, wind_mps):
     inputs = survey_inputs(**CALM, **{"battery.capacity_ah": capacity_ah, "parameters.c1": -1000.0})
