@@ -355,7 +355,7 @@ def _number_or_text(part: Any) -> float | str:
 
 
 def _table(plan: Plan, *, verbose: bool) -> str:
-    """A plan as a text table; `verbose` adds its structure, which may take a proof."""
+    """A plan as a text table; `verbose` has the structure in the papers' quantities."""
     from eadp.core.expressions.tree import number_text
     from eadp.models.plan.structure import structure_proven
 
@@ -363,10 +363,12 @@ def _table(plan: Plan, *, verbose: bool) -> str:
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
+        names, proven = ", ".join(["x", "y", *plan.path_names]), structure_proven(plan)
         if verbose:
-            names = ", ".join(["x", "y", *plan.path_names])
-            known = "for every" if structure_proven(plan) else "at sampled"
+            known = "for every" if proven else "at sampled"
             lines.append(f"structure  n = {plan.primitive_stages}, e_j = 0 {known} {names}")
+        else:
+            lines.append(f"laps       are alike but for the shift: {'proven' if proven else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
     for i, item in enumerate(plan.parameters):
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"

@@ -34,7 +34,10 @@ FIRST_RUNS = 3
 
 
 SweepFormat = StrEnum("SweepFormat", ["text", "csv", "jsonl"])
-Figure = StrEnum("Figure", ["completed", "duration_s", "soc_final", "quality"])
+Figure = StrEnum(
+    "Figure", ["completed", "reserve_kept", "duration_s", "soc_final", "quality", "energy_wh", "distance_m"]
+)
+Require = StrEnum("Require", ["completed", "reserve"])
 
 
 def command(
@@ -62,6 +65,12 @@ def command(
     ] = None,
     value: Annotated[Figure, Option(help="The table's figure.")] = Figure.completed,
     plot: Annotated[str | None, Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
+    require: Annotated[
+        Require | None, Option(help="Exit 1 unless every flight completes; or keeps the reserve, too.")
+    ] = None,
+    junit: Annotated[
+        str | None, Option(metavar="FILE", help="Write the runs as a JUnit report of what is required [completed].")
+    ] = None,
     keep: Annotated[
         str | None, Option(metavar="DIR", help="Keep each flight's result folder here, linked from the page.")
     ] = None,
@@ -75,7 +84,8 @@ def command(
     With -o results are stored in a SQLite file one by one. After a stop, the same command makes the missing runs.
     Beside it is a page with heat map and curves, under its name with .html.
 
-    Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made; 2 on bad input.
+    Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
+    --require asks for; 2 on bad input.
     """
     from eadp.cli import sweep_text
     from eadp.io.report.page import check_page
@@ -83,12 +93,14 @@ def command(
     from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.sweep_file import read_sweep
-    from eadp.io.text.streams import read_text
+    from eadp.io.text.streams import output_file, read_text, write_text
     from eadp.simulation.sweep.design import shard as part_of
 
     _check_options(out, jobs, scheduler, table, plot)
     if out is not None and not dry_run:
         check_page(page_of(out))
+    if junit is not None:
+        output_file(junit)
     part, parts = _shard(shard)
     sweep = read_sweep(read_text(file), read_overrides(set_ or ()))
     _check_table(table, sweep)
@@ -107,16 +119,21 @@ def command(
         _make(sweep, indices, results, jobs, scheduler, keep, resumable=out is not None)
         if out is not None:
             write_report(out, keep=keep)
-        if format_ is SweepFormat.jsonl and table is None:
-            return int(sweep_text.print_summaries(sweep, indices, results))
         flights = sweep.flights(indices, results.rows())
+        if junit is not None:
+            write_text(junit, sweep_text.junit_text(sweep, flights, require or Require.completed))
+        if format_ is SweepFormat.jsonl and table is None:
+            sweep_text.print_summaries(sweep, indices, results)
     if table is not None:
         sweep_text.print_table(sweep, flights, table, value.value, format_.value, plot)
     elif format_ is SweepFormat.csv:
         sweep_text.print_csv(sweep, flights)
-    else:
+    elif format_ is SweepFormat.text:
         sweep_text.print_answer(sweep, flights, out)
-    return int(any(flight.error is not None for flight in flights))
+    short = [] if require is None else [flight for flight in flights if not sweep_text.meets(flight, require)]
+    if short:
+        sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not what --require {require} asks for\n")
+    return int(bool(short) or any(flight.error is not None for flight in flights))
 
 
 # --- options

@@ -86,13 +86,37 @@ def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     writer.writerows(["" if value is None else label_of(value) for value in row] for row in rows)
 
 
-def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> bool:
-    """Print a JSON object a line for each run, with its whole summary; return whether one could not be made."""
-    failed = False
+def junit_text(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
+    """The runs as a JUnit report: a test for each, which fails where it is not what is required."""
+    import xml.etree.ElementTree as ET
+
+    name, names = printable(sweep.name), _varied(sweep)
+    bad = [flight for flight in all_flights if not meets(flight, require)]
+    errors = sum(flight.error is not None for flight in bad)
+    counts = {"tests": len(all_flights), "failures": len(bad) - errors, "errors": errors}
+    suite = ET.Element("testsuite", {"name": name, **{key: str(count) for key, count in counts.items()}})
+    for flight in all_flights:
+        values = [f"{key}={label_of(flight.values[key])}" for key in names]
+        title = printable(", ".join([*values, f"seed={flight.seed}"]))
+        test = ET.SubElement(suite, "testcase", classname=name, name=title, time=f"{flight.duration_s or 0.0:.3f}")
+        if flight.error is not None:
+            ET.SubElement(test, "error", message=printable(flight.error))
+        elif not meets(flight, require):
+            kept = "" if flight.soc_final is None else f"; state of charge {flight.soc_final:.3f} at the end"
+            ET.SubElement(test, "failure", message=f"{printable(flight.reason or 'not completed')}{kept}")
+    ET.indent(suite)
+    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def meets(flight: SweepFlight, require: str) -> bool:
+    """Whether a run is what is required: that it completes, and with `reserve` that it keeps the reserve."""
+    return bool(flight.completed and (require != "reserve" or flight.reserve_kept))
+
+
+def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> None:
+    """Print a JSON object a line for each run, with its whole summary."""
     for index, row in zip(indices, results.rows(summaries=True), strict=True):
-        failed |= row["error"] is not None
         _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
-    return failed
 
 
 def _print_line(document: dict[str, Any]) -> None:
@@ -130,7 +154,7 @@ def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
 
 
 def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
-    rows = [[_short(key), "flights", "completed [%]", "duration, median [s]", "SoC at the end, median"]]
+    rows = [[_short(key), "flights", "completed [%]", "of these: duration, median [s]", "SoC at the end, median"]]
     for group in groups:
         share = "" if math.isnan(group.completed) else _percent(group.completed)
         duration = "" if math.isnan(group.duration_s) else f"{group.duration_s:.1f}"
@@ -151,7 +175,7 @@ def print_table(
     if format_ == "text":
         emit("\n".join(_table_lines(means)))
         return
-    columns = (*keys, value, "flights")
+    columns = (*keys, value, "flights", "not_completed")
     if format_ == "csv":
         _write_csv(columns, _table_rows(means))
     else:
@@ -159,20 +183,21 @@ def print_table(
             _print_line(dict(zip(columns, line, strict=True)))
 
 
-def _table_rows(means: Table) -> Iterator[tuple[str, str, float | None, int]]:
+def _table_rows(means: Table) -> Iterator[tuple[str, str, float | None, int, int]]:
     for i, row in enumerate(means.rows):
         for j, column in enumerate(means.columns):
-            yield row, column, means.means[i][j], means.flights[i][j]
+            yield row, column, means.means[i][j], means.flights[i][j], means.crashed[i][j]
 
 
 def _table_lines(means: Table) -> list[str]:
-    digits = 1 if means.value == "duration_s" else 3
+    digits = 1 if means.value in ("duration_s", "distance_m") else 3
     rows = [
-        [_short(label), *("" if mean is None else f"{mean:.{digits}f}" for mean in line)]
-        for label, line in zip(means.rows, means.means, strict=True)
+        [_short(label), *(means.text(i, j, digits) for j in range(len(means.columns)))]
+        for i, label in enumerate(means.rows)
     ]
     title = f"{means.value}, mean; {printable(means.keys[0])} downwards, {printable(means.keys[1])} to the right"
-    return [title, *aligned([["", *map(_short, means.columns)], *rows], "<")]
+    fell = "; ×: flights not completed, in no mean" if any(map(any, means.crashed)) else ""
+    return [title + fell, *aligned([["", *map(_short, means.columns)], *rows], "<")]
 
 
 def _short(text: str) -> str:

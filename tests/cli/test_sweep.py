@@ -7,13 +7,18 @@ import io
 import itertools
 import json
 import os
+import re
+import shlex
 import signal
 import sqlite3
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from contextlib import closing
 
 import pytest
+import yaml
+from common import ROOT
 from common.answers import refused
 from common.processes import hear_interrupts
 
@@ -112,7 +117,9 @@ def test_a_row_for_each_run(eadp, folder):
     assert answer.code == 1, "some runs could not be made"
     head, _, _ = answer.out.partition("\n")
     varied = "wind.speed_mps,wind.towards_deg,c1,battery.soc"
-    assert head == f"{varied},completed,reason,duration_s,soc_final,quality,seed,error"
+    assert (
+        head == f"{varied},completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m,seed,error"
+    )
     rows = table_of(answer.out)
     expected = itertools.product("024", ("90", "270"), (("0", "1"), ("11", "0.5")), "01")
     named = (*varied.split(","), "seed")
@@ -205,10 +212,70 @@ def test_a_table_and_its_picture(eadp, folder):
     eadp(*common, *options, "--plot", folder / "map.png")
     assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
     rows = table_of(eadp(*common, "--table", "c1", "seed", "--format", "csv").out)
-    assert rows[0] == {"c1": "0", "seed": "0", "completed": "1.0", "flights": "6"}
-    assert rows[2] == {"c1": "11", "seed": "0", "completed": "", "flights": "0"}
+    assert rows[0] == {"c1": "0", "seed": "0", "completed": "1.0", "flights": "6", "not_completed": "0"}
+    assert rows[2] == {"c1": "11", "seed": "0", "completed": "", "flights": "0", "not_completed": "0"}
     lines = eadp(*common, "--table", "c1", "seed", "--value", "quality", "--format", "jsonl").out.splitlines()
-    assert json.loads(lines[3]) == {"c1": "11", "seed": "1", "quality": None, "flights": 0}
+    assert json.loads(lines[3]) == {"c1": "11", "seed": "1", "quality": None, "flights": 0, "not_completed": 0}
+
+
+def test_flights_that_do_not_complete_are_shown_and_in_no_mean(eadp, folder):
+    (folder / "short.yaml").write_text(
+        "schema: eadp.sweep/1\nplan: line.plan\ngrid:\n  wind.towards_deg: [90]\n  wind.speed_mps: [0, 4]\n"
+        "  battery.capacity_ah: [0.001, 3]\nseeds: 2\n"
+    )
+    common = ("sweep", folder / "short.yaml", "--jobs", 1, "-o", folder / "short.db")
+    rows = table_of(eadp(*common, "--format", "csv").out)
+    fell = [row for row in rows if row["completed"] == "false"]
+    assert {row["battery.capacity_ah"] for row in fell} == {"0.001"}
+    assert len(fell) == 4
+    assert all(float(row["energy_wh"]) > 0 and float(row["distance_m"]) > 0 for row in rows)
+    keys = ("--table", "wind.speed_mps", "battery.capacity_ah", "--value", "distance_m")
+    title, _, *lines = eadp(*common, *keys, "--plot", folder / "short.svg").out.splitlines()
+    assert title.endswith("to the right; ×: flights not completed, in no mean")
+    done = [float(row["distance_m"]) for row in rows if row["completed"] == "true"]
+    for line in lines:
+        _, cell, mean = line.split()
+        assert cell == "×2"
+        assert min(done) - 0.1 <= float(mean) <= max(done) + 0.1
+    answer = eadp(*common)
+    assert "flights  completed [%]  of these: duration, median [s]" in answer.out
+
+
+@pytest.mark.parametrize(("require", "code", "failures"), [(None, 0, 4), ("completed", 1, 4), ("reserve", 1, 6)])
+def test_a_pipeline_requires_what_it_needs(eadp, folder, require, code, failures):
+    (folder / "short.yaml").write_text(
+        "schema: eadp.sweep/1\nplan: line.plan\ngrid:\n  battery.capacity_ah: [0.001, 3]\n"
+        "  reserve_soc: [0.01, 0.9999]\nseeds: 2\n"
+    )
+    asked = () if require is None else ("--require", require)
+    report = folder / "report.xml"
+    answer = eadp("sweep", folder / "short.yaml", "--jobs", 1, "--junit", report, *asked)
+    assert answer.code == code
+    assert (f"eadp: {failures} of 8 runs are not what --require {require} asks for" in answer.err) == (code == 1)
+    suite = ET.parse(report).getroot()
+    assert (suite.tag, suite.get("tests"), suite.get("errors")) == ("testsuite", "8", "0")
+    assert suite.get("failures") == str(failures)
+    names = [test.get("name") for test in suite]
+    assert names[0] == "battery.capacity_ah=0.001, reserve_soc=0.01, seed=0"
+    assert len(set(names)) == 8
+    found = [test.find("failure").get("message") for test in suite if test.find("failure") is not None]
+    assert len(found) == failures
+    assert sum("battery empty; state of charge 0.000 at the end" in words for words in found) == 4
+
+
+def test_the_pipeline_of_the_page_runs_as_it_stands(eadp, tmp_path, monkeypatch):
+    page = (ROOT / "docs/sweep.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n(on:.*?)```", page, re.DOTALL)
+    assert len(text.splitlines()) <= 12
+    steps = yaml.safe_load(text)["jobs"]["mission"]["steps"]
+    (line,) = [step["run"] for step in steps if "run" in step]
+    install, command = line.split(" && ")
+    assert install == "pip install ."
+    monkeypatch.chdir(tmp_path)
+    for name in ("plans", "scenarios", "profiles"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    assert eadp(*shlex.split(command)[1:]).code == 0
+    assert ET.parse(tmp_path / "eadp.xml").getroot().get("failures") == "0"
 
 
 # --- a dry run

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from eadp.errors import printable
-from eadp.io.figures.canvas import Axes, figure_file
+from eadp.io.figures.canvas import COLOURS, Axes, figure_file
 from eadp.simulation.sweep.statistics import Table
 
 TITLES = {
@@ -15,8 +15,11 @@ TITLES = {
     "duration_s": "duration, mean [s]",
     "soc_final": "state of charge at the end, mean",
     "quality": "quality U, mean",
+    "reserve_kept": "share of flights that complete and keep the reserve",
+    "energy_wh": "energy, mean [Wh]",
+    "distance_m": "distance, mean [m]",
 }
-SHARES = ("completed", "quality")
+SHARES = ("completed", "quality", "reserve_kept")
 """Results whose colours always go from 0 to 1, so that two figures can be compared."""
 
 TICKS = 25
@@ -26,6 +29,8 @@ WRITTEN = 12
 
 def write_table_figure(path: str, table: Table) -> None:
     """Draw a table as a heat map: the first key upwards, the second to the right; cells without a flight stay empty.
+
+    Cells with flights that did not complete are hatched, and say how many.
 
     Raises
     ------
@@ -41,6 +46,12 @@ def write_table_figure(path: str, table: Table) -> None:
         image = axes.pcolormesh(x, y, np.ma.masked_invalid(means), cmap="viridis", vmin=low, vmax=high)
         figure.colorbar(image, ax=axes, label=TITLES[table.value])
         axes.grid(False)
+        fell = [(j, i) for i, line in enumerate(table.crashed) for j, count in enumerate(line) if count]
+        for j, i in fell:
+            corners = [j - 0.5, j + 0.5, j + 0.5, j - 0.5], [i - 0.5, i - 0.5, i + 0.5, i + 0.5]
+            axes.fill(*corners, fill=False, hatch="////", edgecolor=COLOURS[6], linewidth=0)
+        if fell:
+            axes.set_title("hatched: × flights not completed, in no mean")
         _label_axes(axes, table)
         if columns <= WRITTEN:
             _write_cells(axes, table)
@@ -73,9 +84,8 @@ def _ticks(labels: tuple[str, ...]) -> tuple[list[int], list[str]]:
 
 def _write_cells(axes: Axes, table: Table) -> None:
     low, high = _ends(table)
-    digits = 0 if table.value == "duration_s" else 2
     for i, line in enumerate(table.means):
         for j, mean in enumerate(line):
-            if mean is not None:
-                colour = "black" if mean > low + 0.6 * (high - low) else "white"
-                axes.text(j, i, f"{mean:.{digits}f}", ha="center", va="center", fontsize=7, color=colour)
+            text = table.text(i, j, 0 if table.value in ("duration_s", "distance_m") else 2)
+            light = mean is None or mean > low + 0.6 * (high - low)
+            axes.text(j, i, text, ha="center", va="center", fontsize=7, color="black" if light else "white")

@@ -56,12 +56,18 @@ class SweepFlight:
     duration_s: float | None = None
     soc_final: float | None = None
     quality: float | None = None
+    reserve_kept: bool | None = None
+    energy_wh: float | None = None
+    distance_m: float | None = None
     error: str | None = None
 
 
 @dataclass(frozen=True)
 class Group:
-    """Flights with one value of a key: their number, the share completed, medians of duration [s] and final charge."""
+    """Flights with one value of a key: their number, the share completed, and of these medians of duration and charge.
+
+    The duration is in s.
+    """
 
     label: str
     flights: int
@@ -147,17 +153,20 @@ def marginal(flights: Sequence[SweepFlight], key: str, listed: Sequence[Any] = (
 def _group(label: str, members: Sequence[SweepFlight]) -> Group:
     if not members:
         return Group(label, 0, math.nan, math.nan, math.nan)
-    share = sum(bool(flight.completed) for flight in members) / len(members)
+    done = [flight for flight in members if flight.completed]
     duration, charge = (
-        float(np.median([value for flight in members if (value := getattr(flight, name)) is not None]))
+        float(np.median(values)) if (values := [getattr(flight, name) for flight in done]) else math.nan
         for name in ("duration_s", "soc_final")
     )
-    return Group(label, len(members), share, duration, charge)
+    return Group(label, len(members), len(done) / len(members), duration, charge)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Means of one figure for each pair of values of two keys, over all else; None where no flight has that pair."""
+    """Means of one figure for each pair of values of two keys, over all else; None where no flight has it.
+
+    Of figures that a flight has only where it completes, `crashed` are the flights that did not: no mean counts them.
+    """
 
     keys: tuple[str, str]
     value: str
@@ -165,23 +174,36 @@ class Table:
     columns: tuple[str, ...]
     means: tuple[tuple[float | None, ...], ...]
     flights: tuple[tuple[int, ...], ...]
+    crashed: tuple[tuple[int, ...], ...]
+
+    def text(self, row: int, column: int, digits: int) -> str:
+        """A cell: the mean with some digits, and × with the number of flights that did not complete, if any."""
+        mean, fell = self.means[row][column], self.crashed[row][column]
+        return " ".join(([] if mean is None else [f"{mean:.{digits}f}"]) + ([f"×{fell}"] if fell else []))
+
+
+OF_ALL = ("completed", "reserve_kept")
+"""Figures of all flights; the others are of those that complete."""
 
 
 def table(
     flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, listed: Mapping[str, Sequence[Any]]
 ) -> Table:
-    """Means of `completed`, `duration_s`, `soc_final` or `quality` by two keys."""
+    """Means of one figure of flights by two keys."""
     bins = [KeyBins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
     rows, columns = (axis.labels for axis in bins)
-    sums, counts = np.zeros((2, len(rows), len(columns)))
+    sums, counts, crashed = np.zeros((3, len(rows), len(columns)))
     for flight in flights:
         figure = getattr(flight, value)
         if flight.error is None and figure is not None:
             cell = tuple(axis.index(value_of(flight, key)) for axis, key in zip(bins, keys, strict=True))
-            sums[cell] += figure
-            counts[cell] += 1
+            counted = bool(flight.completed) or value in OF_ALL
+            sums[cell] += figure if counted else 0.0
+            counts[cell] += counted
+            crashed[cell] += not counted
     means = tuple(
         tuple(float(total / n) if n else None for total, n in zip(*line, strict=True))
         for line in zip(sums, counts, strict=True)
     )
-    return Table(keys, value, rows, columns, means, tuple(tuple(map(int, line)) for line in counts))
+    flown, fell = (tuple(tuple(map(int, line)) for line in each) for each in (counts, crashed))
+    return Table(keys, value, rows, columns, means, flown, fell)

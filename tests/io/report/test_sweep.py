@@ -121,6 +121,7 @@ def many(tmp_path):
         for i in range(300)
     ]
     end = {"completed": True, "reason": "</script>", "duration_s": 1 / 3, "soc_final": 0.5, "quality": None}
+    end |= {"reserve_kept": True, "energy_wh": 1.5, "distance_m": 700.0}
     with closing(Results(str(path))) as results:
         results.expect(run.key for run in runs)
         results.claim(runs)

@@ -64,8 +64,9 @@ def test_totals_count_what_could_not_be_made_apart():
 def test_marginals_by_value():
     one, two = marginal(FLIGHTS, "w", [1, 2])
     assert (one.label, one.flights, one.completed) == ("1", 3, 2 / 3)
-    assert (one.duration_s, one.soc_final) == (30.0, 0.1)
-    assert (two.label, two.flights, two.completed, two.duration_s) == ("2", 1, 0.0, 20.0)
+    assert (one.duration_s, one.soc_final) == (25.0, 0.25), "of those that complete"
+    assert (two.label, two.flights, two.completed) == ("2", 1, 0.0)
+    assert math.isnan(two.duration_s)
     assert [group.flights for group in marginal(FLIGHTS, "seed")] == [3, 1]
 
 
@@ -97,9 +98,12 @@ def test_texts_and_lists_are_values_too():
 def test_a_table_of_means():
     means = table(FLIGHTS, ("w", "p"), "duration_s", {"w": [1, 2], "p": ["a", "b"]})
     assert (means.rows, means.columns) == (("1", "2"), ("a", "b"))
-    assert means.means == ((20.0, 40.0), (20.0, None))
-    assert means.flights == ((2, 1), (1, 0))
+    assert means.means == ((10.0, 40.0), (None, None))
+    assert means.flights == ((1, 1), (0, 0))
+    assert means.crashed == ((1, 0), (1, 0))
+    assert [means.text(i, j, 1) for i in range(2) for j in range(2)] == ["10.0 ×1", "40.0", "×1", ""]
     share = table(FLIGHTS, ("p", "w"), "completed", {})
     assert share.means == ((0.5, 0.0), (1.0, None))
+    assert share.crashed == ((0, 0), (0, 0))
     quality = table(FLIGHTS, ("w", "p"), "quality", {"p": ["a", "b"]})
-    assert quality.means[0] == (0.7, None)
+    assert quality.means[0] == (0.9, None)

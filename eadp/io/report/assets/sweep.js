@@ -47,7 +47,8 @@ function bins(key, limit = MAX_VALUES) {
 
 /** A figure over some runs: how many were flown, the mean, and its 95 % interval. */
 function summary(members, figure) {
-  const values = members.map(FIGURES[figure].of).filter((value) => value !== null);
+  const counted = figure === "completed" ? members : members.filter((i) => runs.completed[i]); // no figure of a crash in a mean
+  const values = counted.map(FIGURES[figure].of).filter((value) => value !== null);
   const n = values.length, flown = members.filter((i) => runs.completed[i] !== null), done = flown.filter((i) => runs.completed[i]).length;
   if (!n) return { n: 0, mean: null, interval: null, done, flown: flown.length };
   const mean = values.reduce((sum, value) => sum + value, 0) / n;
@@ -68,7 +69,7 @@ const withUnit = (value, unit, digits = 4) => `${number(value, digits)}${unit ? 
 
 function summaryText(one, figure) {
   const { unit, title } = FIGURES[figure];
-  if (!one.n) return "no flight";
+  if (!one.n) return one.flown ? `none of ${one.flown} flights completed` : "no flight";
   const words = [`${title}: ${withUnit(one.mean, unit)}`];
   if (one.interval) words[0] += ` (95 % interval ${number(one.interval[0], 3)} to ${withUnit(one.interval[1], unit, 3)})`;
   words.push(`${one.done} of ${one.flown} flights completed`);
@@ -85,6 +86,12 @@ function colourOf(share) {
 const inkOn = ([r, g, b]) => (0.2126 * (r / 255) ** 2.2 + 0.7152 * (g / 255) ** 2.2 + 0.0722 * (b / 255) ** 2.2 > 0.18 ? "#000" : "#fff");
 const rgb = (colour) => `rgb(${colour.join(",")})`;
 
+/** The mean of a cell, and × with the number of flights that did not complete, which it leaves out. */
+function cellText(cell, figure) {
+  const mean = cell.mean === null ? "" : FIGURES[figure].unit === "%" ? cell.mean.toFixed(0) : number(cell.mean, figure === "duration_s" ? 4 : 2);
+  return figure === "completed" || cell.done === cell.flown ? mean : `${mean} ×${cell.flown - cell.done}`.trim();
+}
+
 function drawHeat() {
   const { figure, across, upward } = chosen(), { unit, title } = FIGURES[figure];
   const [right, up] = [bins(across), bins(upward)];
@@ -97,7 +104,8 @@ function drawHeat() {
   $("heat-title").textContent = `${title}${unit ? ` [${unit}]` : ""}`;
   const rows = up.labels.map((label, j) => el("tr", {}, el("th", { scope: "row" }, label), ...found[j].map((cell, k) => {
     const name = `${across} ${right.labels[k]}${upward ? `, ${upward} ${label}` : ""}`;
-    const button = el("button", { type: "button", "aria-label": `${name}: ${summaryText(cell, figure)}` }, cell.mean === null ? "" : unit === "%" ? cell.mean.toFixed(0) : number(cell.mean, figure === "duration_s" ? 4 : 2));
+    const button = el("button", { type: "button", "aria-label": `${name}: ${summaryText(cell, figure)}` }, cellText(cell, figure));
+    if (figure !== "completed" && cell.done < cell.flown) button.classList.add("crashed");
     if (cell.mean !== null) {
       const colour = colourOf((cell.mean - low) / (high - low));
       button.style.backgroundColor = rgb(colour);
