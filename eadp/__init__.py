@@ -10,9 +10,23 @@ from typing import Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "eadp.api": ("cover", "fit_power", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep"),
+    "eadp.api": (
+        "cover",
+        "export",
+        "fit_power",
+        "fit_vehicle",
+        "forecast",
+        "read_mission",
+        "read_plan",
+        "read_profile",
+        "report",
+        "simulate",
+        "sweep",
+        "vehicle",
+    ),
     "eadp.errors": ("EadpError", "Infeasible", "InputError"),
     "eadp.io.field.coverage": ("CoverageOptions", "CoveragePlan"),
+    "eadp.io.flight.export": ("ExportOptions",),
     "eadp.io.flight.folder": ("Flight",),
     "eadp.models.energy": ("EnergyModel",),
     "eadp.models.energy_fit": ("EnergyFit",),

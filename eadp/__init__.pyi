@@ -1,6 +1,20 @@
-from eadp.api import cover, fit_power, read_mission, read_plan, read_profile, report, simulate, sweep
+from eadp.api import (
+    cover,
+    export,
+    fit_power,
+    fit_vehicle,
+    forecast,
+    read_mission,
+    read_plan,
+    read_profile,
+    report,
+    simulate,
+    sweep,
+    vehicle,
+)
 from eadp.errors import EadpError, Infeasible, InputError
 from eadp.io.field.coverage import CoverageOptions, CoveragePlan
+from eadp.io.flight.export import ExportOptions
 from eadp.io.flight.folder import Flight
 from eadp.models.energy import EnergyModel
 from eadp.models.energy_fit import EnergyFit
@@ -16,6 +30,7 @@ __all__ = [
     "EadpError",
     "EnergyFit",
     "EnergyModel",
+    "ExportOptions",
     "Flight",
     "Infeasible",
     "InputError",
@@ -24,11 +39,15 @@ __all__ = [
     "ProfileSum",
     "SweepFlight",
     "cover",
+    "export",
     "fit_power",
+    "fit_vehicle",
+    "forecast",
     "read_mission",
     "read_plan",
     "read_profile",
     "report",
     "simulate",
     "sweep",
+    "vehicle",
 ]

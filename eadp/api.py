@@ -14,14 +14,14 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from eadp.errors import Fault, InputError
-from eadp.io.flight.folder import Flight, fly_flight
-from eadp.io.flight.inputs import Files, load_flight
+from eadp.io.flight.folder import Flight, fly_flight, forecast_values
+from eadp.io.flight.inputs import Files, FlightInputs, load_flight
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.plan import writer
 from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
 from eadp.io.text.named import parse_named
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text, read_text, write_text
 from eadp.io.vehicle.presets import read_vehicle
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
@@ -33,8 +33,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from eadp.io.field.coverage import CoverageOptions, CoveragePlan
+    from eadp.io.flight.export import ExportOptions
+    from eadp.io.log.vehicle_fit import VehicleLogFit
+    from eadp.io.sweep.flights import SweepFlights
+    from eadp.io.vehicle.vehicle_file import VehicleFile
     from eadp.models.energy_fit import EnergyFit
-    from eadp.simulation.sweep.statistics import SweepFlight
+    from eadp.models.performance import Performance
 
 File = str | PathLike[str]
 Overrides = Mapping[str, Any] | Iterable[str]
@@ -192,7 +196,13 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    texts = override_texts(overrides, planner, seed, laps)
+    inputs, texts = _load(plan, scenario, profile, energy, override_texts(overrides, planner, seed, laps))
+    warn(inputs.warnings)
+    return fly_flight(inputs, inputs.preflight(), on_step, texts)
+
+
+def _load(plan: Any, scenario: Any, profile: Any, energy: Any, texts: list[str]) -> tuple[FlightInputs, list[str]]:
+    """A flight's inputs, of paths or objects, with overrides as texts."""
     files = Files()
     inputs = load_flight(
         _path(plan, files.texts),
@@ -202,17 +212,166 @@ def simulate(
         overrides=read_overrides(texts),
         files=files,
     )
+    return inputs, texts
+
+
+def forecast(
+    plan: File | Plan,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
+    overrides: Overrides = (),
+    planner: str | None = None,
+    *,
+    laps: int | None = None,
+    warn: Warn = _python_warnings,
+) -> dict[str, Any] | None:
+    """Forecast a flight before take-off, without flying it.
+
+    Parameters
+    ----------
+    plan, scenario, profile, energy, overrides, planner, laps, warn
+        As `simulate`.
+
+    Returns
+    -------
+    dict or None
+        The content of `energy_forecast` in `summary.json`: the probabilities to complete and to keep the reserve, time,
+        energy, charge at the end, parameters. None where the charge is prescribed.
+
+    Raises
+    ------
+    InputError
+        As `simulate`.
+    """
+    inputs, _ = _load(plan, scenario, profile, energy, override_texts(overrides, planner, None, laps))
     warn(inputs.warnings)
-    return fly_flight(inputs, inputs.preflight(), on_step, texts)
+    found = inputs.preflight()
+    return None if found is None else forecast_values(found, inputs.world.plan)
 
 
-def report(result: File, out: File | None = None, keep: File | None = None) -> str:
+def export(
+    plan: File | Plan,
+    to: str,
+    options: ExportOptions | None = None,
+    out: File | None = None,
+    *,
+    warn: Warn = _python_warnings,
+) -> str:
+    """Write a plan as the mission of an autopilot, or as a map.
+
+    Parameters
+    ----------
+    plan : path or Plan
+    to : str
+        Format: `qgc`, `ardupilot`, `paparazzi`, `geojson`, `kml` or `gpx`.
+    options : ExportOptions, optional
+        With a scenario the parameters are those that the forecast chooses.
+    out : path, optional
+        Write it here, too.
+    warn : function, optional
+        Takes what was forecast, as a note, and what the format cannot hold.
+
+    Returns
+    -------
+    str
+        The text of the mission.
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    from eadp.io.flight.export import ExportOptions, export_text
+
+    files = Files()
+    written = export_text(_path(plan, files.texts), to, options or ExportOptions(), warn, files)
+    if out is not None and str(out) != "-":
+        write_text(str(out), written)
+    return written
+
+
+def vehicle(
+    file: File,
+    winds_mps: Sequence[float] = (0.0, 5.0, 8.0),
+    *,
+    computing_w: float = 0.0,
+    reserve_soc: float = 0.05,
+    warn: Warn = _python_warnings,
+) -> tuple[VehicleFile, Performance]:
+    """What an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
+
+    Parameters
+    ----------
+    file : path
+        Vehicle file.
+    winds_mps : sequence of float
+        Speeds of the wind, for endurance and range [m/s].
+    computing_w : float
+        Power of the computations, beside the motion's [W].
+    reserve_soc : float
+        State of charge to keep.
+    warn : function, optional
+
+    Returns
+    -------
+    (VehicleFile, Performance)
+        The aircraft, and what it can do; `faults` says why it cannot fly as described, if it cannot.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    from eadp.io.text.schema_faults import keys_document
+    from eadp.io.vehicle.vehicle_file import SCHEMA, vehicle_of, vehicle_warnings
+    from eadp.models.performance import performance
+
+    keys = keys_document(read_text(str(file)), SCHEMA)
+    found = vehicle_of(keys)
+    warn(vehicle_warnings(keys, found))
+    return found, performance(
+        found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
+    )
+
+
+def fit_vehicle(log: File, base: File | None = None, *, warn: Warn = _python_warnings) -> VehicleLogFit:
+    """Fit an aircraft's power to a log with airspeed: level flight, its rise with bank, climb and airspeed.
+
+    Parameters
+    ----------
+    log : path
+        CSV with a header, PX4 ULog or ArduPilot DataFlash log.
+    base : path, optional
+        Vehicle file of what is known: mass, wing, avionics, for a drag polar.
+    warn : function, optional
+
+    Returns
+    -------
+    VehicleLogFit
+        `yaml` is the vehicle file, `text` says how sure each value is.
+
+    Raises
+    ------
+    InputError
+        With the faults of a file, or with what the log lacks.
+    """
+    from eadp.io.log.power_log import Columns
+    from eadp.io.log.vehicle_fit import read_vehicle_fit
+
+    found = read_vehicle_fit(str(log), Columns(), "" if base is None else str(base))
+    warn(found.warnings)
+    return found
+
+
+def report(result: File | Sequence[File], out: File | None = None, keep: File | None = None) -> str:
     """Write a result as one HTML page that needs no network.
 
     Parameters
     ----------
-    result : path
-        A result folder, the results file of a sweep, or a log of `eadp replan`.
+    result : path, or sequence of paths
+        A result folder, the results file of a sweep, or a log of `eadp replan`. Several folders of flights are drawn
+        beside each other.
     out : path, optional
         By default `report.html` in the folder, or beside the file under its name; `-` is standard output.
     keep : path, optional
@@ -228,8 +387,10 @@ def report(result: File, out: File | None = None, keep: File | None = None) -> s
     InputError
         If it is no result, is damaged, or the page cannot be written.
     """
-    from eadp.io.report.result import write_report
+    from eadp.io.report.result import write_comparison, write_report
 
+    if not isinstance(result, str | PathLike):
+        return write_comparison([*map(str, result)], None if out is None else str(out))[0]
     return write_report(str(result), *(None if each is None else str(each) for each in (out, keep)))
 
 
@@ -301,7 +462,7 @@ def sweep(
     out: File | None = None,
     scheduler: str | None = None,
     warn: Warn = _python_warnings,
-) -> list[SweepFlight]:
+) -> SweepFlights:
     """Fly a plan many times: a grid, zipped values, a random sample, several seeds, or a product of these.
 
     Parameters
@@ -322,7 +483,8 @@ def sweep(
     Returns
     -------
     list of SweepFlight
-        A row for each run, in order: the varied keys' values and the figures of its flight, or its error.
+        A row for each run, in order: the varied keys' values and the figures of its flight, or its error. Its method
+        `table` makes a table of it, of pandas, polars or Arrow.
 
     Raises
     ------
@@ -330,6 +492,7 @@ def sweep(
         With every fault of the first file that has any.
     """
     from eadp.core.compiled import enable, enabled
+    from eadp.io.sweep.flights import SweepFlights
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.run import missing_runs
     from eadp.io.sweep.sweep_file import read_sweep
@@ -345,7 +508,7 @@ def sweep(
             with missing_runs(checked, indices, results, jobs, scheduler) as (_, _, made):
                 for _ in made:
                     pass
-            return checked.flights(indices, results.rows())
+            return SweepFlights(checked.flights(indices, results.rows()))
     finally:
         enable(compiled)
 

@@ -15,9 +15,10 @@ from common import ROOT
 import eadp as library
 
 PUBLIC = {
-    "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "Flight", "Infeasible", "InputError",
-    "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "fit_power", "read_mission", "read_plan", "read_profile",
-    "report", "simulate", "sweep",
+    "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
+    "Infeasible", "InputError",
+    "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
+    "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 SHORT = {"time_limit_s": 20, "step_s": 0.05}
@@ -100,6 +101,34 @@ def test_faults_of_what_is_given_have_a_place():
         library.sweep({"plan": PLAN, "grid": {"nosuch": [1]}})
     with pytest.raises(library.InputError, match="--wind:1:1: error: a wind of 30 m/s"):
         library.cover(ROOT / "plans/meadow.geojson", library.CoverageOptions(30, 30, wind=(30, 10)))
+
+
+def test_the_forecast_is_that_of_the_command(eadp):
+    given = [word for key, value in SHORT.items() for word in ("--set", f"{key}={value}")]
+    told = json.loads(eadp("simulate", PLAN, "--scenario", SCENARIO, *given, "--format", "json").out)
+    assert library.forecast(PLAN, SCENARIO, overrides=SHORT) == told["energy_forecast"]
+    assert library.forecast(PLAN, ROOT / "scenarios/paper-i-dynamic.yaml") is None, "the charge is prescribed"
+
+
+def test_an_export_is_that_of_the_command(eadp, tmp_path):
+    notes = []
+    options = library.ExportOptions(["spacing=20"], origin_deg=(55.37, 10.43))
+    written = library.export(PLAN, "qgc", options, tmp_path / "m.plan", warn=notes.extend)
+    answer = eadp("export", PLAN, "--to", "qgc", "--origin", "55.37,10.43", "--set", "spacing=20")
+    assert written == answer.out == (tmp_path / "m.plan").read_text()
+    assert [note.message for note in notes] == ["altitude 25 m, the aircraft's; --altitude sets another"]
+    assert library.export(library.read_plan(PLAN), "qgc", options, warn=notes.extend) == written.replace(
+        "survey.plan", "given.plan"
+    )
+    with pytest.raises(library.InputError, match=r"--to:1:1: error: is no format; expected one of .* did you mean qgc"):
+        library.export(PLAN, "qg", options)
+
+
+def test_an_aircraft_is_that_of_the_command(eadp):
+    vehicle, found = library.vehicle(ROOT / "vehicles/mapper.yaml", [4.0])
+    told = json.loads(eadp("vehicle", "vehicles/mapper.yaml", "--wind", "4", "--format", "json").out)
+    assert (vehicle.name, found.level_power_w) == (told["name"], told["level_power_w"])
+    assert len(found.winds) == len(told["winds"]) == 1
 
 
 def test_a_field_is_covered_as_by_the_command(eadp):

@@ -87,6 +87,8 @@ def command(
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     text = read_text(file)
     plan, findings = PlanReader(laps=laps).turning(min_radius or None)(text)
+    from eadp.io.plan.parameters import parameters_of
+
     parameters, report = parameters_of(plan, set_), None
     if check:
         from eadp.validation.check import check_plan
@@ -128,38 +130,6 @@ def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) 
     from eadp.io.figures.plan import write_plan_figure
 
     (write_machine_figure if machine else write_plan_figure)(path, plan, parameters)
-
-
-def parameters_of(plan: Plan, overrides: Sequence[str] | None) -> list[float]:
-    """Parameters from --set, else those at take-off: each at its maximum, or 0 without a set."""
-    import math
-
-    from eadp.core.expressions.tree import number_text
-
-    values = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
-    for raw in overrides or []:
-        name, _, number = raw.partition("=")
-        index = plan.parameter(name.strip())
-        if index is None:
-            raise usage_fault("--set", raw, f"no parameter {name.strip()}", plan.expected_name(name.strip()))
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise usage_fault("--set", raw, f"{number or 'nothing'} is not a number", "as in c1=-500", len(name) + 2)
-        item = plan.parameters[index]
-        by_title = name.strip() != item.name and item.stands_for is not None
-        if plan.has_sets:
-            box = plan.hull(index)
-            value = item.of_shown(value, box) if by_title else value
-            if box.clip(value) != value:
-                ends = sorted(map(item.shown, (box.lo, box.hi))) if by_title else (box.lo, box.hi)
-                message = f"{name} = {number} is outside its set"
-                expected = f"a value in [{', '.join(number_text(end) for end in ends)}]"
-                raise usage_fault("--set", raw, message, expected, len(name) + 2)
-        values[index] = value
-    return values
 
 
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:

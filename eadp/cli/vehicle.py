@@ -31,21 +31,15 @@ def command(
     Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
     input.
     """
-    from eadp.io.text.schema_faults import keys_document
-    from eadp.io.text.streams import read_text
+    from eadp import api
     from eadp.io.vehicle.report import document
-    from eadp.io.vehicle.vehicle_file import SCHEMA, vehicle_of, vehicle_warnings
-    from eadp.models.performance import performance
 
     if not 0 <= computing <= 1e6:
         raise usage_fault("--computing", f"{computing:g}", "no power of computations", "from 0 to 1000000 W")
     if not 0 <= reserve < 1:
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
     winds = _winds(wind)
-    keys = keys_document(read_text(file), SCHEMA)
-    vehicle = vehicle_of(keys)
-    warn(vehicle_warnings(keys, vehicle))
-    found = performance(vehicle.airframe, vehicle.battery, winds, computing_w=computing, reserve_soc=reserve)
+    vehicle, found = api.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
     if plot:
         from eadp.io.figures.vehicle import write_vehicle_figure
 

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from common import ROOT
 
+from eadp.api import fit_vehicle
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.presets import read_vehicle
 from eadp.models.vehicle import FixedWing, PowerCurve
@@ -74,6 +75,7 @@ def test_the_wing_of_a_log(eadp, log, tmp_path):
 def test_without_a_base_it_is_a_power_curve(eadp, log, tmp_path):
     out = tmp_path / "mine.yaml"
     answer = eadp("fit", log(), "--vehicle", "-o", out, "--format", "json")
+    assert fit_vehicle(log(), warn=lambda _: None).yaml == out.read_text()
     document = json.loads(answer.out)
     assert document["schema"] == "eadp.vehicle/1"
     assert document["airframe"] == yaml.safe_load(out.read_text())["airframe"]

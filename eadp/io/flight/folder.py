@@ -111,7 +111,7 @@ def summarise(
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
             "max_ms": max(report.solve_ms, default=None),
         },
-        "energy_forecast": None if expected is None else _expected(expected, world.plan),
+        "energy_forecast": None if expected is None else forecast_values(expected, world.plan),
         "seed": world.seed,
     }
 
@@ -134,7 +134,8 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def _expected(expected: Preflight, plan: Plan) -> dict[str, Any]:
+def forecast_values(expected: Preflight, plan: Plan) -> dict[str, Any]:
+    """The content of `energy_forecast`."""
     forecast = expected.forecast
     segments = {name: {"segments": list(values)} for name, values in expected.segments(plan).items()}
     return {
@@ -195,6 +196,29 @@ class Flight:
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
     estimates: Sequence[PowerEstimate] = ()
+
+    def table(self) -> Any:
+        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists."""
+        from eadp.io.text.frames import frame
+
+        return frame(self.columns)
+
+    def __repr__(self) -> str:
+        """One line, not the log."""
+        return f"<Flight of {self.inputs.world.plan.name.rpartition('/')[2]}: {', '.join(self._words)}>"
+
+    def _repr_html_(self) -> str:
+        from eadp.io.report.words import flight_facts
+        from eadp.io.text.frames import html_table
+
+        return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
+
+    @property
+    def _words(self) -> list[str]:
+        summary = self.summary
+        ended = "completed" if summary["completed"] else f"NOT completed: {summary['reason']}"
+        words = [ended, f"{summary['duration_s']:.0f} s", f"{summary['energy_wh']:.2f} Wh"]
+        return [*words, f"{100 * summary['soc_final']:.0f} % of the charge left"]
 
     @cached_property
     def columns(self) -> dict[str, FloatArray]:

@@ -183,7 +183,8 @@ class Results:
             for stored in self._whole_rows("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
                 row = dict(zip(_ROW, stored, strict=False))
                 if row["completed"] is not None:
-                    row |= {"completed": bool(row["completed"]), "summary": json.loads(row["summary"])}
+                    row |= {name: bool(row[name]) for name in ("completed", "reserve_kept")}
+                    row["summary"] = json.loads(row["summary"])
                 yield {name: row[name] for name in names}
 
     def everything(self) -> Iterator[dict[str, Any]]:

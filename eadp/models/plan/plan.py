@@ -121,6 +121,11 @@ class Plan:
         """Cheap, as plans are keys of what is kept from one flight to the next."""
         return hash((self.name, len(self.stages)))
 
+    def __repr__(self) -> str:
+        """One line, not the stages."""
+        named = ", ".join(item.label for item in self.parameters) or "none"
+        return f"<Plan {self.name.rpartition('/')[2]}: {len(self.stages)} stages, parameters {named}>"
+
     @property
     def has_sets(self) -> bool:
         """Whether the stages carry their parameters' sets."""

@@ -1,0 +1,76 @@
+"""Every cell of docs/notebook.ipynb is run, in order."""
+
+from __future__ import annotations
+
+import ast
+import json
+
+import pytest
+from common import ROOT
+
+from eadp.io.text import frames
+
+PAGE = ROOT / "docs/notebook.ipynb"
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_the_cells_run(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    notebook = json.loads(PAGE.read_text(encoding="utf-8"))
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    names: dict[str, object] = {}
+    shown = []
+    for cell in notebook["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        assert cell["outputs"] == []
+        body = ast.parse("".join(cell["source"])).body
+        last = body.pop() if isinstance(body[-1], ast.Expr) else None
+        exec(compile(ast.Module(body, []), str(PAGE), "exec"), names)
+        if last is not None:
+            shown.append(eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names))
+    assert any("spacing" in line for line in names["covered"].lines)
+    flight = names["flight"]
+    assert repr(flight).startswith("<Flight of given.plan: completed, ")
+    assert len(repr(flight)) < 200
+    assert "<th>energy</th>" in flight._repr_html_()
+    table = names["flights"].table()
+    assert list(table["completed"]).count(True) >= 3
+    assert "waypoint" in names["mission"] or "mission" in names["mission"]
+
+
+def test_repr_of_what_a_notebook_holds_is_short(monkeypatch):
+    import eadp
+
+    monkeypatch.chdir(ROOT)
+    flight = eadp.simulate("plans/survey.plan", "scenarios/survey.yaml", overrides={"time_limit_s": 5})
+    plan = flight.inputs.world.plan
+    assert repr(plan) == "<Plan survey.plan: 4 stages, parameters spacing, fps>"
+    assert "NOT completed: time limit" in repr(flight)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
+def test_a_table_is_of_the_library_that_is_installed(library, monkeypatch):
+    class Fake:
+        @staticmethod
+        def DataFrame(columns):
+            return library, columns
+
+        table = DataFrame
+
+    def installed(name):
+        if name == library:
+            return Fake
+        raise ImportError(name)
+
+    monkeypatch.setattr(frames.importlib, "import_module", installed)
+    assert frames.frame({"a": [1, 2]}) == (library, {"a": [1, 2]})
+
+
+def test_without_such_a_library_a_table_is_a_dict(monkeypatch):
+    def installed(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(frames.importlib, "import_module", installed)
+    assert frames.frame({"a": (1, 2)}) == {"a": [1, 2]}
+    assert frames.html_table([("<a>", "b & c")]) == "<table><tr><th>&lt;a&gt;</th><td>b &amp; c</td></tr></table>"
