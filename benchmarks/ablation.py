@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import math
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from unittest import mock
 import numpy as np
 from measured import head, line
 
-from eadp.models.plan.cursor import PlanCursor
 from eadp.planning.base import SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
@@ -88,8 +87,8 @@ def _without_gauge_gain(self: Evaluator, known: Any, totals: Any, soc: Any) -> A
     return charge_std(self, known._replace(charge=known.charge._replace(gain_std=0.0)), totals, soc)
 
 
-def _only_the_grid(self: Search, base: Shares, axes: Iterable[int]) -> list[Place]:
-    return along(self, base, axes) if len(base) == 1 or len(list(axes)) > 1 else []
+def _only_the_grid(self: Search, base: Shares, axis: int) -> list[Place]:
+    return along(self, base, axis) if len(base) == 1 else []
 
 
 def _no_effect(times_s: Any) -> tuple[Any, Any]:
@@ -106,7 +105,6 @@ def _rated(rate_per_h: float) -> Variant:
 
 VARIANTS: Mapping[str, Variant] = {
     AS_IT_IS: Variant(),
-    "one share of c1 for all segments": Variant(((PlanCursor, "later_laps", property(lambda _: False)),)),
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),

@@ -247,7 +247,7 @@ def forecast(
     inputs, _ = _load(plan, scenario, profile, energy, override_texts(overrides, planner, None, laps))
     warn(inputs.warnings)
     found = inputs.preflight()
-    return None if found is None else forecast_values(found, inputs.world.plan)
+    return None if found is None else forecast_values(found)
 
 
 def export(

@@ -178,11 +178,8 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
 
 def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     """The forecast that is exported, for people."""
-    segments = forecast.segments(plan)
-    chosen = []
-    for item in plan.parameters[: plan.path_count]:
-        values = segments.get(item.name, (forecast.parameters[item.name],))
-        chosen.append(f"{item.label} = {' then '.join(map(item.text, values[:2]))}")
+    paths = plan.parameters[: plan.path_count]
+    chosen = [f"{item.label} = {item.text(forecast.parameters[item.name])}" for item in paths]
     end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"

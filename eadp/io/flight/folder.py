@@ -22,7 +22,6 @@ from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
-from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
 from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
@@ -111,7 +110,7 @@ def summarise(
             "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
             "max_ms": max(report.solve_ms, default=None),
         },
-        "energy_forecast": None if expected is None else forecast_values(expected, world.plan),
+        "energy_forecast": None if expected is None else forecast_values(expected),
         "seed": world.seed,
     }
 
@@ -134,10 +133,9 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def forecast_values(expected: Preflight, plan: Plan) -> dict[str, Any]:
+def forecast_values(expected: Preflight) -> dict[str, Any]:
     """The content of `energy_forecast`."""
     forecast = expected.forecast
-    segments = {name: {"segments": list(values)} for name, values in expected.segments(plan).items()}
     return {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
@@ -149,7 +147,7 @@ def forecast_values(expected: Preflight, plan: Plan) -> dict[str, Any]:
         "computing_wh": expected.computing_wh,
         "soc_end": forecast.soc_end,
         "soc_end_std": forecast.soc_end_std,
-        "parameters": expected.parameters | segments,
+        "parameters": expected.parameters,
         "quality": expected.quality,
         "turn_back_s": None if expected.turn_back is None else expected.turn_back.time_s,
         "turn_back_m": None if expected.turn_back is None else list(expected.turn_back.position_m),

@@ -235,18 +235,18 @@ class _Parameter(BaseModel):
     """A parameter of the computations; its unit is empty where it is not known."""
 
     model_config = _STRICT
-    name: str
-    unit: Annotated[str, Field(max_length=64)] = ""
+    name: Annotated[str, Field(description="name, as the plan and options use it")]
+    unit: Annotated[str, Field(max_length=64, description="unit of its values; empty where it is not known")] = ""
 
 
 class _Point(BaseModel):
     """A measured configuration, a value for each parameter; mean and standard deviation of its power, samples."""
 
     model_config = _STRICT
-    at: Annotated[list[_Value], Field(min_length=1)]
-    power_w: _Power
+    at: Annotated[list[_Value], Field(min_length=1, description="a value for each parameter, in their order")]
+    power_w: Annotated[_Power, Field(description="mean power [W]")]
     std_w: Annotated[_Power, Field(description="standard deviation of the samples; 0 of one sample")] = 0.0
-    samples: Annotated[int, Field(ge=1, le=2**53)] = 1
+    samples: Annotated[int, Field(ge=1, le=2**53, description="number of samples that the mean is of")] = 1
     standard_error_w: Annotated[
         _Power | None, Field(description="standard error of power_w, with the correlation of consecutive samples")
     ] = None
@@ -271,38 +271,48 @@ class _LeaveOneOut(BaseModel):
     """Leave-one-out error over the points that the others enclose; written in JSON, not read."""
 
     model_config = _STRICT
-    points: int
-    rms_w: float
-    largest_w: float
+    points: Annotated[int, Field(description="number of points that the others enclose")]
+    rms_w: Annotated[float, Field(description="root mean square of their errors [W]")]
+    largest_w: Annotated[float, Field(description="largest of their errors [W]")]
 
 
 class _PartFile(BaseModel):
     """Average power of computations that were measured together, at configurations of their parameters."""
 
     model_config = _STRICT
-    source: str = ""
+    source: Annotated[str, Field(description="where the measurements are from")] = ""
     device: Annotated[
         str, Field(max_length=64, description="what the power is of: total, cpu, gpu; empty where it is not known")
     ] = ""
-    parameters: Annotated[list[_Parameter], Field(min_length=1, max_length=PARAMETERS_LIMIT)]
-    interpolation: Literal["linear", "pchip"] = "linear"
-    points: Annotated[list[_Point], Field(min_length=2)]
-    leave_one_out: _LeaveOneOut | None = None
+    parameters: Annotated[
+        list[_Parameter],
+        Field(min_length=1, max_length=PARAMETERS_LIMIT, description="parameters of the computations, in order"),
+    ]
+    interpolation: Annotated[
+        Literal["linear", "pchip"], Field(description="between the points: piecewise linear, or monotone cubic")
+    ] = "linear"
+    points: Annotated[list[_Point], Field(min_length=2, description="configurations that were measured")]
+    leave_one_out: Annotated[
+        _LeaveOneOut | None, Field(description="error of the interpolation, by leaving points out; not read")
+    ] = None
 
 
 class ProfileFile(_PartFile):
     """Computation profile: average power at measured configurations of the computations' parameters."""
 
     model_config = ConfigDict(title=SCHEMA, **_STRICT)
-    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema")]
+    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema", description="name and version of the format")]
 
 
 class _SumFile(BaseModel):
     """Computation profile of computations that were measured apart; their power is added."""
 
     model_config = ConfigDict(title=SCHEMA, **_STRICT)
-    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema")]
-    parts: Annotated[list[_PartFile], Field(min_length=1, max_length=PARTS_LIMIT)]
+    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema", description="name and version of the format")]
+    parts: Annotated[
+        list[_PartFile],
+        Field(min_length=1, max_length=PARTS_LIMIT, description="computations measured apart, whose power is added"),
+    ]
 
 
 def json_schema() -> dict[str, Any]:

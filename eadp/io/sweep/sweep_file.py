@@ -48,29 +48,29 @@ class DrawKeys(_Strict):
 
     uniform: Two | None = Field(default=None, description="[low, high]")
     normal: Two | None = Field(default=None, description="[mean, standard deviation]")
-    choice: Values | None = None
+    choice: Values | None = Field(default=None, description="any of these values, each as likely")
 
 
 class SampleKeys(_Strict):
     """Keys drawn at random together."""
 
-    runs: Count
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    runs: Count = Field(description="number of runs")
+    seed: Annotated[int, Field(ge=0, lt=2**63, description="seed of the draws")] = 0
     method: Literal["random", "latin"] = Field(default="random", description="latin: a Latin hypercube")
-    keys: Annotated[dict[str, DrawKeys], Field(min_length=1)]
+    keys: Annotated[dict[str, DrawKeys], Field(min_length=1, description="distributions by varied key")]
 
 
 class SweepKeys(_Strict):
     """A sweep file. Paths are relative to it; varied keys are a scenario's, dotted, or name a file or the planner."""
 
-    schema_: Literal["eadp.sweep/1"] = Field(alias="schema")
-    plan: str | None = None
-    scenario: str | None = None
+    schema_: Literal["eadp.sweep/1"] = Field(alias="schema", description="name and version of the format")
+    plan: str | None = Field(default=None, description="path of the plan or mission that is flown, unless it is varied")
+    scenario: str | None = Field(default=None, description="path of the scenario; by default the defaults")
     profile: str | None = Field(default=None, description="instead of the scenario's")
-    energy: str | None = None
+    energy: str | None = Field(default=None, description="path of an energy model made by eadp fit")
     grid: dict[str, Values] = Field(default={}, description="every combination of these values")
     zip: dict[str, Values] = Field(default={}, description="the first values together, the second ones, …")
-    sample: SampleKeys | None = None
+    sample: SampleKeys | None = Field(default=None, description="keys drawn at random together")
     seeds: Count | None = Field(default=None, description="each run with seeds 0 to n - 1; else the scenario's own")
 
 

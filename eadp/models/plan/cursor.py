@@ -104,11 +104,6 @@ class PlanCursor(NamedTuple):
         """Whether the stage belongs to a segment of laps, after which others come."""
         return self.table.segments[self.segment].repeats
 
-    @property
-    def later_laps(self) -> bool:
-        """Whether segments of laps come after the first one from here, this one or the next."""
-        return sum(segment.repeats for segment in self.table.segments[self.segment :]) > 1
-
     # --- where the stage lies
 
     def path(self) -> PathFunction:

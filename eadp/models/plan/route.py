@@ -162,7 +162,7 @@ class RoutePredictor:
         self._laps: dict[object, _Lap | None] = {}
         self._table: LegTable | None = None
 
-    def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0, later: Vector | None = None) -> Route:
+    def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0) -> Route:
         """The rest of the plan from the start of the stage being flown.
 
         Parameters
@@ -174,8 +174,6 @@ class RoutePredictor:
         margin_m : float
             By how much the end of the plan has to be passed to be certain [m]. Ends that are passed by less, or missed
             by less, are uncertain.
-        later : tuple of float, optional
-            Parameters decided as the first segment of laps ends, this one or the next.
 
         Raises
         ------
@@ -216,8 +214,6 @@ class RoutePredictor:
                     return made.route(cut.length_m - cut.distance_m + rest_m)
                 made.add(leg, number)
             start, following = legs[-1].end_m, cursor.next() if lap is None else cursor.next_lap()
-            if later is not None and cursor.repeats and (following is None or following.segment != cursor.segment):
-                following, later = cursor.decide(later).next(), None
         return made.route()
 
     def leg(self, cursor: PlanCursor, joined_m: Point) -> Route:

@@ -10,7 +10,6 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.legs import Leg
-from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
@@ -36,8 +35,8 @@ class Preflight:
     ----------
     parameters : dict
         Planned, by name; computations averaged over the time with a free set.
-    decided, later : tuple of float
-        Parameters that it decides at take-off, and as the first segment of laps ends.
+    decided : tuple of float
+        Parameters that it decides at take-off.
     forecast : Ending
     feasible : bool
         Whether the reserve is kept with the probability of the settings.
@@ -55,7 +54,6 @@ class Preflight:
 
     parameters: dict[str, float]
     decided: Vector
-    later: Vector
     forecast: Ending
     feasible: bool
     quality: float | None
@@ -65,11 +63,8 @@ class Preflight:
     entering: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector, later: Vector | None = None) -> Preflight:
-        """That of the one place of an evaluation, with parameters as decided and computations as filled.
-
-        `later` are those that are decided as the first segment of laps ends.
-        """
+    def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
+        """That of the one place of an evaluation, with parameters as decided and computations as filled."""
         place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
@@ -84,22 +79,12 @@ class Preflight:
         computing_wh = float(computing_w @ expected_s) / 3600
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
         turn_back = latest_turn_back(evaluation, place, filling)
-        later = later or parameters
-        return cls(names, parameters, later, forecast, feasible, quality, stages, computing_wh, turn_back)
-
-    def segments(self, plan: Plan) -> dict[str, tuple[float, ...]]:
-        """The path parameters whose values differ between segments of laps, by name: a value for each segment."""
-        count = sum(segment.repeats for segment in plan.segments)
-        return {
-            name: (first, *[later] * (count - 1))
-            for name, first, later in zip(plan.names[: plan.path_count], self.decided, self.later, strict=False)
-            if first != later
-        }
+        return cls(names, parameters, forecast, feasible, quality, stages, computing_wh, turn_back)
 
     def legs(self, mission: Mission) -> tuple[Leg, ...]:
         """The legs that were forecast, to the plan's end."""
         cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules).decide(self.decided)
-        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0), later=self.later).legs
+        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0)).legs
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:

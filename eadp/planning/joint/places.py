@@ -19,9 +19,6 @@ SAME_SHARE = 1e-5
 class Places:
     """The places of one mission.
 
-    Where a plan has one free path parameter and several segments of laps are left, a place has two shares of it: for
-    the first segment and for those after it.
-
     Parameters
     ----------
     evaluator : Evaluator
@@ -57,23 +54,11 @@ class Places:
         if stage != self._stage:
             self._stage = stage
             self._routes.clear()
-        several = len(self.open) == 1 and known.cursor.later_laps
-        if several != (len(self.shares) == 2 * len(self.open)):
-            self.shares = self.shares[: len(self.open)] * (2 if several else 1)
-            self._routes.clear()
 
     def parameters(self, shares: Shares) -> Vector:
         """Parameters with the path's at shares of their sets, and the computations as decided."""
-        if shares[: len(self.open)] == self.shares[: len(self.open)]:  # exact, not rounded
+        if shares == self.shares:  # exact, not rounded
             return self.decided
-        return self._with_path(shares[: len(self.open)])
-
-    def later(self, shares: Shares) -> Vector | None:
-        """Parameters of the segments of laps after the first; None where they are those of the first."""
-        count = len(self.open)
-        return self._with_path(shares[count:]) if shares[count:] not in ((), shares[:count]) else None
-
-    def _with_path(self, shares: Shares) -> Vector:
         values = list(self.decided)
         for i, share in zip(self.open, shares, strict=True):
             box = self._boxes[i]
@@ -86,7 +71,7 @@ class Places:
         if shares not in self._routes:
             cursor = known.cursor.decide(self.parameters(shares))
             try:
-                route = self._predictor.route(cursor, known.joined_m, margin_m(known), self.later(shares))
+                route = self._predictor.route(cursor, known.joined_m, margin_m(known))
                 self._routes[shares] = route if len(route.order) else None
             except PathUndefined:
                 self._routes[shares] = None
@@ -102,15 +87,6 @@ class Places:
         except PathUndefined:
             return [], None
         return [routes[i][0] for i in found.index.tolist()], found
-
-    def settled(self, known: Known, shares: Shares) -> Shares:
-        """The same place, or that of the later segments alone where the first share alters nothing from now on."""
-        later = shares[len(self.open) :]
-        if not later or later == shares[: len(self.open)]:
-            return shares
-        here, there = self.route(known, shares), self.route(known, later * 2)
-        same = here is not None and there is not None and here.parameters == there.parameters
-        return later * 2 if same else shares
 
     def decide(self, shares: Shares, parameters: Vector) -> None:
         """Set the place and the parameters decided."""

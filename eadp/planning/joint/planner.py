@@ -120,9 +120,7 @@ class JointPlanner(TrackingPlanner):
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.knapsack)
-        return Preflight.of(
-            plan.evaluation, solution.filling, places.parameters(plan.shares), places.later(plan.shares)
-        )
+        return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
 
     @property
     def next_update_s(self) -> float:
@@ -178,7 +176,7 @@ class JointPlanner(TrackingPlanner):
             self._decision = self._decision._replace(reason=why)
         else:
             solution = self._program.solve(found.evaluation.knapsack)
-            found = found._replace(shares=self._places.settled(known, found.shares), solution=solution)
+            found = found._replace(solution=solution)
             chosen = self._decision.parameters if closes else self._chosen(o, found)
             if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
                 found = self._held(found, chosen)
@@ -203,7 +201,7 @@ class JointPlanner(TrackingPlanner):
         flown = kept if kept is not None and kept.solution.feasible else None
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
         search = Search(partial(places.evaluate, known), places.evaluator.path_weight, threshold)
-        best = search.best(places.shares, len(places.open))
+        best = search.best(places.shares)
         if best is None:
             return kept
         found: Candidate | None

@@ -19,7 +19,7 @@ import numpy as np
 from eadp.planning.forecast.evaluate import Evaluation
 
 Shares = tuple[float, ...]
-"""Path parameters as shares of their sets; with later segments of laps, those for these follow."""
+"""Path parameters as shares of their sets."""
 
 POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
@@ -101,34 +101,29 @@ class Search:
                     self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(legs[i]))
         return [place for shares in wanted if (place := self.known[shares]) is not None]
 
-    def best(self, start: Shares, dimensions: int) -> Place | None:
+    def best(self, start: Shares) -> Place | None:
         """The best place found; None if the plan cannot be flown at any.
 
         Parameters
         ----------
         start : tuple of float
             The place in force.
-        dimensions : int
-            Number of path parameters; `start` has twice as many where later segments of laps have their own.
         """
-        twice = len(start) // dimensions
-        if dimensions == 1:
-            found = self._along(start, range(twice))
-        else:
-            grid = np.linspace(0.0, 1.0, POINTS.get(dimensions, 0)).tolist()
-            found = self.look([start, *itertools.product(grid, repeat=dimensions)])
-        for axis in range(len(start)) if len(start) > 1 else ():
-            found += self._along(max(found, key=_rank).shares if found else start, [axis])
+        if len(start) == 1:
+            return _best(self._along(start, 0))
+        grid = np.linspace(0.0, 1.0, POINTS.get(len(start), 0)).tolist()
+        found = self.look([start, *itertools.product(grid, repeat=len(start))])
+        for axis in range(len(start)):
+            found += self._along(max(found, key=_rank).shares if found else start, axis)
         return _best(found)
 
-    def _along(self, base: Shares, axes: Iterable[int]) -> list[Place]:
-        """Places along some axes at once, from a grid over the whole set to edges of steps."""
-        moved = set(axes)
+    def _along(self, base: Shares, axis: int) -> list[Place]:
+        """Places along an axis, from a grid over the whole set to edges of steps."""
 
         def at(share: float) -> Shares:
-            return tuple([share if axis in moved else own for axis, own in enumerate(base)])
+            return (*base[:axis], share, *base[axis + 1 :])
 
-        grid = sorted({*np.linspace(0.0, 1.0, POINTS[1]).tolist(), *(base[axis] for axis in moved)})
+        grid = sorted({*np.linspace(0.0, 1.0, POINTS[1]).tolist(), base[axis]})
         found = self.look(map(at, grid))
         cells = list(itertools.pairwise(grid))
         for _ in range(ROUNDS):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from common import few
 from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
-from common.plans import TWO_BLOCKS
 
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import before_take_off
@@ -19,7 +18,7 @@ from eadp.planning.joint import search as module
 from eadp.planning.joint.places import Places
 from eadp.planning.joint.search import Search
 
-PLACES, EACH, BLOCKS = 2001, 41, 21
+PLACES, EACH = 2001, 41
 """Places of brute force along one parameter, along each of two, and along each of two blocks."""
 MEDIAN_GAP, WORST_GAP, SCAN_GAP = 1e-3, 1e-2, 5e-2
 """The last where a step is wider than a cell of the first grid: within one the search looks at its ends alone."""
@@ -128,7 +127,7 @@ class Mission:
 
 def searched(mission, start=None, **more):
     start = (0.5,) * mission.dimensions if start is None else start
-    return Search(mission.evaluate, mission.weight, **more).best(start, mission.dimensions)
+    return Search(mission.evaluate, mission.weight, **more).best(start)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +193,7 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
         ]
         return places, Evaluated(alone, [1 + int(p * 5) for (p,) in places], [0.0] * len(places))
 
-    found = Search(evaluate).best((1.0,), 1)
+    found = Search(evaluate).best((1.0,))
     assert 0.31 - FINEST <= found.value <= 0.31
 
 
@@ -210,7 +209,7 @@ def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
         found = {}
         for bounded in (False, True):
             search = Search(mission.evaluate, mission.weight, useful if bounded else -math.inf)
-            found[bounded] = search.best((0.5,), 1).value
+            found[bounded] = search.best((0.5,)).value
             looked[bounded] += len(search.known)
         if abs(found[False] - useful) > WORST_GAP / 5:
             decided += found[False] > useful
@@ -239,8 +238,8 @@ def test_a_place_is_evaluated_once():
         return mission.evaluate(places)
 
     search = Search(evaluate, mission.weight)
-    search.best((0.5,), 1)
-    search.best((0.5,), 1)
+    search.best((0.5,))
+    search.best((0.5,))
     assert len(seen) == len(set(seen)) == len(search.known)
 
 
@@ -252,7 +251,7 @@ def test_a_place_is_evaluated_once():
 def test_the_survey_against_every_place(capacity_ah, wind_mps):
     inputs = survey_inputs(**CALM, **{"battery.capacity_ah": capacity_ah, "parameters.c1": -1000.0})
     forecasting = Forecasting(inputs, wind_mps=wind_mps, objective=Objective(0.05, 0.95))
-    found = Search(forecasting.evaluate, forecasting.evaluator.path_weight).best((0.0,), 1)
+    found = Search(forecasting.evaluate, forecasting.evaluator.path_weight).best((0.0,))
     flyable, everywhere = forecasting.evaluate([(share,) for share in np.linspace(0, 1, PLACES).tolist()])
     filling = everywhere.filled()
     assert len(flyable) == PLACES
@@ -310,26 +309,10 @@ def of_places(inputs, shares):
     return places, forecasting.evaluator, partial(places.evaluate, known)
 
 
-@pytest.mark.parametrize("capacity_ah", [0.43, 0.47, 0.52])
-def test_two_blocks_against_a_grid_over_both(tmp_path, capacity_ah):
-    inputs = mission_of(tmp_path, TWO_BLOCKS, **{"battery.capacity_ah": capacity_ah, **CALM})
-    places, evaluator, evaluate = of_places(inputs, 2)
-    found = Search(evaluate, evaluator.path_weight).best(places.shares, 1)
-    grid = np.linspace(0, 1, BLOCKS).tolist()
-    flyable, everywhere = evaluate([(one, other) for one in grid for other in grid])
-    filling = everywhere.filled()
-    assert len(flyable) == BLOCKS**2
-    if not filling.feasible.any():
-        assert not found.feasible
-        return
-    assert found.feasible
-    assert float(filling.value[filling.feasible].max()) - found.value <= WORST_GAP
-
-
 def test_two_parameters_against_a_grid(tmp_path):
     inputs = mission_of(tmp_path, TWO_PARAMETERS, **{"battery.capacity_ah": 0.45, **CALM})
     places, evaluator, evaluate = of_places(inputs, 2)
-    found = Search(evaluate, evaluator.path_weight).best(places.shares, 2)
+    found = Search(evaluate, evaluator.path_weight).best(places.shares)
     grid = np.linspace(0, 1, EACH).tolist()
     _, everywhere = evaluate([(one, other) for one in grid for other in grid])
     filling = everywhere.filled()
