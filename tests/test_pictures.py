@@ -6,12 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few
 from matplotlib.image import imread
 from pictures import MADE, PICTURES, make
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", few(MADE, 2))
 def test_a_picture_is_what_its_commands_draw(name, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     kept, drawn = imread(PICTURES / name), imread(make(name, tmp_path))

@@ -149,7 +149,11 @@ def test_debug_shows_the_traceback(eadp, monkeypatch):
 def test_schemas(eadp):
     import json
 
-    for name in ("scenario", "profile", "energy"):
+    for name in ("scenario", "vehicle", "profile", "energy", "sweep", "telemetry", "decision"):
         answer = eadp("schema", name)
         assert answer.code == 0
-        assert "properties" in json.loads(answer.out)
+        schema = json.loads(answer.out)
+        assert "properties" in schema
+        nodes = [schema, *schema.get("$defs", {}).values()]
+        for key, node in ((key, node) for each in nodes for key, node in each.get("properties", {}).items()):
+            assert node.get("description"), f"{name}: {key}"

@@ -7,7 +7,7 @@ import json
 import math
 
 import pytest
-from common import ROOT
+from common import ROOT, few
 from common.answers import refused
 
 from eadp.cli.main import main
@@ -255,7 +255,7 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
 
 
-@pytest.mark.parametrize("seconds", [60, 217, 400])
+@pytest.mark.parametrize("seconds", few([60, 217, 400], 2))
 def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tmp_path, seconds):
     plan, scenario = "plans/survey.plan", "scenarios/survey.yaml"
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:seconds]

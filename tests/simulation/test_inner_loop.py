@@ -140,7 +140,7 @@ def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
 
 
 @fast
-@pytest.mark.parametrize("scenario", ["paper-I-static", "paper-i-dynamic", "paper-ii-dynamic", "paper-drained"])
+@pytest.mark.parametrize("scenario", few(["paper-I-static", "paper-i-dynamic", "paper-ii-dynamic", "paper-drained"], 2))
 def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
     file = str(ROOT / f"scenarios/{scenario}.yaml")
     same(*(flown({"time_limit_s": 300.0}, scenario=file, on=on) for on in (True, False)))

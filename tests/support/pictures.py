@@ -28,7 +28,6 @@ MADE: Mapping[str, tuple[list[str], str]] = {
         [*FLIGHTS, "report {out}/joint {out}/paper {out}/static -o {out}/flights.html"],
         "flights.png",
     ),
-    "meadow.png": ([f"{COVER} --plot {{out}}/meadow.png"], "meadow.png"),
     "survey-machine.png": (["plan plans/survey.plan --machine --plot {out}/machine.png"], "machine.png"),
     "paper-i-dynamic.png": (
         ["simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o {out}/i"],
@@ -38,6 +37,7 @@ MADE: Mapping[str, tuple[list[str], str]] = {
         ["simulate plans/survey.plan --scenario scenarios/paper-I-static.yaml --figure paper -o {out}/I"],
         "I/paper.png",
     ),
+    "meadow.png": ([f"{COVER} --plot {{out}}/meadow.png"], "meadow.png"),
 }
 """Commands of each picture, and the file that they make, in a folder `{out}` of their own."""
 

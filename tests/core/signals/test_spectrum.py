@@ -346,7 +346,7 @@ def test_noise_has_no_period(noise: NoiseModel, n: int, share: float) -> None:
     assert sum(found) <= 0.05 * trials, "in 95 % and more of the trials"
 
 
-@pytest.mark.parametrize("kind", ["drift", "decay", "step", "one bump"])
+@pytest.mark.parametrize("kind", few(["drift", "decay", "step", "one bump"], 2))
 def test_what_happens_once_has_no_period(kind: str) -> None:
     part = np.linspace(0, 1, 200)
     power = {
@@ -435,7 +435,7 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
 
 # at 95 %, fewer inside come with a chance of 0.1 %: of 40 less than 33, of 8 less than 5
 @pytest.mark.parametrize(("trials", "least"), [(8, 5), pytest.param(40, 33, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("time_s", [0.0, 5.0, 15.0])
+@pytest.mark.parametrize("time_s", few([0.0, 5.0, 15.0], 2))
 def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float, trials: int, least: int) -> None:
     n, memory = 400, math.exp(-0.5 / time_s) if time_s else 0.0
     inside = []
