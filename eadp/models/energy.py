@@ -21,7 +21,10 @@ class Harmonic:
     """One term: amplitude_w · cos(2πjt/period_s + phase_rad)."""
 
     amplitude_w: Annotated[float, Ge(0), Le(1e9)]
+    """[W]."""
+
     phase_rad: Annotated[float, Ge(-1e3), Le(1e3)]
+    """[rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,10 @@ class Coefficients:
     """The papers' coefficients [W s]: a0..ar and b1..br. Source: letter, Eq. 3."""
 
     a: tuple[float, ...]
+    """a0..ar."""
+
     b: tuple[float, ...]
+    """b1..br."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +43,10 @@ class Disturbance:
     """Correlated disturbance beside the periodic power: Matérn-3/2, standard deviation [W], time constant [s]."""
 
     std_w: Annotated[float, Ge(0), Le(1e9)]
+    """Standard deviation [W]."""
+
     time_s: Annotated[float, Gt(0), Le(1e9)]
+    """Time constant [s]."""
 
 
 @dataclass(frozen=True)

@@ -34,20 +34,49 @@ class EnergyFile(BaseModel):
 
     model_config = ConfigDict(title=SCHEMA, use_attribute_docstrings=True, **STRICT)
     schema_: Annotated[Literal["eadp.energy/1"], Field(alias="schema")]
+    """Name and version of the format."""
+
     periodic: bool | None = None
+    """Whether there is a period."""
+
     period_s: _Seconds | None
+    """Period [s]; null without one."""
+
     period_std_s: _Deviation | None = None
+    """Standard deviation of the period [s]."""
+
     order: Annotated[int, Field(ge=0)] | None = None
+    """Number of harmonics."""
+
     mean_w: _Watts
+    """Mean power [W]."""
+
     mean_std_w: _Deviation | None = None
+    """Standard deviation of the mean [W]."""
+
     harmonics: Annotated[tuple[Harmonic, ...], Field(max_length=1000)]
+    """Amplitude and phase of each harmonic, from the first."""
+
     amplitude_std_w: Annotated[tuple[_Deviation, ...], Field(max_length=1000)] = ()
+    """Standard deviation of each amplitude [W]."""
+
     coefficients: Coefficients | None = None
+    """The papers' coefficients."""
+
     noise_std_w: _Deviation = 0.0
+    """Standard deviation of what the model leaves over [W]."""
+
     disturbance: Disturbance | None = None
+    """Correlated part of the noise."""
+
     cv_r2: Annotated[float, Field(le=1)] = 0.0
+    """Coefficient of determination, cross-validated."""
+
     samples: Annotated[int, Field(ge=0, le=2**53)] = 0
+    """Number of samples of the log."""
+
     span_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
+    """Time that the log spans [s]."""
 
 
 def json_schema() -> dict[str, Any]:
