@@ -115,7 +115,7 @@ def _forecast(summary: Mapping[str, Any]) -> list[str]:
 
 def _difference(value: float, digits: int) -> str:
     """A difference with its sign."""
-    return f"{value:+.{digits}f}".replace("-", "−")
+    return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
 
 
 def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -136,7 +136,8 @@ def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]])
     for row in named[:SHOWN]:
         words.append(f"At {row['time_s']:g} s it decided: {row['reason']}.")
     if len(named) > SHOWN:
-        words.append(f"{len(named) - SHOWN} more decisions changed parameters.")
+        more = len(named) - SHOWN
+        words.append(f"{more} more decision{'s' if more > 1 else ''} changed parameters.")
     infeasible = sum(row["status"] == INFEASIBLE for row in decisions)
     if infeasible:
         words.append(f"Nothing was feasible in {infeasible} of {len(decisions)} re-plannings.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from common.browser import CHROMIUM, Browser
@@ -136,7 +137,18 @@ def test_light_and_dark(page):
 
 def test_it_prints(page, tmp_path):
     page.pdf(tmp_path / "page.pdf")
-    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    printed = (tmp_path / "page.pdf").read_bytes()
+    assert printed.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) == 1, "on one sheet"
+
+
+def test_parameters_are_drawn_from_their_low_end_to_their_high_one(page):
+    """Also where the low end shows the greater value, as a spacing does."""
+    spacing, fps = page.run("data.parameters.map((one) => [one.low, one.high])")
+    assert spacing[0] > spacing[1]
+    assert fps == [2, 10]
+    shares = "data.parameters.map((one) => [one.low, (one.low + one.high) / 2, one.high].map((v) => shareOf(one, v)))"
+    assert page.run(shares) == [[0, 0.5, 1], [0, 0.5, 1]]
 
 
 def test_text_alternatives(page):

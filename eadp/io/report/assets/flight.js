@@ -159,9 +159,9 @@ function buildCharts() {
     const colours = ["purple", "blue", "green", "orange", "brown", "sky"];
     const [t, values] = stepped(data.parameters);
     const lines = data.parameters.map((one, i) => ({
-      label: `${one.name} (${one.title}${one.unit ? ` [${one.unit}]` : ""}) ${number(one.low)} … ${number(one.high)}`, colour: colours[i % colours.length], steps: true,
+      label: `${one.name} ${number(one.low)} … ${number(one.high)}${one.unit ? ` ${one.unit}` : ""}`, colour: colours[i % colours.length], steps: true,
       dash: i >= colours.length ? [6, 3] : undefined, width: 1.5 + 1.6 * Math.min(3, data.parameters.length - 1 - i),
-      y: values[i].map((value) => (one.high > one.low ? (value - one.low) / (one.high - one.low) : 1)) }));
+      y: values[i].map((value) => shareOf(one, value)) }));
     chart("Parameters", "share of the set", t, lines, { range: [-0.06, 1.06], value: (now) => data.parameters.map((one) => `${one.name} ${number(held(one, now))}`).join(", ") });
   }
   if (decisions.wind_mps) {
@@ -468,6 +468,9 @@ function legend() {
 }
 
 // --- decisions
+
+/** Where a value lies in a parameter's set: 0 at its coarse or low end, 1 at the other. */
+function shareOf(one, value) { return one.high === one.low ? 1 : (value - one.low) / (one.high - one.low); }
 
 const parametersText = (values) => (values ? Object.entries(values).map(([name, value]) => `${name} ${number(value)}`).join(", ") : "–");
 /** A value and its standard deviation, to two digits of the latter. */
