@@ -1,4 +1,4 @@
-"""Fuzz a reader by coverage: by hand, not in the test suite. docs/robustness.md has what was run and what came of it.
+"""Fuzz a reader by coverage: by hand, not in the test suite. What it finds is fixed, and gets a test.
 
 usage: pip install atheris; python benchmarks/fuzz.py TARGET [--seconds 600] [--corpus DIR] [--seeds DIR]
 
@@ -7,6 +7,7 @@ process started, no file written elsewhere, no text of the input compiled. What 
 read again and checked, scenarios flown for some steps, fields covered, telemetry re-planned on. Findings are counted
 by the line that failed, and the smallest input of each is kept in DIR/findings; an input that hangs, or takes too much
 memory, ends the run. Seeds are files of the repository, made ones, and those of other folders.
+Known: a strip 36 km long takes 2 s to cover, which is reported.
 """
 
 from __future__ import annotations
