@@ -157,7 +157,7 @@ class FixedWing(_Aeroplane):
     """A small electric aeroplane: a drag polar, a propulsion of one efficiency, and limits of throttle, bank and climb.
 
     The defaults are those of a flying wing of 1.2 m span for surveys: 36 W at 15 m/s, of which the published survey
-    flight of such a wing drew 30 to 40 W (docs/fixed-wing.md).
+    flight of such a wing drew 30 to 40 W (docs/aircraft.md).
     """
 
     model: Literal["fixed-wing"] = "fixed-wing"
