@@ -57,7 +57,7 @@ def command(
     ] = None,
     out: Annotated[str | None, Option("-o", "--out", help="Write it here.", metavar="FILE")] = None,
 ) -> int:
-    """Example: eadp export plans/survey.plan --to qgc --origin 55.37,10.43 --set c1=-500
+    """Example: eadp export plans/survey.plan --to qgc --origin 55.37,10.43 --set spacing=20
 
     Write a plan as the mission of an autopilot, or as a map: at parameters, by default each at its maximum; with
     --scenario at those that the forecast before take-off chooses, or those decided at the end of --telemetry.
