@@ -116,7 +116,9 @@ def test_an_export_is_that_of_the_command(eadp, tmp_path):
     written = library.export(PLAN, "qgc", options, tmp_path / "m.plan", warn=notes.extend)
     answer = eadp("export", PLAN, "--to", "qgc", "--origin", "55.37,10.43", "--set", "spacing=20")
     assert written == answer.out == (tmp_path / "m.plan").read_text()
-    assert [note.message for note in notes] == ["altitude 25 m, the aircraft's; --altitude sets another"]
+    assert [note.message for note in notes] == [
+        "altitude 25 m, that of the default aircraft, as there is no --scenario; --altitude sets another"
+    ]
     assert library.export(library.read_plan(PLAN), "qgc", options, warn=notes.extend) == written.replace(
         "survey.plan", "given.plan"
     )

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, warn
+from eadp.errors import printable
 from eadp.io.mission import EXPORT_NAMES
 
 ExportName = StrEnum("ExportName", {name: name for name in EXPORT_NAMES})  # type: ignore[misc]
@@ -71,6 +72,5 @@ def command(
         set_ or (), scenario, altitude, home, origin, trigger_distance, tolerance, min_radius, laps, from_, telemetry
     )
     written = api.export(plan, to.value, options, out, warn=warn)
-    if out is None or out == "-":
-        emit(written)
+    emit(written if out is None or out == "-" else f"written    {printable(out)}")
     return 0

@@ -151,6 +151,9 @@ def main(arguments: list[str]) -> int:
         return BUG
 
 
+_NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
+
+
 def _interrupted() -> int:
     print("eadp: interrupted", file=sys.stderr)  # noqa: T201
     return INTERRUPTED
@@ -182,9 +185,13 @@ def _drop_output() -> None:
 def _usage(error: Exception) -> int:
     """A command line that cannot be read, or no command at all, which is answered with the help."""
     message = getattr(error, "format_message", lambda: str(error))().replace("Value error, ", "")
+    message = message.replace(_NO_NUMBER, "is no number; expected one with a decimal point, as in 6.3")
     if type(error).__name__ == "NoArgsIsHelpError":
         print(message)  # noqa: T201
         return YES
+    if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
+        example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
+        message = f"{message} {example}"
     print(f"eadp: error: {message}", file=sys.stderr)  # noqa: T201
     return BAD_INPUT
 

@@ -131,7 +131,9 @@ def _text(
     parameters = summary["parameters"].items()
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
-        lines.append(f"quality    U = {summary['quality']:.3f} (share of full quality over the ground of the mission)")
+        lines.append(f"quality    U = {summary['quality']:.3f} of 1 (1: densest lines, full rates, to the end)")
+    if summary["coverage"] is not None:
+        lines.append(f"covered    {100 * summary['coverage']:.2f} % of the field, by the lines flown")
     replans = f"; re-planned {decisions} times" if decisions else ""
     if verbose:
         replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from eadp.cli.output import Progress, usage_fault, warn
+from eadp.cli.output import Progress, emit, usage_fault, warn
 from eadp.errors import printable
 
 if TYPE_CHECKING:
@@ -131,6 +131,12 @@ def command(
     elif format_ is SweepFormat.text:
         sweep_text.print_answer(sweep, flights, out)
     short = [] if require is None else [flight for flight in flights if not sweep_text.meets(flight, require)]
+    if format_ is SweepFormat.text and table is None:
+        if require is not None:
+            met = f"NO, not in {len(short)} of" if short else "yes, in all"
+            emit(f"required   {require}: {met} {len(flights)} runs")
+        if junit is not None:
+            emit(f"written    {printable(junit)}")
     if short:
         sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not what --require {require} asks for\n")
     return int(bool(short) or any(flight.error is not None for flight in flights))

@@ -119,6 +119,14 @@ class CoverageReport:
         return (self.full,) if self.least is self.full else (self.full, self.least)
 
     @property
+    def seam_m(self) -> float | None:
+        """Distance of the lines where the first lines of laps meet the second ones, and blocks meet [m].
+
+        It holds at every c1, as the laps of a block end there; None for a plan without laps.
+        """
+        return self.solution.blocks[0].layout.pitch_m if self.solution.blocks else None
+
+    @property
     def _steps(self) -> list[float]:
         return self.solution.blocks[0].steps() if self.solution.blocks else []
 
@@ -166,6 +174,7 @@ class CoverageReport:
             "time_s": full.time_s,
             "lines": full.lines,
             "spacing_m": [full.spacing_m, least.spacing_m],
+            "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,

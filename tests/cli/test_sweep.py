@@ -252,6 +252,9 @@ def test_a_pipeline_requires_what_it_needs(eadp, folder, require, code, failures
     answer = eadp("sweep", folder / "short.yaml", "--jobs", 1, "--junit", report, *asked)
     assert answer.code == code
     assert (f"eadp: {failures} of 8 runs are not what --require {require} asks for" in answer.err) == (code == 1)
+    verdict = f"required   {require}: " + (f"NO, not in {failures} of 8 runs" if failures else "yes, in all 8 runs")
+    assert (verdict in answer.out) == (require is not None)
+    assert answer.out.endswith(f"written    {report}\n")
     suite = ET.parse(report).getroot()
     assert (suite.tag, suite.get("tests"), suite.get("errors")) == ("testsuite", "8", "0")
     assert suite.get("failures") == str(failures)

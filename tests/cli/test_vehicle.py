@@ -48,7 +48,7 @@ def test_papers_aircraft(eadp, tmp_path):
     ("arguments", "where"),
     [
         (("nosuch.yaml",), "nosuch.yaml:1:1"),
-        (("scenarios/survey.yaml",), "scenarios/survey.yaml:4:1"),
+        (("scenarios/survey.yaml",), "scenarios/survey.yaml:1:1"),
         ((WING, "--wind", "5,x"), "--wind:1:1"),
         ((WING, "--wind", "-1"), "--wind:1:1"),
         ((WING, "--computing", "nan"), "--computing:1:1"),

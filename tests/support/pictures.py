@@ -20,7 +20,10 @@ from eadp.cli.main import main
 PICTURES = ROOT / "docs/pictures"
 LOSS = "simulate plans/survey.plan --scenario scenarios/survey-loss.yaml"
 FLIGHTS = [f"{LOSS} --planner {name} -o {{out}}/{name}" for name in ("joint", "paper", "static")]
-COVER = "cover plans/meadow.geojson --min-radius 30 --swath 30 --pattern zamboni --format text"
+COVER = (
+    "cover plans/meadow.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --pattern zamboni --altitude 40 "
+    "--sensor-width-mm 6.3 --focal-length-mm 4.5 --side-overlap 70:55 --format text"
+)
 
 MADE: Mapping[str, tuple[list[str], str]] = {
     "survey.png": (FLIGHTS[:1], "joint/flight.png"),

@@ -309,9 +309,11 @@ class CoveragePlan:
     @property
     def _side_overlaps(self) -> list[float | None]:
         """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
+        return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
+
+    def _overlap(self, apart_m: float | None) -> float | None:
         width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
-        ends = (self.report.full, self.report.least)
-        return [None if end.spacing_m is None else 1 - end.spacing_m / width_m for end in ends]
+        return None if apart_m is None else 1 - apart_m / width_m
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -326,16 +328,19 @@ class CoveragePlan:
         return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
 
     def _overlap_text(self) -> list[str]:
-        """The overlap of neighbouring lines."""
+        """The overlap of neighbouring lines, and where it is always less."""
         shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
-        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line"] if shares else []
+        seam_m = self.report.seam_m
+        seam = self._overlap(seam_m)
+        where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
+        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
         """How many packs the path takes."""
         if self._batteries is None or self.pack_wh is None:
             return []
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
-        return [f"batteries  {packs} of {self.pack_wh:.3g} Wh above the reserve"]
+        return [f"batteries  {packs}; a full one gives {self.pack_wh:.3g} Wh before its reserve"]
 
 
 def plan_coverage(

@@ -79,8 +79,6 @@ def write_flight_figure(
             _draw_parameters(others[-1], time, steps, world)
         _draw_decisions(map_axes, others[-1], steps, records)
         legend_below(map_axes)
-        if world.plan.parameters:
-            legend_above(others[-1])
         others[-1].set_xlabel("time [s]")
         for axes in (power, charge, *others[:-1]):
             axes.tick_params(labelbottom=False)
@@ -138,9 +136,11 @@ def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence
         label = None
     for record in lost[-ANSWERS:]:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
+        paths = [parameter.label for parameter in world.plan.parameters[: world.plan.path_count]]
+        later = "\n(the path from its next stage on)" if any(f"{name} " in record.reason for name in paths) else ""
         side = -1 if step.x_m > sum(axes.get_xlim()) / 2 else 1
         axes.annotate(
-            f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n"),
+            f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n") + later,
             (step.x_m, step.y_m),
             (14 * side, 10),
             textcoords="offset points",
@@ -207,11 +207,29 @@ def _draw_altitude(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
 
 
 def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
-    """Each parameter, 0 at the lower end of its set and 1 at the upper; the legend has the ends.
+    """One or two parameters each on an axis of its own; more as 0 at the lower end of the set and 1 at the upper.
 
-    Each line is wider than the next, which is drawn on it: both show where they have one value.
+    Of those each line is wider than the next, which is drawn on it: both show where they have one value.
     """
     plan = world.plan
+    axes.set_title("Parameters")
+    if len(plan.parameters) <= 2:
+        for i, parameter in enumerate(plan.parameters):
+            own = axes.twinx() if i else axes
+            own.grid(visible=not i)
+            own.step(
+                time,
+                [parameter.shown(step.parameters[i]) for step in steps],
+                where="post",
+                color=COLOURS[i],
+                linewidth=1.5,
+            )
+            own.set_ylabel(f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label)
+            own.yaxis.label.set_color(COLOURS[i])
+            ends = sorted(parameter.shown(end) for end in (plan.hull(i).lo, plan.hull(i).hi))
+            margin = 0.06 * (ends[1] - ends[0]) or 1.0
+            own.set_ylim(ends[0] - margin, ends[1] + margin)
+        return
     for i, parameter in enumerate(plan.parameters):
         box = plan.hull(i)
         width = box.hi - box.lo
@@ -223,7 +241,7 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
     axes.set_ylim(-0.06, 1.06)
     axes.set_ylabel("normalised value")
-    axes.set_title("Parameters")
+    legend_above(axes)
 
 
 def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
@@ -244,7 +262,8 @@ def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Seq
         path.plot(
             [s.x_m for s in places], [s.y_m for s in places], "D", **_DECISION, label=f"decision{count}", zorder=5
         )
-        lower.plot(moments, [1.06] * len(moments), "D", **_DECISION, clip_on=False)
+        top = lower.get_xaxis_transform()
+        lower.plot(moments, [1.0] * len(moments), "D", **_DECISION, transform=top, clip_on=False)
     label: str | None = "nothing was feasible"
     for record, after in itertools.pairwise(records):
         if record.status == INFEASIBLE:

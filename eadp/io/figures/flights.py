@@ -74,15 +74,16 @@ def _draw_path(axes: Axes, flight: DrawnFlight, colour: str) -> None:
 
 
 def _draw_column(axes: Axes, flights: Sequence[DrawnFlight], column: str) -> None:
-    """One column of the flights that have it over time."""
-    titles = {"power_w": "Power [W]", "soc": "State of charge"}
-    steps = "default" if column in titles else "steps-post"
+    """One column of `flight.csv`, or a parameter by its label, over time, of the flights that have it."""
+    title = {"power_w": "Power [W]", "soc": "State of charge"}.get(column)
+    steps = "steps-post" if title is None else "default"
+    axes.set_title(title or column)
     for i, flight in enumerate(flights):
         item = next((item for item in flight.plan.parameters if item.label == column), None)
-        if item is None and column not in titles:
+        if item is None and title is None:
             continue
-        if item is not None:
-            titles[column] = f"{item.label} [{item.unit}]" if item.unit else item.label
+        if item is not None and item.unit:
+            axes.set_title(f"{item.label} [{item.unit}]")
         values = flight.columns[column] if item is None else [*map(item.shown, flight.columns[item.name])]
         time, colour = flight.columns["time_s"], COLOURS[i % len(COLOURS)]
         width = 0.6 if column == "power_w" else 1.4
@@ -93,4 +94,3 @@ def _draw_column(axes: Axes, flights: Sequence[DrawnFlight], column: str) -> Non
         for reserve in {flight.summary["soc_reserve"] for flight in flights}:
             axes.axhline(reserve, color=GREY, linewidth=0.9, dashes=(4, 3))
             axes.annotate(f"reserve {number_text(reserve)}", (0, reserve), fontsize=7, color=GREY, va="bottom")
-    axes.set_title(titles.get(column, column))

@@ -108,7 +108,8 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
         text = files.text(plan)
         flown, findings = PlanReader(laps=options.laps).turning(options.min_radius_m)(text)
         warn([finding.fault(text.name) for finding in findings])
-        airframe: Airframe = FixedWing()
+        made = flown.site.made_for
+        airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
         name, forecast, legs = text.name, None, _legs(flown, text.name, parameters_of(flown, options.overrides))
     else:
         overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
@@ -129,8 +130,10 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m
         if any(stage.altitude_m is None for stage in flown.stages):
-            message = f"altitude {altitude_m:g} m, the aircraft's; --altitude sets another"
-            warn([Fault(name, 1, 1, message, severity="note")])
+            known = options.scenario is not None
+            whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
+            message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
+            warn([Fault(name, 1, 1, message, severity="note" if known else "warning")])
     if forecast is not None:
         warn([Fault(name, 1, 1, _forecast_text(forecast, flown, legs), severity="note")])
     if options.start is not None:

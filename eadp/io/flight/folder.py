@@ -95,6 +95,7 @@ def summarise(
         "obstacles": [entry._asdict() for entry in outcome.entries],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
+        "decisions": len(outcome.records),
         "replans": report.replans,
         "solver": {
             "calls": report.calls,

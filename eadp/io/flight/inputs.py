@@ -202,7 +202,13 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
     warnings = [finding.fault(text.name) for finding in findings]
     radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
     if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
-        warnings.append(Fault(text.name, 1, 1, tight, severity="warning"))
+        expected = "a path of eadp cover with --wind, or less wind"
+        warnings.append(Fault(text.name, 1, 1, tight, expected, severity="warning"))
+    made = plan.site.made_for
+    if made is not None and f"{made.airspeed_mps:g}" != f"{vehicle.airspeed_mps:g}":
+        message = f"the plan was made for {made.aircraft}, and is flown at {vehicle.airspeed_mps:g} m/s"
+        expected = "its aircraft, as --scenario or --set vehicle=FILE"
+        warnings.append(Fault(text.name, 1, 1, message, expected, severity="note"))
     if not isinstance(vehicle, FixedWing) and _commands(plan):
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))

@@ -15,6 +15,7 @@ from eadp.io.mission.qgc import read_qgc
 from eadp.io.mission.wpl import read_wpl
 from eadp.io.plan import reader as plan_reader
 from eadp.io.plan.reader import LIMIT_CHARACTERS
+from eadp.io.text.kinds import refuse_others
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
@@ -78,6 +79,7 @@ class PlanReader:
         InputError
             With every fault of the file.
         """
+        refuse_others(text, "plan")
         chosen = _format_of(text)
         if chosen is None:
             return plan_reader.read_plan(text)

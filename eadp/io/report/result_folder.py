@@ -28,6 +28,8 @@ def read_folder(folder: Path) -> FlownFlight:
     InputError
         If a file is missing or damaged.
     """
+    if not (folder / SUMMARY).exists():
+        raise InputError.at(str(folder), 1, 1, "is no folder of a flight", "a folder of eadp simulate -o DIR")
     (summary,) = json_lines(read_text(str(folder / SUMMARY)), whole=True)
     estimates, decisions = folder / "estimate.csv", folder / "decisions.jsonl"
     head, *rows = _table(folder / "flight.csv")

@@ -190,7 +190,8 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
         facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
     if summary["period_s"] is not None:
         facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
-    runs = f"{solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
+    runs = "" if "decisions" not in summary else f"{summary['decisions']}; "  # a folder from before there was one
+    runs += f"{solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
     runs += f"{solver['infeasible']} infeasible"
     facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
     return [list(fact) for fact in facts]

@@ -20,6 +20,7 @@ from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.mission.reader import PlanReader
 from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, vehicle_path
+from eadp.io.text.kinds import refuse_others
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
@@ -171,6 +172,7 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     InputError
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
+    refuse_others(text, "sweep")
     document = read_yaml(text)
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
+from eadp.io.text.kinds import refuse_others
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
 
@@ -69,6 +70,7 @@ def keys_document(text: Text, schema: str) -> Document:
     InputError
         If it is no YAML or no mapping, or has no key `schema`.
     """
+    refuse_others(text, schema.removeprefix("eadp.").partition("/")[0])
     document = read_yaml(text)
     if document.value is None:
         document.value = {}

@@ -19,6 +19,9 @@ SCENARIO, FIELD, PLAN = "scenario.yaml", "field.geojson", "survey.plan"
 SWATH_M = 40.0
 """Swath of the plan [m]."""
 
+WIND = 4.0, 270.0
+"""Wind of the plan and of the scenario [m/s], and the bearing that it blows from [°]."""
+
 
 def start_texts(folder: str, preset: str) -> dict[str, str]:
     """Texts by path of a folder's first files: a preset's vehicle, a scenario, a field, and a plan that covers it.
@@ -35,10 +38,11 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     vehicle, field = f"{preset}.yaml", FOLDER / FIELD
     body = (FOLDER / "vehicles" / vehicle).read_text("utf-8")
     airframe = read_vehicle(Text(vehicle, body)).airframe
-    options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni")
+    options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
     covered = plan_coverage(str(field), options, preset, airframe, (0.0, 0.0))
     plan = covered.text.replace(printable(str(field), 100), FIELD)
-    scenario = (FOLDER / SCENARIO).read_text("utf-8").format(vehicle=vehicle, scenario=SCENARIO, plan=PLAN)
+    names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
+    scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)
     texts = {vehicle: body, SCENARIO: scenario, FIELD: field.read_text("utf-8"), PLAN: plan}
     return {os.path.join(folder, name): text for name, text in texts.items()}
 

@@ -59,6 +59,12 @@ class MadeFor(NamedTuple):
     wind_mps: float
     wind_from_deg: float
 
+    @property
+    def aircraft(self) -> str:
+        """The aircraft and its airspeed, for people."""
+        speed = f"{self.airspeed_mps:g} m/s"
+        return f"{self.vehicle} at {speed}" if self.vehicle else f"an aircraft at {speed}"
+
 
 class Site(NamedTuple):
     """Where a plan is, what it covers and what it keeps to, as far as that is known.

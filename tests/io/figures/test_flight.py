@@ -44,13 +44,15 @@ def lines(axes):
     return {line.get_label(): np.array(line.get_data()) for line in axes.lines}
 
 
-def test_parameters_at_one_value_both_show(flight):
+def test_two_parameters_have_axes_in_their_units(flight):
     axes = Figure().add_subplot()
     _draw_parameters(axes, flight.columns["time_s"], flight.steps, flight.inputs.world)
-    first, second = axes.lines
-    assert np.all(first.get_ydata() == second.get_ydata()), "both at their maximum"
-    assert first.get_linewidth() > second.get_linewidth() + 2
-    assert first.get_zorder() <= second.get_zorder()
+    spacing, fps = axes.figure.axes
+    assert (spacing.get_ylabel(), fps.get_ylabel()) == ("spacing [m]", "fps")
+    assert set(spacing.lines[0].get_ydata()) == {10.0}, "the least spacing, at the highest c1"
+    low, high = spacing.get_ylim()
+    assert low < 10 < 25.1 < high
+    assert set(fps.lines[0].get_ydata()) == {10.0}
 
 
 def test_the_letters_panels(monkeypatch, flight):

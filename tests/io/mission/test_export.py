@@ -248,7 +248,7 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
             out = tmp_path / f"out{c1}.{to}"
             options = ("--to", to, "--origin", "47,8", "--altitude", "60", "--set", f"c1={c1}", "-o", out)
             answer = eadp("export", "plans/survey.plan", *options)
-            assert (answer.code, answer.out, answer.err) == (0, "", "")
+            assert (answer.code, answer.out, answer.err) == (0, f"written    {out}\n", "")
             assert out.read_text(encoding="utf-8").endswith("\n")
         lengths[c1] = drawn(READER(read_text(str(tmp_path / f"out{c1}.qgc")))[0], HOME).length
     assert lengths["-900"] < 0.6 * lengths["0"]

@@ -178,7 +178,7 @@ def test_other_columns_and_a_climb(eadp, folder, tmp_path):
 
 def test_what_is_no_result_is_refused(eadp, tmp_path):
     (tmp_path / "empty").mkdir()
-    refused(eadp("report", tmp_path / "empty"), "summary.json:1:1: error: cannot be read")
+    refused(eadp("report", tmp_path / "empty"), "empty:1:1: error: is no folder of a flight")
     refused(eadp("report", tmp_path / "nothing"), "nothing:1:1: error: cannot be read")
     (tmp_path / "text.txt").write_text("hello\n")
     refused(eadp("report", tmp_path / "text.txt"), "text.txt:1:1: error: ")

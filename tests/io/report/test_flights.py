@@ -64,6 +64,19 @@ def test_planners_name_flights_where_they_differ(folders):
     assert [flight.name for flight in read_flights(folders[:2])] == ["static", "paper"]
 
 
+def test_a_parameter_of_one_flight_alone_is_drawn_of_it(eadp, folders, tmp_path):
+    field = ROOT / "plans/meadow.geojson"
+    assert eadp("cover", field, "--swath", "60", "--min-radius", "30", "-o", tmp_path / "meadow.plan").code == 0
+    meadow = simulate(str(tmp_path / "meadow.plan"), overrides={"step_s": 0.1}, warn=lambda _: None)
+    meadow.write(tmp_path / "meadow")
+    for order in ([folders[0], tmp_path / "meadow"], [tmp_path / "meadow", folders[0]]):
+        answer = eadp("report", *order, "-o", tmp_path / "page.html")
+        assert answer.code == 0, answer.err
+        assert "fps" in answer.out
+    decisions = {row.split("  ")[0]: row for row in answer.out.splitlines()}["re-plannings"]
+    assert f" {len(meadow.decisions)}, failed" in decisions
+
+
 def test_what_is_refused(eadp, folders, tmp_path):
     page = tmp_path / "page.html"
     assert refused(eadp("report", folders[0], folders[0], "-o", page), "stands twice")

@@ -1,0 +1,40 @@
+"""Files of eadp by their kind, as their texts show it: a fault says where a file in another's place belongs."""
+
+from __future__ import annotations
+
+import re
+
+from eadp.errors import InputError, printable
+from eadp.io.text.streams import Text
+
+_SCHEMA = re.compile(r"^schema: *['\"]?eadp\.([a-z]+)/", re.MULTILINE)
+_FIELD = re.compile(r"\s*(<\?xml[^>]*>\s*)?<kml|\s*\{.{0,2000}?\"type\"\s*:\s*\"(Feature|Polygon|Multi)", re.DOTALL)
+HEAD = 4000
+"""Characters of a file in which its kind is searched."""
+
+USES = {
+    "scenario": ("a scenario", "--scenario {}"),
+    "vehicle": ("a vehicle file", "--set vehicle={}, or eadp vehicle {}"),
+    "profile": ("a profile", "--profile {}"),
+    "energy": ("an energy model", "--energy {}"),
+    "sweep": ("a sweep", "eadp sweep {}"),
+    "field": ("a field", "eadp cover {}, which makes a plan of it"),
+}
+"""What each kind of file is, and where it belongs."""
+
+
+def refuse_others(text: Text, own: str) -> None:
+    """Refuse a file that is of another kind than its place has; `own` is the kind that is expected.
+
+    Raises
+    ------
+    InputError
+        With the option or the command that takes such a file.
+    """
+    head = text.body[:HEAD]
+    found = _SCHEMA.search(head)
+    kind = "field" if _FIELD.match(head) else found[1] if found else own
+    if kind != own and kind in USES:
+        what, use = USES[kind]
+        use = use.replace("{}", printable(text.name))
+        raise InputError.at(text.name, 1, 1, f"is {what}, not a {own}", f"a {own}; it belongs to {use}")
