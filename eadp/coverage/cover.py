@@ -79,11 +79,45 @@ LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
+class LineGrid:
+    """Places of lines beside each other: in a frame, the middles of n lines and the n + 1 edges of their ground [m]."""
+
+    frame: StripFrame
+    middles_m: FloatArray
+    edges_m: FloatArray
+
+    @classmethod
+    def over(cls, field: Field, heading_rad: float, swath_m: float, spacing_m: float) -> LineGrid:
+        """Lines of a heading over a field, evenly spaced, as few as lie no farther apart than `spacing_m`.
+
+        Raises
+        ------
+        Infeasible
+            If they are more than `MAX_LINES`.
+        """
+        frame = _canonical_frame(field, heading_rad)
+        across = np.concatenate([frame.into(np.array(part[0]))[:, 0] for part in field.parts])
+        left, width = float(across.min()), float(np.ptp(across))
+        count = max(1, math.ceil((width - swath_m - 1e-6) / spacing_m) + 1)
+        if count > MAX_LINES:
+            raise Infeasible(f"the field needs {count} lines, more than {MAX_LINES}")
+        half = min(width, swath_m) / 2
+        middles = np.linspace(left + half, left + width - half, count)
+        # ground that two lines reach belongs to the nearer one
+        return cls(frame, middles, np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width]))
+
+    def extents(self, field: Field) -> list[list[tuple[float, float]]]:
+        """For each line the extents of a field's parts along it [m], upward."""
+        rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
+        return strip_extents(rings, self.edges_m, others)
+
+
+@dataclass(frozen=True)
 class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath.
+    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`.
     """
 
     field: Field
@@ -93,6 +127,7 @@ class CoverageRequest:
     start_m: Point | None = None
     home_m: Point | None = None
     order_spacing_m: float | None = None
+    grid: LineGrid | None = None
 
     @cached_property
     def space(self) -> FreeSpace | None:
@@ -394,25 +429,14 @@ def _free_in_order(
 
 def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:
     """Lines over the whole field, in both directions; also with those that bays or holes part as lines of their own."""
-    motion, field = request.motion, request.field
-    frame = _canonical_frame(field, heading)
-    rings, *others = ([frame.into(np.array(ring)) for ring in part] for part in field.parts)
-    across = np.concatenate([part[0][:, 0] for part in (rings, *others)])
-    left, width = float(across.min()), float(np.ptp(across))
-    spacing = request.order_spacing_m or motion.swath_m
-    count = max(1, math.ceil((width - motion.swath_m - 1e-6) / spacing) + 1)
-    if count > MAX_LINES:
-        raise Infeasible(f"the field needs {count} lines, more than {MAX_LINES}")
-    half = min(width, motion.swath_m) / 2
-    middles = np.linspace(left + half, left + width - half, count)
-    # ground that two lines reach belongs to the nearer one
-    edges = np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width])
-    extents = strip_extents(rings, edges, others)
-    whole = [(u, parts) for u, parts in zip(middles.tolist(), extents, strict=True) if parts]
-    yield _directed_lines(frame, whole)
+    swath_m = request.motion.swath_m
+    grid = request.grid or LineGrid.over(request.field, heading, swath_m, request.order_spacing_m or swath_m)
+    extents = grid.extents(request.field)
+    whole = [(u, parts) for u, parts in zip(grid.middles_m.tolist(), extents, strict=True) if parts]
+    yield _directed_lines(grid.frame, whole)
     parted = [(u, [part]) for u, parts in whole for part in parts]
     if len(parted) > len(whole):
-        yield _directed_lines(frame, parted)
+        yield _directed_lines(grid.frame, parted)
 
 
 def _canonical_frame(field: Field, heading: float) -> StripFrame:

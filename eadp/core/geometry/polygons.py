@@ -341,11 +341,34 @@ def strips(
     list of lists of rings
         For each part its outline and its holes [m], of opposite windings.
     """
+    return _rings(shapely.intersection(_ground(lines, swath_m), _union(parts)))
+
+
+def uncovered(
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float, least_m: float
+) -> list[list[Ring]]:
+    """The ground of a field beyond half a swath of lines, where it is wider than `least_m`; else as `strips`."""
+    left = shapely.difference(_union(parts), _ground(lines, swath_m))
+    wide = shapely.buffer(shapely.buffer(left, -least_m / 2, join_style="mitre"), least_m / 2, join_style="mitre")
+    return _rings(shapely.simplify(shapely.intersection(wide, left), least_m / 10))
+
+
+def clipped(parts: Sequence[Sequence[Sequence[Point]]], windows: Sequence[Sequence[Point]]) -> list[list[Ring]]:
+    """The ground of a field within the union of some outlines; else as `strips`."""
+    return _rings(shapely.intersection(_union(parts), shapely.union_all([shapely.Polygon(ring) for ring in windows])))
+
+
+def _ground(lines: Sequence[Sequence[Point]], swath_m: float) -> shapely.Geometry:
+    """The ground within half a swath of lines, square to their ends."""
     drawn = [shapely.LineString(line).simplify(0.01) for line in lines if len(set(line)) > 1]
-    ground = shapely.union_all([line.buffer(swath_m / 2, cap_style="flat") for line in drawn])
-    found = shapely.get_parts(shapely.intersection(ground, _union(parts)))
-    areas = [shapely.geometry.polygon.orient(part) for part in found if part.geom_type == "Polygon" and part.area > 0]
-    return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in areas]
+    return shapely.union_all([line.buffer(swath_m / 2, cap_style="flat") for line in drawn])
+
+
+def _rings(areas: shapely.Geometry) -> list[list[Ring]]:
+    """The polygons of a geometry, each its outline and its holes, of opposite windings."""
+    found = [part for part in shapely.get_parts(areas) if part.geom_type == "Polygon" and part.area > 0]
+    oriented = map(shapely.geometry.polygon.orient, found)
+    return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in oriented]
 
 
 # --- where a path may lie ---------------------------------------------------------------------------------------------
