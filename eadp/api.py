@@ -32,7 +32,7 @@ from eadp.simulation.loop import Step
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from eadp.io.field.coverage import CoverageOptions, CoveragePlan
+    from eadp.io.field.coverage import CoverageOptions, CoveragePlan, CoverageTask
     from eadp.io.flight.export import ExportOptions
     from eadp.io.log.vehicle_fit import VehicleLogFit
     from eadp.io.sweep.flights import SweepFlights
@@ -426,7 +426,22 @@ def cover(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     """
-    from eadp.io.field.coverage import plan_coverage
+    from eadp.coverage.cover import cover as cover_field
+
+    task = _coverage_task(str(field), options, profile, scenario, vehicle, warn)
+    return task.planned(cover_field(task.request))
+
+
+def _coverage_task(
+    field: str,
+    options: CoverageOptions,
+    profile: File | AnyProfile | None,
+    scenario: File | None,
+    vehicle: File | None,
+    warn: Warn,
+) -> CoverageTask:
+    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight."""
+    from eadp.io.field.coverage import CoverageTask
 
     setting = read_scenario(None if scenario is None else str(scenario))
     if profile is None and setting.profile_path is not None:
@@ -444,14 +459,12 @@ def cover(
         battery = flown.battery if vehicle is not None else setting.keys.battery
         reserve = setting.keys.reserve_soc
         pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
-    covered = plan_coverage(
-        str(field), options, flown.name, flown.airframe, setting.keys.wind.steady_mps, profile, pack_wh
-    )
-    motion = covered.report.motion
-    wind_mps = math.hypot(*motion.wind_mps)
-    if tight := too_tight(flown.airframe, motion.airspeed_mps, motion.min_radius_m, wind_mps):
+    wind_mps = setting.keys.wind.steady_mps
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    speed_mps = math.hypot(*task.motion.wind_mps)
+    if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
-    return covered
+    return task
 
 
 def sweep(

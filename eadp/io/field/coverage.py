@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.coverage.cover import AUTO, CoverageRequest, cover
+from eadp.coverage.cover import AUTO, CoverageRequest, CoverageSolution
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
@@ -343,71 +343,108 @@ class CoveragePlan:
         return [f"batteries  {packs}; a full one gives {self.pack_wh:.3g} Wh before its reserve"]
 
 
-def plan_coverage(
-    path: str,
-    options: CoverageOptions,
-    vehicle: str,
-    airframe: Airframe,
-    wind_mps: Point,
-    profile: AnyProfile | None = None,
-    pack_wh: float | None = None,
-) -> CoveragePlan:
-    """The quickest path found that covers a field, as a plan.
+@dataclass(frozen=True)
+class CoverageTask:
+    """A field to cover: as its file, the options and the aircraft have it.
 
-    Parameters
+    Attributes
     ----------
-    path : str
-        The field's file, `-` for standard input.
+    file : str
+        Name of the field's file.
+    field : Field
+    repairs : sequence of str
+        Repairs made to the field.
     options : CoverageOptions
+    motion : MotionLimits
     vehicle : str
         Name of the aircraft, '' if it has none.
     airframe : Airframe
         For the airspeed, and the power of the motion in level flight.
-    wind_mps : pair of float
-        The wind (east, north) [m/s], unless the options have one.
-    profile : profile, optional
+    profile : profile or None
         Its computations run over the field; with it, or with a pack, the report has the energy.
-    pack_wh : float, optional
+    pack_wh : float or None
         What a full pack holds above the reserve [Wh].
-
-    Raises
-    ------
-    Infeasible
-        If no path covers the field.
-    InputError
-        Of the options and of the file, and if the profile does not measure whole settings.
     """
-    motion, distance_m = options.motion(airframe, wind_mps), options.picture_distance_m
-    if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
-        message = f"{options.altitude_m:g} is out of range"
-        raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
-    text = read_field_text(path)
-    field, repairs = read_field(text, metres=options.metres, feature=options.feature)
-    field = _limited(field, options)
-    start, home = _point("--start", options.start, field), _point("--home", options.home, field)
-    request = CoverageRequest(
-        field, motion, options.pattern, options.heading_rad, start, home, order_spacing_m=options.spacing_m
-    )
-    computations = _computations(profile, options.turns_off)
-    solution = cover(request)
-    parts = [tuple(map(_millimetres, part)) for part in field.parts]
-    name = printable(" ".join(field.name.split()), NAME_LIMIT)
-    covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
-    plan = build_plan(
-        solution,
-        name=text.name,
-        computations=computations,
-        min_radius_m=motion.min_radius_m,
-        site=_site(field, covered, motion, home, vehicle),
-        altitude_m=options.altitude_m,
-        commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
-    )
-    known = profile is not None or pack_wh is not None
-    power = _power(plan, profile, airframe.cruise_power_w, computations) if known else None
-    report = CoverageReport.of(field, motion, solution, power)
-    comments = "".join(f"% {line}\n" for line in report.comments(printable(text.name, 100)))
-    sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
-    return CoveragePlan(plan, comments + plan_text(plan), report, repairs, options.pictures(sensed_m), pack_wh)
+
+    file: str
+    field: Field
+    repairs: Sequence[str]
+    options: CoverageOptions
+    motion: MotionLimits
+    vehicle: str
+    airframe: Airframe
+    profile: AnyProfile | None = None
+    pack_wh: float | None = None
+
+    @classmethod
+    def read(
+        cls,
+        path: str,
+        options: CoverageOptions,
+        vehicle: str,
+        airframe: Airframe,
+        wind_mps: Point,
+        profile: AnyProfile | None = None,
+        pack_wh: float | None = None,
+    ) -> CoverageTask:
+        """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
+
+        Raises
+        ------
+        InputError
+            Of the options and of the file.
+        """
+        motion = options.motion(airframe, wind_mps)
+        if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
+            message = f"{options.altitude_m:g} is out of range"
+            raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
+        text = read_field_text(path)
+        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        field = _limited(field, options)
+        return cls(text.name, field, repairs, options, motion, vehicle, airframe, profile, pack_wh)
+
+    @cached_property
+    def home_m(self) -> Point | None:
+        """Where the flight ends."""
+        return _point("--home", self.options.home, self.field)
+
+    @property
+    def request(self) -> CoverageRequest:
+        """The coverage of the whole field."""
+        options = self.options
+        start = _point("--start", options.start, self.field)
+        heading, apart = options.heading_rad, options.spacing_m
+        return CoverageRequest(self.field, self.motion, options.pattern, heading, start, self.home_m, apart)
+
+    def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
+        """The plan of a path over the field, or over a part of it.
+
+        Raises
+        ------
+        InputError
+            If the profile does not measure whole settings.
+        """
+        field, options, motion = field or self.field, self.options, self.motion
+        distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
+        parts = [tuple(map(_millimetres, part)) for part in field.parts]
+        name = printable(" ".join(field.name.split()), NAME_LIMIT)
+        covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
+        plan = build_plan(
+            solution,
+            name=self.file,
+            computations=computations,
+            min_radius_m=motion.min_radius_m,
+            site=_site(field, covered, motion, self.home_m, self.vehicle),
+            altitude_m=options.altitude_m,
+            commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
+        )
+        known = self.profile is not None or self.pack_wh is not None
+        power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
+        report = CoverageReport.of(field, motion, solution, power)
+        comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
+        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
+        pictures = options.pictures(sensed_m)
+        return CoveragePlan(plan, comments + plan_text(plan), report, self.repairs, pictures, self.pack_wh)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:

@@ -31,7 +31,8 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     InputError
         If there is no preset of this name.
     """
-    from eadp.io.field.coverage import CoverageOptions, plan_coverage
+    from eadp.coverage.cover import cover
+    from eadp.io.field.coverage import CoverageOptions, CoverageTask
 
     if preset not in PRESETS:
         raise InputError.at("--preset", 1, 1, "no such aircraft", f"one of {', '.join(PRESETS)}", preset)
@@ -39,7 +40,8 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     body = (FOLDER / "vehicles" / vehicle).read_text("utf-8")
     airframe = read_vehicle(Text(vehicle, body)).airframe
     options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
-    covered = plan_coverage(str(field), options, preset, airframe, (0.0, 0.0))
+    task = CoverageTask.read(str(field), options, preset, airframe, (0.0, 0.0))
+    covered = task.planned(cover(task.request))
     plan = covered.text.replace(printable(str(field), 100), FIELD)
     names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
     scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)

@@ -1,0 +1,259 @@
+"""A field divided among sorties: the fewest parts, each of which one pack covers with the way there and back.
+
+The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
+costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is forecast by the
+caller; the ends of the intervals are moved until all sorties leave the same.
+
+Source: Prins 2004 (Computers & Operations Research 31) for routes that are divided; the balance is a secant method.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.polygons import clipped
+from eadp.coverage.cover import LineGrid
+from eadp.errors import Infeasible
+from eadp.models.field import Field
+
+ROUNDS = 6
+"""Most times that the ends of sorties are moved until all leave the same."""
+
+EVEN = 0.01
+"""Sorties that leave the same charge within this share of a pack are even."""
+
+MAX_SORTIES = 200
+FAR_M = 1e6
+"""Beyond any field [m]."""
+
+
+class Division:
+    """The lines of a field one after the other, and the ground of an interval of them.
+
+    Parameters
+    ----------
+    field : Field
+    grid : LineGrid
+        Its lines.
+    overlap_m : float
+        What both parts of a line that is cut have in common [m].
+    """
+
+    def __init__(self, field: Field, grid: LineGrid, overlap_m: float) -> None:
+        self._field, self._grid, self._overlap_m = field, grid, overlap_m
+        self._extents = grid.extents(field)
+        lengths = [sum(high - low for low, high in spans) for spans in self._extents]
+        self._ends: FloatArray = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def total_m(self) -> float:
+        """Length of all lines [m]."""
+        return float(self._ends[-1])
+
+    @property
+    def lines(self) -> int:
+        """The number of lines over ground."""
+        return sum(bool(spans) for spans in self._extents)
+
+    def between_lines(self, place_m: float) -> float:
+        """The nearest place between two lines [m]."""
+        return float(self._ends[np.abs(self._ends - place_m).argmin()])
+
+    def part(self, start_m: float, end_m: float) -> Field:
+        """The ground of the lines of an interval [m]."""
+        windows = []
+        first, last = (
+            int(np.searchsorted(self._ends, place, side=side)) - 1
+            for place, side in ((start_m + 1e-6, "right"), (end_m - 1e-6, "left"))
+        )
+        low, high = self._along(first, start_m) - self._overlap_m, self._along(last, end_m)
+        if start_m <= self._ends[first] + 1e-6:
+            low = -FAR_M
+        if end_m >= self._ends[last + 1] - 1e-6:
+            high = FAR_M
+        if first == last:
+            windows.append(self._window(first, first, low, high))
+        else:
+            windows.append(self._window(first, first, low, FAR_M))
+            windows.append(self._window(last, last, -FAR_M, high))
+            if last > first + 1:
+                windows.append(self._window(first + 1, last - 1, -FAR_M, FAR_M))
+        (outline, *holes), *others = clipped(self._field.parts, windows)
+        return replace(self._field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+
+    def _along(self, line: int, place_m: float) -> float:
+        """The place of a line, in the frame, at which so much of the length of all lines is flown."""
+        left = place_m - float(self._ends[line])
+        for low, high in self._extents[line]:
+            if left <= high - low:
+                return low + left
+            left -= high - low
+        return self._extents[line][-1][1]
+
+    def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        edges = self._grid.edges_m
+        corners = ((edges[first], low_m), (edges[last + 1], low_m), (edges[last + 1], high_m), (edges[first], high_m))
+        return [self._grid.frame.out(float(u), v) for u, v in corners]
+
+
+class Sortie(Protocol):
+    """What is forecast of a sortie."""
+
+    @property
+    def spare(self) -> float:
+        """Charge that it leaves above what has to be left, as a share of a pack; below 0 where it cannot be flown."""
+
+    @property
+    def used_on_lines(self) -> float:
+        """Charge that it takes from the first line to the last, as a share of a pack."""
+
+
+AnySortie = TypeVar("AnySortie", bound=Sortie)
+Interval = tuple[float, float]
+
+
+class Divided(NamedTuple, Generic[AnySortie]):
+    """Sorties in the order of their lines, and the intervals of the lines that they have [m]."""
+
+    intervals: list[Interval]
+    sorties: list[AnySortie]
+
+    @property
+    def least(self) -> float:
+        """The least charge that a sortie leaves above what has to be left."""
+        return min(sortie.spare for sortie in self.sorties)
+
+
+@dataclass(frozen=True)
+class Divider(Generic[AnySortie]):
+    """Finds the fewest sorties.
+
+    Attributes
+    ----------
+    division : Division
+    forecast : function
+        The sortie over a part of the field.
+    cuts : bool
+        Whether lines may be cut.
+    step : int
+        The number of sorties is a whole multiple of it: of the aircraft.
+    """
+
+    division: Division
+    forecast: Callable[[Field], AnySortie]
+    cuts: bool = True
+    step: int = 1
+
+    @cached_property
+    def _known(self) -> dict[Interval, AnySortie]:
+        return {}
+
+    def fewest(self, least_count: int) -> Divided[AnySortie]:
+        """The division into the fewest sorties that can all be flown, from a count on that is known to be too few, or enough.
+
+        Raises
+        ------
+        Infeasible
+            If even a short part of a line is too far.
+        """
+        most = MAX_SORTIES if self.cuts else min(MAX_SORTIES, self.division.lines)
+        count = -(-max(least_count, 1) // self.step) * self.step
+        while count <= most:
+            found = self._even(count)
+            whole = self._whole(found) if self.cuts else found
+            if whole is not None and whole.least >= 0:
+                return whole
+            if found.least >= 0:
+                return found
+            count += self._more(found)
+        raise Infeasible(f"{most} sorties are too few")
+
+    def _more(self, found: Divided[AnySortie]) -> int:
+        """How many sorties more are likely to be enough: what is short of all, over what one has for its lines."""
+        lack = -sum(min(sortie.spare, 0.0) for sortie in found.sorties)
+        each = max(sortie.used_on_lines + sortie.spare for sortie in found.sorties)
+        if each <= 0:
+            raise Infeasible("a pack does not last for the way to the field and back")
+        return self.step * max(1, math.floor(0.5 * lack / each / self.step))
+
+    def _even(self, count: int) -> Divided[AnySortie]:
+        """The division into so many sorties that all leave about the same, as far as whole lines allow."""
+        total_m = self.division.total_m
+        places = np.linspace(0.0, total_m, count + 1)
+        best: Divided[AnySortie] | None = None
+        for _ in range(ROUNDS):
+            found = self._at(places if self.cuts else np.array([*map(self.division.between_lines, places)]))
+            if best is None or found.least > best.least:
+                best = found
+            spares = np.array([sortie.spare for sortie in found.sorties])
+            used = np.array([sortie.used_on_lines for sortie in found.sorties])
+            if np.ptp(spares) <= EVEN:
+                break
+            lengths = np.diff(places)
+            per_m = max(float(used.sum()) / total_m, 1e-12)
+            lengths = np.maximum(lengths + (spares - spares.mean()) / per_m, 0.02 * lengths)
+            places = np.concatenate([[0.0], np.cumsum(lengths)]) * (total_m / float(lengths.sum()))
+        assert best is not None
+        return best
+
+    def _whole(self, found: Divided[AnySortie]) -> Divided[AnySortie] | None:
+        """The division at places between lines, where that leaves enough; elsewhere as it is."""
+        cut = np.array([start for start, _ in found.intervals] + [self.division.total_m])
+        whole = np.array([*map(self.division.between_lines, cut)])
+        if len(set(whole.tolist())) < len(whole):
+            return None
+        for _ in range(len(cut)):
+            tried = self._at(whole)
+            short = [i for i, sortie in enumerate(tried.sorties) if sortie.spare < 0]
+            moved = {place for i in short for place in (i, i + 1) if whole[place] != cut[place]}
+            if not moved:
+                return tried
+            for place in moved:
+                whole[place] = cut[place]
+        return None
+
+    def _at(self, places: FloatArray) -> Divided[AnySortie]:
+        """The sorties between some places."""
+        rounded = [round(place, 3) for place in places.tolist()]
+        intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
+        for interval in intervals:
+            if interval not in self._known:
+                self._known[interval] = self.forecast(self.division.part(*interval))
+        return Divided(intervals, [self._known[interval] for interval in intervals])
+
+
+def least_sorties(lines_wh: float, access_wh: float, pack_wh: float) -> int:
+    """A lower bound of the number of sorties: each has a pack less the cheapest way to the field and back.
+
+    Parameters
+    ----------
+    lines_wh : float
+        Energy that the lines take, each in its cheaper direction [Wh].
+    access_wh : float
+        Energy of the cheapest way from home to a line, and from a line home [Wh].
+    pack_wh : float
+        Energy that a pack gives before it has to be back [Wh].
+
+    Raises
+    ------
+    Infeasible
+        If a pack does not last for the way there and back.
+    """
+    if pack_wh <= access_wh:
+        raise Infeasible("a pack does not last for the way to the field and back")
+    return max(1, math.ceil(lines_wh / (pack_wh - access_wh) - 1e-9))
+
+
+def tours(count: int, aircraft: int) -> list[Sequence[int]]:
+    """The sorties of each aircraft, side by side: `count` is a multiple of `aircraft`."""
+    each = count // aircraft
+    return [range(k * each, (k + 1) * each) for k in range(aircraft)]
