@@ -5,12 +5,17 @@ from __future__ import annotations
 import enum
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eadp.io.sorties.plan import SortiePlan
 
 Pattern = enum.StrEnum("Pattern", ["auto", "zamboni", "dubins"])
 Holes = enum.StrEnum("Holes", ["cover", "avoid"])
@@ -106,7 +111,31 @@ def command(
         str | None, Option(help="Scenario, for the vehicle, the wind and the energy.", metavar="FILE")
     ] = None,
     vehicle: Annotated[str | None, Option(help="Aircraft, instead of the scenario's.", metavar="FILE")] = None,
-    out: Annotated[str | None, Option("-o", "--out", help="Write the plan here.", metavar="PLAN")] = None,
+    sorties: Annotated[
+        str | None,
+        Option(help="Divide the field among flights from home: auto for the fewest, or a number.", metavar="NUMBER"),
+    ] = None,
+    aircraft: Annotated[int, Option(help="How many aircraft fly sorties at once.", metavar="N", show_default="1")] = 1,
+    resume: Annotated[
+        list[str] | None,
+        Option(help="Flights flown, result folders or telemetry: what they covered is left out.", metavar="FLOWN"),
+    ] = None,
+    sortie_overlap: Annotated[
+        float, Option(help="What both parts of a line that is cut have in common [m].", metavar="METRES")
+    ] = 20.0,
+    separation: Annotated[
+        float, Option(help="Distance that aircraft keep from one another [m].", metavar="METRES")
+    ] = 50.0,
+    swap_time: Annotated[
+        float, Option(help="Time on the ground between two sorties of an aircraft [s].", metavar="SECONDS")
+    ] = 120.0,
+    export: Annotated[
+        list[str] | None, Option(help="Write each sortie in this format, too, as eadp export.", metavar="FORMAT")
+    ] = None,
+    force: Annotated[bool, Option("--force", help="Replace the folder of sorties if it exists.")] = False,
+    out: Annotated[
+        str | None, Option("-o", "--out", help="Write the plan here; of sorties, a folder.", metavar="PLAN")
+    ] = None,
     format_: Annotated[
         CoverFormat | None,
         Option("--format", help="What to print: the plan, a summary (the default with -o), or JSON."),
@@ -153,6 +182,24 @@ def command(
         forward_overlap,
         image_width,
     )
+    if sorties is not None or resume or aircraft > 1:
+        from eadp.io.sorties.plan import SortieOptions
+
+        count = None if sorties in (None, "auto") else _count(sorties or "")
+        division = SortieOptions(count, aircraft, sortie_overlap, separation, swap_time)
+        try:
+            return _sorties(
+                api.cover_in_sorties(
+                    file, options, division, profile, scenario, vehicle=vehicle, resume=resume or (), warn=warn
+                ),
+                out,
+                wanted,
+                force=force,
+                exports=export or (),
+            )
+        except Infeasible as error:
+            warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])
+            return 1
     try:
         found = api.cover(file, options, profile, scenario, vehicle=vehicle, warn=warn)
     except Infeasible as error:
@@ -175,6 +222,25 @@ def command(
     warn([Fault(name, 1, 1, note, severity="note") for note in notes])
     written = [f"written    {out}"] if out else []
     emit(found.text if wanted is CoverFormat.plan else "\n".join([*found.lines, *written]))
+    return 0
+
+
+def _count(raw: str) -> int:
+    if not raw.isdecimal() or not 1 <= int(raw[:6]) <= 200:
+        raise usage_fault("--sorties", raw, "no number of sorties", "auto, or a whole number from 1 to 200")
+    return int(raw)
+
+
+def _sorties(plan: SortiePlan, out: str | None, wanted: CoverFormat, *, force: bool, exports: Sequence[str]) -> int:
+    """Write and print sorties."""
+    from eadp.io.sorties.folder import write_sorties
+
+    if out is not None:
+        write_sorties(plan, out, force=force, exports=exports)
+    if wanted is CoverFormat.json:
+        emit_json(plan.document())
+        return 0
+    emit("\n".join([*plan.lines(), *([f"written    {out}"] if out else [])]))
     return 0
 
 

@@ -1,8 +1,8 @@
 """A field divided among sorties: the fewest parts, each of which one pack covers with the way there and back.
 
 The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
-costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is forecast by the
-caller; the ends of the intervals are moved until all sorties leave the same.
+costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
+forecast; the ends of the intervals are moved until all sorties leave the same.
 
 Source: Prins 2004 (Computers & Operations Research 31) for routes that are divided; the balance is a secant method.
 """
@@ -31,9 +31,18 @@ ROUNDS = 6
 EVEN = 0.01
 """Sorties that leave the same charge within this share of a pack are even."""
 
+OPTIMISM = 0.3
+"""How much less than their estimate the sorties may be that are tried next: it may be too high."""
+
 MAX_SORTIES = 200
 FAR_M = 1e6
 """Beyond any field [m]."""
+
+SAME_M = 1e-2
+"""Places so close are the same [m]: a line is not cut for less."""
+
+SEAM_M = 1e-6
+"""By how much windows beside each other overlap [m]."""
 
 
 class Division:
@@ -64,29 +73,33 @@ class Division:
         """The number of lines over ground."""
         return sum(bool(spans) for spans in self._extents)
 
+    @property
+    def end_of_first_m(self) -> float:
+        """The end of the first line over ground [m]."""
+        return float(self._ends[self._ends > SAME_M][0])
+
     def between_lines(self, place_m: float) -> float:
         """The nearest place between two lines [m]."""
         return float(self._ends[np.abs(self._ends - place_m).argmin()])
 
     def part(self, start_m: float, end_m: float) -> Field:
         """The ground of the lines of an interval [m]."""
-        windows = []
-        first, last = (
-            int(np.searchsorted(self._ends, place, side=side)) - 1
-            for place, side in ((start_m + 1e-6, "right"), (end_m - 1e-6, "left"))
-        )
+        end_m = min(end_m, self.total_m)
+        first = int(np.searchsorted(self._ends, start_m + SAME_M, side="right")) - 1
+        last = int(np.searchsorted(self._ends, end_m - SAME_M, side="left")) - 1
         low, high = self._along(first, start_m) - self._overlap_m, self._along(last, end_m)
-        if start_m <= self._ends[first] + 1e-6:
+        if start_m <= self._ends[first] + SAME_M:
             low = -FAR_M
-        if end_m >= self._ends[last + 1] - 1e-6:
+        if end_m >= self._ends[last + 1] - SAME_M:
             high = FAR_M
         if first == last:
-            windows.append(self._window(first, first, low, high))
+            windows = [self._window(first, last, low, high)]
         else:
-            windows.append(self._window(first, first, low, FAR_M))
-            windows.append(self._window(last, last, -FAR_M, high))
-            if last > first + 1:
-                windows.append(self._window(first + 1, last - 1, -FAR_M, FAR_M))
+            # whole lines in one window, which overlaps with those of cut ones
+            ends = first + (low > -FAR_M), last - (high < FAR_M)
+            windows = [self._window(*ends, -FAR_M, FAR_M)] if ends[0] <= ends[1] else []
+            windows += [self._window(first, first, low, FAR_M)] if low > -FAR_M else []
+            windows += [self._window(last, last, -FAR_M, high)] if high < FAR_M else []
         (outline, *holes), *others = clipped(self._field.parts, windows)
         return replace(self._field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
@@ -100,9 +113,9 @@ class Division:
         return self._extents[line][-1][1]
 
     def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        edges = self._grid.edges_m
-        corners = ((edges[first], low_m), (edges[last + 1], low_m), (edges[last + 1], high_m), (edges[first], high_m))
-        return [self._grid.frame.out(float(u), v) for u, v in corners]
+        left, right = float(self._grid.edges_m[first]) - SEAM_M, float(self._grid.edges_m[last + 1]) + SEAM_M
+        corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
+        return [self._grid.frame.out(*corner) for corner in corners]
 
 
 class Sortie(Protocol):
@@ -158,7 +171,7 @@ class Divider(Generic[AnySortie]):
         return {}
 
     def fewest(self, least_count: int) -> Divided[AnySortie]:
-        """The division into the fewest sorties that can all be flown, from a count on that is known to be too few, or enough.
+        """The division into the fewest sorties that can all be flown, of `least_count` or more.
 
         Raises
         ------
@@ -169,24 +182,26 @@ class Divider(Generic[AnySortie]):
         count = -(-max(least_count, 1) // self.step) * self.step
         while count <= most:
             found = self._even(count)
-            whole = self._whole(found) if self.cuts else found
+            whole = self._whole(found) if self.cuts and found.least >= -EVEN else found
             if whole is not None and whole.least >= 0:
                 return whole
             if found.least >= 0:
                 return found
-            count += self._more(found)
+            count = max(count + self.step, -(-self._enough(found) // self.step) * self.step)
         raise Infeasible(f"{most} sorties are too few")
 
-    def _more(self, found: Divided[AnySortie]) -> int:
-        """How many sorties more are likely to be enough: what is short of all, over what one has for its lines."""
-        lack = -sum(min(sortie.spare, 0.0) for sortie in found.sorties)
-        each = max(sortie.used_on_lines + sortie.spare for sortie in found.sorties)
+    def _enough(self, found: Divided[AnySortie]) -> int:
+        """About how many sorties are enough: what all lines take, over what one sortie has for lines."""
+        each = np.mean([sortie.used_on_lines + sortie.spare for sortie in found.sorties])
         if each <= 0:
             raise Infeasible("a pack does not last for the way to the field and back")
-        return self.step * max(1, math.floor(0.5 * lack / each / self.step))
+        return math.ceil(sum(sortie.used_on_lines for sortie in found.sorties) / float(each) - OPTIMISM)
 
     def _even(self, count: int) -> Divided[AnySortie]:
-        """The division into so many sorties that all leave about the same, as far as whole lines allow."""
+        """The division into so many sorties that all leave about the same, as far as whole lines allow.
+
+        Where they leave too little in the mean, it is not searched further.
+        """
         total_m = self.division.total_m
         places = np.linspace(0.0, total_m, count + 1)
         best: Divided[AnySortie] | None = None
@@ -196,7 +211,7 @@ class Divider(Generic[AnySortie]):
                 best = found
             spares = np.array([sortie.spare for sortie in found.sorties])
             used = np.array([sortie.used_on_lines for sortie in found.sorties])
-            if np.ptp(spares) <= EVEN:
+            if np.ptp(spares) <= EVEN or spares.mean() < 0:
                 break
             lengths = np.diff(places)
             per_m = max(float(used.sum()) / total_m, 1e-12)
@@ -223,7 +238,7 @@ class Divider(Generic[AnySortie]):
 
     def _at(self, places: FloatArray) -> Divided[AnySortie]:
         """The sorties between some places."""
-        rounded = [round(place, 3) for place in places.tolist()]
+        rounded = [round(place, 3) for place in places.tolist()]  # a place that is known is found again
         intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
         for interval in intervals:
             if interval not in self._known:
@@ -231,26 +246,25 @@ class Divider(Generic[AnySortie]):
         return Divided(intervals, [self._known[interval] for interval in intervals])
 
 
-def least_sorties(lines_wh: float, access_wh: float, pack_wh: float) -> int:
-    """A lower bound of the number of sorties: each has a pack less the cheapest way to the field and back.
+def least_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
+    """A lower bound of the time that all sorties take together [s].
+
+    A sortie takes its lines, and a way there and back that is no shorter than the mean way to its lines. As its lines
+    take no longer than a pack less the shortest way, the ways are at least Σ tᵢ rᵢ / Q.
 
     Parameters
     ----------
-    lines_wh : float
-        Energy that the lines take, each in its cheaper direction [Wh].
-    access_wh : float
-        Energy of the cheapest way from home to a line, and from a line home [Wh].
-    pack_wh : float
-        Energy that a pack gives before it has to be back [Wh].
+    lines_s : array, shape (n,)
+        tᵢ: times of parts of the lines [s].
+    access_s : array, shape (n,)
+        rᵢ: the shortest way from home to each part, and home from it [s].
+    pack_s : float
+        Time that a pack lasts before it has to be back [s], above all of `access_s`.
 
-    Raises
-    ------
-    Infeasible
-        If a pack does not last for the way there and back.
+    Source: the radial bound of Haimovich and Rinnooy Kan, Math. Oper. Res. 10 (1985), for parts that may be cut.
     """
-    if pack_wh <= access_wh:
-        raise Infeasible("a pack does not last for the way to the field and back")
-    return max(1, math.ceil(lines_wh / (pack_wh - access_wh) - 1e-9))
+    longest_s = pack_s - float(access_s.min())
+    return float(lines_s.sum() + lines_s @ access_s / longest_s)
 
 
 def tours(count: int, aircraft: int) -> list[Sequence[int]]:

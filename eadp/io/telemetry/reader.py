@@ -100,11 +100,15 @@ class TelemetryReader:
         Name of the stream in messages.
     mission : Mission, optional
         Its plan's origin and its battery give position and charge from what a line has in place of them.
+    origin_deg : (float, float), optional
+        Latitude and longitude of the origin [°], without a mission.
     """
 
-    def __init__(self, name: str, mission: Mission | None = None) -> None:
+    def __init__(
+        self, name: str, mission: Mission | None = None, origin_deg: tuple[float, float] | None = None
+    ) -> None:
         self._name = name
-        self._origin_deg = mission.plan.site.origin_deg if mission is not None else None
+        self._origin_deg = mission.plan.site.origin_deg if mission is not None else origin_deg
         self._battery = mission.battery if mission is not None else Battery()
         self._fastest_mps = math.inf
         if mission is not None:

@@ -1,0 +1,105 @@
+"""How near aircraft come to one another that fly at the same time."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point
+from eadp.coverage.swaths import CoveragePath, MotionLimits
+
+STEP_S = 1.0
+"""Time between the points of a track at which distances are taken [s]."""
+
+STAGGERS_S = range(0, 601, 5)
+"""Delays of take-off from one aircraft to the next that are tried [s]."""
+
+
+class Track(NamedTuple):
+    """Where an aircraft is over time: times [s], ascending, shape (n,), and positions [m], shape (n, 2)."""
+
+    times_s: FloatArray
+    points_m: FloatArray
+
+    def later(self, delay_s: float) -> Track:
+        """The same track, flown later."""
+        return self._replace(times_s=self.times_s + delay_s)
+
+    def then(self, other: Track, pause_s: float) -> Track:
+        """The track, and another after a pause on the ground."""
+        start_s = self.times_s[-1] + pause_s - other.times_s[0]
+        gap = np.array([self.times_s[-1] + 1e-3, self.times_s[-1] + pause_s - 1e-3])
+        ground = np.full((2, 2), np.nan)  # on the ground it is near to nobody
+        return Track(
+            np.concatenate([self.times_s, gap, other.times_s + start_s]),
+            np.concatenate([self.points_m, ground, other.points_m]),
+        )
+
+
+class Nearest(NamedTuple):
+    """The least distance of two aircraft [m]: when [s], where [m], and which two."""
+
+    distance_m: float
+    time_s: float
+    place_m: Point
+    pair: tuple[int, int]
+
+
+def track_of(path: CoveragePath, motion: MotionLimits) -> Track:
+    """The track of a path flown in the wind, with points at the ends of its pieces and along them."""
+    times, points = [0.0], [path.pieces[0].start[:2]]
+    for piece in path.pieces:
+        took_s = motion.time_s([piece])
+        parts = max(1, math.ceil(took_s / STEP_S))
+        start_s = times[-1]
+        for k in range(1, parts + 1):
+            times.append(start_s + took_s * k / parts)
+            points.append(piece.pose_at(piece.length_m * k / parts)[:2])
+    return Track(np.array(times), np.array(points))
+
+
+def nearest(tracks: Sequence[Track]) -> Nearest | None:
+    """The least distance of any two aircraft while both are in the air, at steps of `STEP_S`; None where no two are.
+
+    Between two steps either flies some 20 m, so that a distance is known to within that.
+    """
+    if len(tracks) < 2:
+        return None
+    times = np.arange(0.0, max(track.times_s[-1] for track in tracks) + STEP_S, STEP_S)
+    places = []
+    for track in tracks:
+        inside = (times >= track.times_s[0]) & (times <= track.times_s[-1])
+        xy = np.stack([np.interp(times, track.times_s, track.points_m[:, k]) for k in (0, 1)], axis=1)
+        places.append(np.where(inside[:, None], xy, np.nan))
+    found: Nearest | None = None
+    for i, j in itertools.combinations(range(len(tracks)), 2):
+        distances = np.linalg.norm(places[i] - places[j], axis=1)
+        if np.isnan(distances).all():
+            continue
+        at = int(np.nanargmin(distances))
+        if found is None or distances[at] < found.distance_m:
+            x, y = places[i][at].tolist()
+            found = Nearest(float(distances[at]), float(times[at]), (x, y), (i, j))
+    return found
+
+
+def stagger_s(tracks: Sequence[Track], distance_m: float) -> float:
+    """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
+
+    def distance(delay_s: float) -> float:
+        found = nearest([track.later(k * delay_s) for k, track in enumerate(tracks)])
+        return math.inf if found is None else found.distance_m
+
+    best_s, best_m = 0.0, -1.0
+    for delay_s in map(float, STAGGERS_S):
+        found_m = distance(delay_s)
+        if found_m >= distance_m:
+            return delay_s
+        if found_m > best_m:
+            best_s, best_m = delay_s, found_m
+    return best_s

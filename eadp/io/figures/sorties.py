@@ -1,0 +1,66 @@
+"""The figure of sorties: the field, and the lines of each flight in a colour of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from eadp.core.geometry.curves import Point
+from eadp.coverage.swaths import CoveragePath
+from eadp.io.figures.canvas import (
+    COLOURS,
+    FIELD,
+    START,
+    draw_airspace,
+    draw_area,
+    figure_pair,
+    label_map,
+)
+from eadp.models.field import Field
+
+
+class DrawnSortie(NamedTuple):
+    """A flight: its number, its aircraft from 1 on, and its path."""
+
+    number: str
+    aircraft: int
+    path: CoveragePath
+
+
+def write_sorties_figure(
+    path: Path, field: Field, sorties: Sequence[DrawnSortie], swath_m: float, home_m: Point | None
+) -> None:
+    """Draw sorties. Written to `path` with the endings .svg and .png."""
+    with figure_pair(path, 8.5, 8.0) as figure:
+        axes = figure.subplots()
+        for i, part in enumerate(field.parts):
+            draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
+        draw_airspace(axes, field.airspace)
+        for i, sortie in enumerate(sorties):
+            colour = COLOURS[i % len(COLOURS)]
+            label: str | None = f"sortie {sortie.number}"
+            if sorties[-1].aircraft > 1:
+                label = f"{label}, aircraft {sortie.aircraft}"
+            middles = []
+            for leg in sortie.path.legs:
+                piece = leg.piece
+                steps = max(1, math.ceil(piece.length_m / 5)) if piece.turn else 1
+                x, y, heading = zip(*(piece.pose_at(piece.length_m * k / steps) for k in range(steps + 1)), strict=True)
+                if leg.sensing:
+                    nx, ny = -math.sin(heading[0]) * swath_m / 2, math.cos(heading[0]) * swath_m / 2
+                    corners_x = (x[0] + nx, x[-1] + nx, x[-1] - nx, x[0] - nx)
+                    corners_y = (y[0] + ny, y[-1] + ny, y[-1] - ny, y[0] - ny)
+                    axes.fill(corners_x, corners_y, color=colour, alpha=0.22, linewidth=0, zorder=2)
+                    middles.append(((x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2))
+                axes.plot(x, y, color=colour, linewidth=1.2 if leg.sensing else 0.6, zorder=3, label=label)
+                label = None
+            if middles:
+                at = middles[len(middles) // 2]
+                box = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour}
+                axes.text(*at, sortie.number.lstrip("0"), ha="center", va="center", fontsize=9, zorder=5, bbox=box)
+        if home_m is not None:
+            axes.plot(*home_m, **{**START, "label": "home"})
+        label_map(axes, "Sorties")
+        figure.legend(loc="outside lower center", ncols=5, fontsize=8)

@@ -1,0 +1,1 @@
+"""Sorties: a field divided among flights, their folder, their flights, and what is left of it."""
