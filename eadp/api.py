@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from eadp.io.field.coverage import CoverageOptions, CoveragePlan, CoverageTask
     from eadp.io.flight.export import ExportOptions
     from eadp.io.log.vehicle_fit import VehicleLogFit
+    from eadp.io.sorties.job import JobFlight
     from eadp.io.sorties.plan import SortieOptions, SortiePlan
     from eadp.io.sweep.flights import SweepFlights
     from eadp.io.vehicle.vehicle_file import VehicleFile
@@ -201,6 +202,38 @@ def simulate(
     inputs, texts = _load(plan, scenario, profile, energy, override_texts(overrides, planner, seed, laps))
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
+
+
+def simulate_sorties(
+    folder: File,
+    overrides: Overrides = (),
+    seed: int = 0,
+    *,
+    on_flight: Callable[[str], None] = lambda _name: None,
+    warn: Warn = _python_warnings,
+) -> JobFlight:
+    """Fly all sorties of a folder in turn, each with a fresh pack, and then what they leave of the field.
+
+    Parameters
+    ----------
+    folder : path
+        Of `eadp cover --sorties`.
+    overrides
+        As for `simulate`, in every flight.
+    seed : int, optional
+        Of gusts, noise and late take-offs.
+    on_flight : function, optional
+        Called with the name of each flight before it.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With the faults of the folder.
+    """
+    from eadp.io.sorties.job import fly_sorties
+
+    return fly_sorties(str(folder), override_texts(overrides), seed, on_flight, warn)
 
 
 def _load(plan: Any, scenario: Any, profile: Any, energy: Any, texts: list[str]) -> tuple[FlightInputs, list[str]]:

@@ -39,7 +39,10 @@ class FigureName(enum.StrEnum):
 def command(
     plan: Annotated[
         str,
-        Argument(help="Plan, or mission (QGroundControl's plan, WPL), - for standard input.", metavar="PLAN"),
+        Argument(
+            help="Plan, or mission (QGroundControl's plan, WPL), - for standard input; or a folder of sorties.",
+            metavar="PLAN",
+        ),
     ],
     scenario: ScenarioOption = None,
     profile: ProfileOption = None,
@@ -70,11 +73,21 @@ def command(
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """
     from eadp import api
+    from eadp.io.sorties import is_sorties
     from eadp.io.text.streams import check_new_folder
 
     if out is not None:
         check_new_folder(out, force=force)
-    elif figure is not None:
+    if is_sorties(plan):
+        alone = {"--scenario": scenario, "--profile": profile, "--energy": energy, "--figure": figure, "--laps": laps}
+        for option, value in alone.items():
+            if value is not None:
+                raise usage_fault(
+                    option, str(value), "beside a folder of sorties", "the folder's own scenario, or --set"
+                )
+        texts = [*(set_ or ()), *load_overrides(at), *([f"planner.name={planner.value}"] if planner else [])]
+        return _sorties(plan, texts, seed, out, force=force, format_=format_, kept=require_reserve)
+    if figure is not None:
         raise usage_fault("--figure", figure.value, "a figure without a folder for it", "-o DIR")
     progress = Progress("flying")
 
@@ -100,6 +113,24 @@ def command(
         sys.stderr.write(f"eadp: warning: {failures}\n")
     kept = summary["reserve_kept"] or not require_reserve
     return 0 if summary["completed"] and kept and not (strict_solver and failures) else 1
+
+
+def _sorties(
+    folder: str, texts: list[str], seed: int | None, out: str | None, *, force: bool, format_: Format, kept: bool
+) -> int:
+    """Fly all sorties of a folder."""
+    from eadp import api
+
+    progress = Progress("flying")
+    job = api.simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
+    progress.close()
+    if out is not None:
+        job.write(out, force=force)
+    if format_ is Format.json:
+        emit_json(job.summary)
+    else:
+        emit("\n".join([*job.text(), *([f"written    {out}"] if out else [])]))
+    return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not kept) else 1
 
 
 def _text(
@@ -171,6 +202,19 @@ def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> list[st
     return [line]
 
 
+def _reach(expected: Mapping[str, Any]) -> list[str]:
+    """How far one pack carries a mission that it does not finish, and how many it takes."""
+    if expected["batteries"] == 1:
+        return []
+    if expected["batteries"] is None:
+        return ["one pack   leaves no reserve anywhere"]
+    x, y = expected["reach_m"]
+    return [
+        f"one pack   covers {100 * expected['reach_share']:.0f} % with its reserve kept, to ({x:.0f}, {y:.0f}) m at "
+        f"{expected['reach_s']:.0f} s; {expected['batteries']} or more are needed: eadp cover --sorties auto"
+    ]
+
+
 def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
     """What was to be expected before take-off."""
     if expected is None:
@@ -189,6 +233,7 @@ def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
     return [
         f"forecast   finishes with {finishes}, {charge} of the charge, keeps the reserve with {keeps}: "
         f"{energy} in {times}",
+        *_reach(expected),
         *home,
         *(f"airspace   {risk_text(each['name'], each['probability'])}" for each in expected["obstacles"]),
     ]

@@ -6,6 +6,7 @@ import csv
 import itertools
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -14,7 +15,16 @@ from eadp.errors import printable
 from eadp.io.report.result import page_of
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.sweep_file import Sweep
-from eadp.simulation.sweep.statistics import Group, SweepFlight, Table, label_of, marginal, table, totals
+from eadp.simulation.sweep.statistics import (
+    Group,
+    SweepFlight,
+    Table,
+    label_of,
+    marginal,
+    table,
+    totals,
+    wilson_interval,
+)
 
 SHOWN = 10
 """Number of runs that a dry run prints, and of kinds of errors in the summary."""
@@ -134,6 +144,7 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
         low, high = (_percent(end) for end in whole.interval)
         share = _percent(whole.completed / whole.flights)
         lines.append(f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval {low} to {high} %)")
+    lines += _batteries(all_flights)
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
     lines += _errors(all_flights)
@@ -141,6 +152,21 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
     for key in keys if whole.flights else []:
         lines += ["", *_marginal_lines(key, marginal(all_flights, key, sweep.design.listed(key)))]
     emit("\n".join(lines))
+
+
+def _batteries(all_flights: Sequence[SweepFlight]) -> list[str]:
+    """Of jobs of several sorties, with what probability they are done with so many batteries."""
+    made = [flight for flight in all_flights if flight.batteries is not None]
+    if all(flight.batteries == 1 for flight in made):
+        return []
+    done = Counter(flight.batteries for flight in made if flight.completed and flight.reserve_kept)
+    lines, so_far = [], 0
+    for count in sorted(filter(None, done)):
+        so_far += done[count]
+        low, high = (_percent(end) for end in wilson_interval(so_far, len(made)))
+        share = _percent(so_far / len(made))
+        lines.append(f"batteries  {count}: the job is done, with all reserves kept, in {share} % ({low} to {high} %)")
+    return lines or ["batteries  no job is done with all reserves kept"]
 
 
 def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:

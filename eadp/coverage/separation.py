@@ -16,6 +16,9 @@ from eadp.coverage.swaths import CoveragePath, MotionLimits
 STEP_S = 1.0
 """Time between the points of a track at which distances are taken [s]."""
 
+LATE_S = 10.0
+"""Take-offs are late by up to so much: a pilot's seconds [s]."""
+
 STAGGERS_S = range(0, 601, 5)
 """Delays of take-off from one aircraft to the next that are tried [s]."""
 
@@ -70,7 +73,9 @@ def nearest(tracks: Sequence[Track]) -> Nearest | None:
     """
     if len(tracks) < 2:
         return None
-    times = np.arange(0.0, max(track.times_s[-1] for track in tracks) + STEP_S, STEP_S)
+    times = np.arange(
+        min(track.times_s[0] for track in tracks), max(track.times_s[-1] for track in tracks) + STEP_S, STEP_S
+    )
     places = []
     for track in tracks:
         inside = (times >= track.times_s[0]) & (times <= track.times_s[-1])
@@ -92,8 +97,12 @@ def stagger_s(tracks: Sequence[Track], distance_m: float) -> float:
     """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
 
     def distance(delay_s: float) -> float:
-        found = nearest([track.later(k * delay_s) for k, track in enumerate(tracks)])
-        return math.inf if found is None else found.distance_m
+        """The least one, also where every other aircraft is late or early."""
+        found = [
+            nearest([track.later(k * delay_s + late_s * (k % 2)) for k, track in enumerate(tracks)])
+            for late_s in np.linspace(-LATE_S, LATE_S, 5).tolist()
+        ]
+        return min((each.distance_m for each in found if each is not None), default=math.inf)
 
     best_s, best_m = 0.0, -1.0
     for delay_s in map(float, STAGGERS_S):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import math
 import os
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -152,12 +153,27 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
         "quality": expected.quality,
         "turn_back_s": None if expected.turn_back is None else expected.turn_back.time_s,
         "turn_back_m": None if expected.turn_back is None else list(expected.turn_back.position_m),
+        "batteries": batteries(expected),
+        "reach_share": None if expected.reach is None else expected.reach.share,
+        "reach_s": None if expected.reach is None else expected.reach.time_s,
+        "reach_m": None if expected.reach is None else list(expected.reach.position_m),
         "obstacles": [{"name": name, "probability": share} for name, share in expected.entering.items()],
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())
         ],
     }
+
+
+def batteries(expected: Preflight) -> int | None:
+    """Packs that a mission takes at least, each down to the reserve with its probability; None if one is of no use.
+
+    Ways home and back to the mission are not in it.
+    """
+    if expected.feasible:
+        return 1
+    share = 0.0 if expected.reach is None else expected.reach.energy_share
+    return max(2, math.ceil(1 / share - 1e-9)) if share > 0 else None
 
 
 def _lap_times_s(world: World, outcome: Outcome) -> list[float]:

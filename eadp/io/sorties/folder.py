@@ -20,19 +20,14 @@ from eadp.io.mission import ENDINGS, EXPORT_NAMES
 from eadp.io.profile import model_file
 from eadp.io.report.page import page_html
 from eadp.io.report.result_folder import json_lines
-from eadp.io.sorties.plan import SCENARIO, SCHEMA, SortieOptions, SortiePlan, SortiePlanner
+from eadp.io.sorties import SORTIES, SORTIES_SCENARIO
+from eadp.io.sorties.plan import SCHEMA, SortieOptions, SortiePlan, SortiePlanner
 from eadp.io.text.named import parse_named
 from eadp.io.text.streams import new_folder, read_text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
 
-DOCUMENT, TABLE, FIGURE, PAGE = "sorties.json", "sorties.csv", "sorties", "index.html"
-Drawn = Sequence[DrawnSortie]
-
-
-def is_sorties(path: str) -> bool:
-    """Whether a path is a folder of sorties."""
-    return (Path(path) / DOCUMENT).is_file()
+TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
 
 def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports: Sequence[str] = ()) -> None:
@@ -62,14 +57,14 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             profile = f"profile{Path(text.name).suffix or '.csv'}"
             (target / profile).write_text(text.body, encoding="utf-8")
         scenario = plan.scenario_text(profile)
-        (target / SCENARIO).write_text(scenario, encoding="utf-8")
+        (target / SORTIES_SCENARIO).write_text(scenario, encoding="utf-8")
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         for to, row in ((to, row) for to in exports for row in rows):
-            options = ExportOptions(scenario=str(target / SCENARIO))
+            options = ExportOptions(scenario=str(target / SORTIES_SCENARIO))
             mission = export_text(str(target / row["plan"]), to, options, lambda _: None)
             (target / f"{row['sortie']}-{to}{ENDINGS[to]}").write_text(mission, encoding="utf-8")
-        (target / DOCUMENT).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         drawn = [
             DrawnSortie(row["sortie"].removeprefix("sortie-"), row["aircraft"], sortie.path())
@@ -106,12 +101,12 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
     InputError
         If a file of the folder is missing or damaged.
     """
-    path = Path(folder) / DOCUMENT
+    path = Path(folder) / SORTIES
     (document,) = json_lines(read_text(str(path)), whole=True)
     try:
         if document["schema"] != SCHEMA:
             raise InputError.at(str(path), 1, 1, f"schema is {document['schema']}", SCHEMA)
-        scenario, files = str(Path(folder) / SCENARIO), Files()
+        scenario, files = str(Path(folder) / SORTIES_SCENARIO), Files()
         setting = files.scenario(scenario, {})
         keys, profile = setting.keys, None
         if setting.profile_path is not None:

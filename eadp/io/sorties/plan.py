@@ -33,7 +33,6 @@ from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 
 SCHEMA = "eadp.sorties/1"
-SCENARIO = "scenario.yaml"
 MAX_AIRCRAFT = 20
 OVERLAP_M, SEPARATION_M, SWAP_S = 20.0, 50.0, 120.0
 """Metres that both parts of a line that is cut have in common; the distance that aircraft keep; the time on the ground
@@ -492,6 +491,7 @@ class SortiePlan:
         value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
         if profile is not None:
             value["profile"] = profile
+        value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
         return f"{head}\n" + "".join(f"{key}: {value_text(part)}\n" for key, part in value.items())

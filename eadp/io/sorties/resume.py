@@ -23,7 +23,7 @@ from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 
-SLIVER_SHARE = 0.1
+SLIVER_SHARE = 0.3
 """Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
 
 ALONG_RAD = math.radians(10.0)

@@ -29,7 +29,7 @@ from eadp.simulation.sweep.design import Result, Run
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -46,7 +46,7 @@ _TABLES = """
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
     completed INTEGER, reason TEXT, duration_s REAL, soc_final REAL, quality REAL,
-    reserve_kept INTEGER, energy_wh REAL, distance_m REAL,
+    reserve_kept INTEGER, energy_wh REAL, distance_m REAL, batteries INTEGER,
     error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL, session INTEGER NOT NULL
 );
 CREATE TABLE claims (key TEXT PRIMARY KEY, session INTEGER NOT NULL) WITHOUT ROWID;
@@ -55,7 +55,10 @@ CREATE TABLE sessions (
     repeated INTEGER NOT NULL DEFAULT 0
 );
 """
-COLUMNS = ("completed", "reason", "duration_s", "soc_final", "quality", "reserve_kept", "energy_wh", "distance_m")
+COLUMNS = (
+    *("completed", "reason", "duration_s", "soc_final", "quality", "reserve_kept", "energy_wh", "distance_m"),
+    "batteries",
+)
 _ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
 """Columns of a row that its digest is of, which follows them; the session is the last."""
 
@@ -245,7 +248,8 @@ class Results:
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
-        figures = [summary[name] for name in COLUMNS] if summary is not None else [None] * len(COLUMNS)
+        known = {} if summary is None else {"batteries": 1, **summary}
+        figures = [known.get(name) for name in COLUMNS]
         text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import math
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -17,6 +18,7 @@ from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.flight.folder import fly_flight
 from eadp.io.flight.inputs import Files, FlightInputs
 from eadp.io.scenario.scenario_file import override_texts
+from eadp.io.sorties import SORTIES
 from eadp.io.sweep.results import Results
 from eadp.io.sweep.sweep_file import Sweep
 from eadp.simulation.loop import Outcome, fly
@@ -76,6 +78,15 @@ class FlyRun:
         return replace(inputs, world=replace(inputs.world, clock=clock))
 
     def _summary(self, run: Run) -> dict[str, Any]:
+        folder, plan = os.path.split(run.files["plan"])
+        if plan == SORTIES:
+            from eadp.io.sorties.job import fly_sorties
+
+            overrides = {key: value for key, value in run.overrides.items() if key != "seed"}
+            job = fly_sorties(folder, override_texts(overrides), run.overrides["seed"])
+            if self._keep is not None:
+                job.write(Path(self._keep) / run.key, force=True)
+            return job.summary
         inputs = self._inputs(run)
         flight = fly_flight(inputs, overrides=override_texts(run.overrides))
         if self._keep is not None:

@@ -20,6 +20,7 @@ from eadp.io.flight.folder import SCHEMA as FLIGHT_SCHEMA
 from eadp.io.flight.inputs import Files, profile_of
 from eadp.io.mission.reader import PlanReader
 from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, vehicle_path
+from eadp.io.sorties import SORTIES, SORTIES_SCENARIO, is_sorties
 from eadp.io.text.kinds import refuse_others
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text
@@ -65,7 +66,10 @@ class SweepKeys(_Strict):
     """A sweep file. Paths are relative to it; varied keys are a scenario's, dotted, or name a file or the planner."""
 
     schema_: Literal["eadp.sweep/1"] = Field(alias="schema", description="name and version of the format")
-    plan: str | None = Field(default=None, description="path of the plan or mission that is flown, unless it is varied")
+    plan: str | None = Field(
+        default=None,
+        description="path of the plan, the mission or the folder of sorties that is flown, unless it is varied",
+    )
     scenario: str | None = Field(default=None, description="path of the scenario; by default the defaults")
     profile: str | None = Field(default=None, description="instead of the scenario's")
     energy: str | None = Field(default=None, description="path of an energy model made by eadp fit")
@@ -183,7 +187,7 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
-    paths, kept = _paths(document, keys), Files()
+    paths, kept = _with_sorties(document, _paths(document, keys)), Files()
     _read_texts(document, paths, kept)
     files = {kind: path for kind, path, location in paths if location == (kind,)}
     scenarios = _scenarios(document, paths, kept, overrides)
@@ -320,6 +324,20 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
     return [(kind, beside(document.name, value), location) for kind, value, location in named]
 
 
+def _with_sorties(document: Document, paths: list[tuple[str, str, KeyPath]]) -> list[tuple[str, str, KeyPath]]:
+    """The files with those of a folder of sorties, which stands for a plan and has a scenario of its own."""
+    for kind, path, location in paths:
+        if kind == "plan" and is_sorties(path):
+            if location != ("plan",):
+                raise InputError(document.fault(location, "a folder of sorties", "plan: FOLDER, and no other plan"))
+            own = [each for each in paths if each[0] == "plan"]
+            if own != [(kind, path, location)] or len(paths) > 1:
+                expected = "no scenario, profile or energy: the folder has its own"
+                raise InputError(document.fault(paths[-1][2], "a file beside a folder of sorties", expected))
+            return [(kind, f"{path}/{SORTIES}", location), ("scenario", f"{path}/{SORTIES_SCENARIO}", ("scenario",))]
+    return paths
+
+
 def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
     """Read every file; one that cannot be read is a fault of the sweep file."""
     faults = []
@@ -387,6 +405,8 @@ def _read_all(
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
     named: set[str] = set()
     for kind, path, location in paths:
+        if path.endswith(f"/{SORTIES}"):
+            path = f"{path.removesuffix(SORTIES)}sortie-01.plan"
         if kind in parsers:
             _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
             if kind != "energy":

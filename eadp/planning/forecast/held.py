@@ -13,7 +13,7 @@ from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
-from eadp.planning.forecast.home import TurnBack, latest_turn_back
+from eadp.planning.forecast.home import Reach, TurnBack, latest_turn_back, reach
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -48,6 +48,8 @@ class Preflight:
         Energy of the computations, of that of the forecast [Wh].
     turn_back : TurnBack or None
         The latest one, where there is a home.
+    reach : Reach or None
+        How far one pack carries it with the reserve kept, where that is not to the end.
     entering : dict
         Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
     """
@@ -60,6 +62,7 @@ class Preflight:
     stages: dict[int, tuple[float, float]]
     computing_wh: float
     turn_back: TurnBack | None = None
+    reach: Reach | None = None
     entering: dict[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -79,7 +82,8 @@ class Preflight:
         computing_wh = float(computing_w @ expected_s) / 3600
         stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
         turn_back = latest_turn_back(evaluation, place, filling)
-        return cls(names, parameters, forecast, feasible, quality, stages, computing_wh, turn_back)
+        stop = None if feasible else reach(evaluation, place, filling)
+        return cls(names, parameters, forecast, feasible, quality, stages, computing_wh, turn_back, stop)
 
     def legs(self, mission: Mission) -> tuple[Leg, ...]:
         """The legs that were forecast, to the plan's end."""

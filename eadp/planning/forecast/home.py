@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -39,13 +40,17 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     flown_s, flown_j : float
         Time [s] and energy [J] that are forecast to the position and charge known, for their deviations.
     """
-    evaluator, known = evaluation.evaluator, evaluation.known
-    mission, objective, battery = evaluator.mission, evaluator.objective, evaluator.mission.battery
-    if mission.way_home is None:
+    way_home = evaluation.evaluator.mission.way_home
+    if way_home is None:
         return None
-    seconds = _seconds_home(mission.way_home, known)
-    if not math.isfinite(seconds):
-        return -math.inf
+    seconds = _seconds_home(way_home, evaluation.known)
+    return _spare(evaluation, place, seconds, flown_s, flown_j) if math.isfinite(seconds) else -math.inf
+
+
+def _spare(evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float) -> float:
+    """Charge above the reserve after a time from here at the least power, with the reserve's probability."""
+    evaluator, known = evaluation.evaluator, evaluation.known
+    objective, battery = evaluator.objective, evaluator.mission.battery
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
@@ -95,27 +100,58 @@ def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> Tu
     filling : Filling
         Computations planned.
     """
-    start = home_spare(evaluation, place)
-    if start is None:
+    if evaluation.evaluator.mission.way_home is None:
         return None
+    found = _last(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
+    return None if found is None else TurnBack(found.time_s, found.position_m)
+
+
+class Reach(NamedTuple):
+    """How far one pack carries a flight: time [s], position [m], and the shares of the way and of the energy."""
+
+    time_s: float
+    position_m: Point
+    share: float
+    energy_share: float
+
+
+def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
+    """The last place of a planned route at which the reserve is left with its probability; None if there is none.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    place : int
+    filling : Filling
+        Computations planned.
+    """
+    return _last(evaluation, place, filling, lambda there, *flown: _spare(there, place, 0.0, *flown))
+
+
+def _last(
+    evaluation: Evaluation, place: int, filling: Filling, spare: Callable[[Evaluation, float, float], float]
+) -> Reach | None:
+    """The last place of a route that leaves spare charge, 0 or more, by time [s] and energy [J] flown to it."""
     known, battery = evaluation.known, evaluation.evaluator.mission.battery
-    found = TurnBack(known.time_s, known.position_m) if start >= 0 else None
+    found = Reach(known.time_s, known.position_m, 0.0, 0.0) if spare(evaluation, 0.0, 0.0) >= 0 else None
     mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
     powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
-    step_m = max(MIN_STEP_M, sum(leg.distance_m for leg in legs) / STEPS)
-    filtered, flown_s, flown_j = known.charge.filtered, 0.0, 0.0
-    for leg, power_w, leg_s in zip(legs, powers_w.tolist(), evaluation.load.times_s[mine].tolist(), strict=True):
+    times_s = evaluation.load.times_s[mine]
+    total_m, total_j = sum(leg.distance_m for leg in legs), float(powers_w @ times_s)
+    step_m = max(MIN_STEP_M, total_m / STEPS)
+    filtered, flown_s, flown_j, flown_m = known.charge.filtered, 0.0, 0.0, 0.0
+    for leg, power_w, leg_s in zip(legs, powers_w.tolist(), times_s.tolist(), strict=True):
         points = [*leg_points(leg, step_m)][1:]
         step_s = leg_s / max(len(points), 1)
         for point in points:
             volts = battery.voltage_at(min(max(filtered[0], 0.0), 1.0))
             drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * step_s
             filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
+            flown_m += leg.distance_m / len(points)
             if filtered[0] <= 0:
                 return found
             at = point.x_m, point.y_m
             there = known._replace(position_m=at, charge=known.charge._replace(filtered=filtered))
-            spare = home_spare(replace(evaluation, known=there), place, flown_s, flown_j)
-            if spare is not None and spare >= 0:
-                found = TurnBack(known.time_s + flown_s, at)
+            if spare(replace(evaluation, known=there), flown_s, flown_j) >= 0:
+                found = Reach(known.time_s + flown_s, at, flown_m / total_m, flown_j / total_j)
     return found

@@ -59,6 +59,7 @@ class SweepFlight:
     reserve_kept: bool | None = None
     energy_wh: float | None = None
     distance_m: float | None = None
+    batteries: int | None = None
     error: str | None = None
 
 
