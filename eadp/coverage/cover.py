@@ -106,6 +106,12 @@ class LineGrid:
         # ground that two lines reach belongs to the nearer one
         return cls(frame, middles, np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width]))
 
+    def order_of(self, solution: CoverageSolution) -> list[int]:
+        """The lines in the order in which a path of single legs flies them first."""
+        flown = [leg.start[:2] for leg in solution.path(0.0).legs if leg.sensing]
+        across = self.frame.into(np.array(flown))[:, 0]
+        return list(dict.fromkeys(np.abs(across[:, None] - self.middles_m).argmin(axis=1).tolist()))
+
     def extents(self, field: Field) -> list[list[tuple[float, float]]]:
         """For each line the extents of a field's parts along it [m], upward."""
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)

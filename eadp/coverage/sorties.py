@@ -55,11 +55,15 @@ class Division:
         Its lines.
     overlap_m : float
         What both parts of a line that is cut have in common [m].
+    order : sequence of int, optional
+        The lines of the grid in the order in which they stand; by default side by side.
     """
 
-    def __init__(self, field: Field, grid: LineGrid, overlap_m: float) -> None:
+    def __init__(self, field: Field, grid: LineGrid, overlap_m: float, order: Sequence[int] | None = None) -> None:
         self._field, self._grid, self._overlap_m = field, grid, overlap_m
-        self._extents = grid.extents(field)
+        extents = grid.extents(field)
+        self._order = [i for i in (range(len(extents)) if order is None else order) if extents[i]]
+        self._extents = [extents[i] for i in self._order]
         lengths = [sum(high - low for low, high in spans) for spans in self._extents]
         self._ends: FloatArray = np.concatenate([[0.0], np.cumsum(lengths)])
 
@@ -71,12 +75,12 @@ class Division:
     @property
     def lines(self) -> int:
         """The number of lines over ground."""
-        return sum(bool(spans) for spans in self._extents)
+        return len(self._order)
 
     @property
     def end_of_first_m(self) -> float:
-        """The end of the first line over ground [m]."""
-        return float(self._ends[self._ends > SAME_M][0])
+        """The end of the first line [m]."""
+        return float(self._ends[1])
 
     def between_lines(self, place_m: float) -> float:
         """The nearest place between two lines [m]."""
@@ -84,36 +88,28 @@ class Division:
 
     def part(self, start_m: float, end_m: float) -> Field:
         """The ground of the lines of an interval [m]."""
-        end_m = min(end_m, self.total_m)
-        first = int(np.searchsorted(self._ends, start_m + SAME_M, side="right")) - 1
-        last = int(np.searchsorted(self._ends, end_m - SAME_M, side="left")) - 1
-        low, high = self._along(first, start_m) - self._overlap_m, self._along(last, end_m)
-        if start_m <= self._ends[first] + SAME_M:
-            low = -FAR_M
-        if end_m >= self._ends[last + 1] - SAME_M:
-            high = FAR_M
-        if first == last:
-            windows = [self._window(first, last, low, high)]
-        else:
-            # whole lines in one window, which overlaps with those of cut ones
-            ends = first + (low > -FAR_M), last - (high < FAR_M)
-            windows = [self._window(*ends, -FAR_M, FAR_M)] if ends[0] <= ends[1] else []
-            windows += [self._window(first, first, low, FAR_M)] if low > -FAR_M else []
-            windows += [self._window(last, last, -FAR_M, high)] if high < FAR_M else []
+        windows = []
+        for k, line in enumerate(self._order):
+            own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
+            if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
+                continue
+            low = -FAR_M if start_m <= own_start + SAME_M else self._along(k, start_m) - self._overlap_m
+            high = FAR_M if end_m >= own_end - SAME_M else self._along(k, end_m)
+            windows.append(self._window(line, low, high))
         (outline, *holes), *others = clipped(self._field.parts, windows)
         return replace(self._field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
-    def _along(self, line: int, place_m: float) -> float:
-        """The place of a line, in the frame, at which so much of the length of all lines is flown."""
-        left = place_m - float(self._ends[line])
-        for low, high in self._extents[line]:
+    def _along(self, k: int, place_m: float) -> float:
+        """The place along the k-th line, in the frame, at which so much of the length of all lines is flown."""
+        left = place_m - float(self._ends[k])
+        for low, high in self._extents[k]:
             if left <= high - low:
                 return low + left
             left -= high - low
-        return self._extents[line][-1][1]
+        return self._extents[k][-1][1]
 
-    def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        left, right = float(self._grid.edges_m[first]) - SEAM_M, float(self._grid.edges_m[last + 1]) + SEAM_M
+    def _window(self, line: int, low_m: float, high_m: float) -> list[Point]:
+        left, right = float(self._grid.edges_m[line]) - SEAM_M, float(self._grid.edges_m[line + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self._grid.frame.out(*corner) for corner in corners]
 

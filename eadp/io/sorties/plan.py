@@ -197,15 +197,24 @@ class SortiePlanner:
         spacing_m = motion.swath_m if laps else request.order_spacing_m or motion.swath_m
         assert request.heading_rad is not None
         grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
-        division = Division(ground, grid, self.options.overlap_m)
 
         def forecast(part: Field) -> PlannedSortie:
             return self.sortie(cover(replace(request, field=part, grid=None if laps else grid)), part)
 
-        sample = forecast(division.part(0.0, division.total_m if laps else division.end_of_first_m))
+        def divided(order: Sequence[int] | None) -> Divided[PlannedSortie]:
+            division = Division(ground, grid, self.options.overlap_m, order)
+            divider = Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
+            return divider.fewest(max(least.count, self.options.count or 1))
+
+        side_by_side = Division(ground, grid, self.options.overlap_m)
+        sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
         least = self._least(sample.inputs, grid, ground)
-        divider = Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
-        found = divider.fewest(max(least.count, self.options.count or 1))
+        found = divided(None)
+        width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
+        if not laps and self.options.aircraft == 1 and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
+            # a strip narrower than two turns has no room to leave lines out and come back for them
+            tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
+            found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
         if self.options.count is not None and len(found.sorties) > self.options.count:
             expected = f"{len(found.sorties)} or more"
             raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
