@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "eadp.api": (
         "cover",
+        "cover_in_sorties",
         "export",
         "fit_power",
         "fit_vehicle",
@@ -21,6 +22,7 @@ _MODULES = {
         "read_profile",
         "report",
         "simulate",
+        "simulate_sorties",
         "sweep",
         "vehicle",
     ),
@@ -28,6 +30,8 @@ _MODULES = {
     "eadp.io.field.coverage": ("CoverageOptions", "CoveragePlan"),
     "eadp.io.flight.export": ("ExportOptions",),
     "eadp.io.flight.folder": ("Flight",),
+    "eadp.io.sorties.job": ("JobFlight",),
+    "eadp.io.sorties.plan": ("SortieOptions", "SortiePlan"),
     "eadp.models.energy": ("EnergyModel",),
     "eadp.models.energy_fit": ("EnergyFit",),
     "eadp.models.plan.plan": ("Plan",),

@@ -1,5 +1,6 @@
 from eadp.api import (
     cover,
+    cover_in_sorties,
     export,
     fit_power,
     fit_vehicle,
@@ -9,6 +10,7 @@ from eadp.api import (
     read_profile,
     report,
     simulate,
+    simulate_sorties,
     sweep,
     vehicle,
 )
@@ -16,6 +18,8 @@ from eadp.errors import EadpError, Infeasible, InputError
 from eadp.io.field.coverage import CoverageOptions, CoveragePlan
 from eadp.io.flight.export import ExportOptions
 from eadp.io.flight.folder import Flight
+from eadp.io.sorties.job import JobFlight
+from eadp.io.sorties.plan import SortieOptions, SortiePlan
 from eadp.models.energy import EnergyModel
 from eadp.models.energy_fit import EnergyFit
 from eadp.models.plan.plan import Plan
@@ -34,11 +38,15 @@ __all__ = [
     "Flight",
     "Infeasible",
     "InputError",
+    "JobFlight",
     "Plan",
     "Profile",
     "ProfileSum",
+    "SortieOptions",
+    "SortiePlan",
     "SweepFlight",
     "cover",
+    "cover_in_sorties",
     "export",
     "fit_power",
     "fit_vehicle",
@@ -48,6 +56,7 @@ __all__ = [
     "read_profile",
     "report",
     "simulate",
+    "simulate_sorties",
     "sweep",
     "vehicle",
 ]

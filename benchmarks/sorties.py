@@ -1,0 +1,312 @@
+"""Fields divided among sorties: how near the fewest, and whether they fly, on 40 fields.
+
+    python benchmarks/sorties.py FIELDS.geojson [--seed 0] [--seconds 10] [--jobs 2] [--write]
+
+FIELDS has outlines in metres. Each is taken at three sizes, and an L of our own at one: with an aircraft of 2 kg, a pack
+of 1.5 to 3 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a home beside the field.
+
+- Sorties beside the lower bound, and beside OR-tools' routing (--seconds for each field, whole lines, the same times,
+  a pack of the same time): fewer sorties first, then less time.
+- All sorties are flown, each with a fresh pack; what is left is planned again.
+- Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
+- The time of planning a field of 1,000 ha and its half, quarter and eighth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import statistics
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measured import add_option, head, line, recorded
+
+import eadp
+from eadp.core.geometry.polygons import covered_shares
+from eadp.coverage.cover import LineGrid, cover, line_costs
+from eadp.errors import EadpError, Infeasible
+from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.sorties.folder import write_sorties
+from eadp.io.sorties.plan import SortieOptions, SortiePlan
+from eadp.io.sorties.resume import resumed
+
+ROOT = Path(__file__).resolve().parents[1]
+SCALES = (1.0, 2.0, 3.0)
+OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
+VEHICLE = ROOT / "vehicles/foam-wing.yaml"
+
+
+def jobs(path: Path, seed: int) -> list[dict[str, Any]]:
+    """The jobs: name, outline [m], pack [Ah], wind, home, swath."""
+    features = json.loads(path.read_text())["features"]
+    outlines = [
+        (f"{each['properties']['id']} ×{scale:g}", scale * np.array(each["geometry"]["coordinates"][0])[:-1])
+        for each in features
+        for scale in SCALES
+    ]
+    rng, found = np.random.default_rng(seed), []
+    for name, ring in [*outlines, ("L", np.array(OWN, dtype=float))]:
+        corner = ring[int(rng.integers(len(ring)))]
+        outward = corner - ring.mean(axis=0)
+        home = corner + 40 * outward / np.linalg.norm(outward)
+        found.append(
+            {
+                "name": name,
+                "ring": ring.round(2).tolist(),
+                "capacity_ah": round(float(rng.uniform(1.5, 3.0)), 2),
+                "wind": [round(float(rng.uniform(0, 6)), 1), round(float(rng.uniform(0, 359)))],
+                "home": home.round(1).tolist(),
+                "swath_m": round(float(rng.uniform(25, 60)), 1),
+            }
+        )
+    return found
+
+
+def planned(job: dict[str, Any], folder: Path, warn: Any = lambda _: None, resume: Any = ()) -> SortiePlan:
+    """The sorties of a job."""
+    field, scenario = folder / "field.csv", folder / "given.yaml"
+    field.write_text("x_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in job["ring"]))
+    wind = {"speed_mps": job["wind"][0], "from_deg": job["wind"][1], "gust_std_mps": 0.5}
+    keys = {"schema": "eadp.scenario/1", "vehicle": str(VEHICLE), "wind": wind}
+    scenario.write_text(json.dumps(keys | {"battery": {"capacity_ah": job["capacity_ah"]}}))
+    options = eadp.CoverageOptions(swath_m=job["swath_m"], metres=True, home=tuple(job["home"]), pattern="dubins")
+    return eadp.cover_in_sorties(field, options, SortieOptions(), scenario=scenario, resume=resume, warn=warn)
+
+
+def by_routing(plan: SortiePlan, seconds: int) -> tuple[int, float] | None:
+    """Sorties and their time by OR-tools' routing, of whole lines and of packs that last as long; None without one."""
+    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+
+    planner, motion = plan.planner, plan.planner.task.motion
+    request = planner._request
+    assert request.heading_rad is not None
+    grid = LineGrid.over(plan.ground, request.heading_rad, motion.swath_m, motion.swath_m)
+    whole = cover(replace(request, field=plan.ground, grid=grid, pattern="dubins"))
+    legs = [leg for leg in whole.path(0.0).legs if leg.sensing]
+    directed = [way for leg in legs for way in (leg, leg.backward())]
+    between, own, first, last = line_costs(request, directed)
+    # the time that a pack lasts, as the forecasts of the sorties have it
+    pack_s = statistics.median(each.time_s * (1 + each.spare / each.used) for each in plan.divided.sorties)
+    climb_s = statistics.median(each.time_s - each.solution.time_s for each in plan.divided.sorties)
+    n = len(directed)
+    times = np.zeros((n + 1, n + 1))
+    times[1:, 1:] = between + own[None, :]
+    times[0, 1:], times[1:, 0] = first + own + max(climb_s, 0.0), last
+    scaled = np.round(10 * times).astype(int)
+    vehicles = len(plan.divided.sorties) + 2
+    manager = pywrapcp.RoutingIndexManager(n + 1, vehicles, 0)
+    routing = pywrapcp.RoutingModel(manager)
+    table = scaled.tolist()
+    index = routing.RegisterTransitMatrix(table)
+    routing.SetArcCostEvaluatorOfAllVehicles(index)
+    routing.AddDimension(index, 0, int(10 * pack_s), True, "time")
+    routing.SetFixedCostOfAllVehicles(int(100 * pack_s))
+    for i in range(0, n, 2):
+        routing.AddDisjunction([manager.NodeToIndex(i + 1), manager.NodeToIndex(i + 2)], 10**9)
+    parameters = pywrapcp.DefaultRoutingSearchParameters()
+    parameters.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PATH_CHEAPEST_ARC
+    parameters.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
+    parameters.time_limit.seconds = seconds
+    found = routing.SolveWithParameters(parameters)
+    if found is None or found.ObjectiveValue() >= 10**9:
+        return None
+    used = sum(routing.IsVehicleUsed(found, k) for k in range(vehicles))
+    return used, (found.ObjectiveValue() - used * int(100 * pack_s)) / 10
+
+
+def measure(job: dict[str, Any], index: int, seconds: int) -> dict[str, Any]:
+    """The figures of one job."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        start = time.perf_counter()
+        try:
+            plan = planned(job, folder)
+        except Infeasible as error:
+            return {"name": job["name"], "error": str(error)}
+        took_s = time.perf_counter() - start
+        write_sorties(plan, str(folder / "job"))
+        row = {
+            "name": job["name"],
+            "count": len(plan.sorties),
+            "least": plan.least.count,
+            "energy": sum(each.energy_wh for each in plan.divided.sorties) / plan.least.energy_wh,
+            "took_s": took_s,
+            "time_s": sum(each.solution.time_s for each in plan.divided.sorties),
+            "routing": by_routing(plan, seconds) if seconds else None,
+            "planned": plan.coverage,
+        }
+        flown = eadp.simulate_sorties(folder / "job", seed=index, warn=lambda _: None)
+        summary = flown.summary
+        row |= {
+            "home": all(each["completed"] or "returned" in each["reason"] for each in summary["flights"]),
+            "reserve": summary["reserve_kept"],
+            "covered": summary["coverage"],
+            "batteries": summary["batteries"],
+        }
+        if index % 2 == 0 and len(plan.sorties) > 1:
+            row |= interrupted(job, plan, flown, folder, np.random.default_rng(index))
+        return row
+
+
+def interrupted(
+    job: dict[str, Any], plan: SortiePlan, flown: Any, folder: Path, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Ground covered twice and missed, as shares, where a job is stopped in the air and resumed."""
+    names = [name for name in flown.flights if name in plan.names]
+    stopped = int(rng.integers(len(names)))
+    sources, lines = [], []
+    for name in names[: stopped + 1]:
+        flight = flown.flights[name]
+        columns = flown_of_plan(flight.lists, None)
+        if name == names[stopped]:
+            end = int(rng.uniform(0.2, 0.9) * len(columns["time_s"]))
+            columns = {key: values[:end] for key, values in columns.items()}
+            log = folder / "stopped.jsonl"
+            rows = zip(columns["time_s"], columns["x_m"], columns["y_m"], strict=True)
+            log.write_text("".join(json.dumps({"time_s": t, "x_m": x, "y_m": y}) + "\n" for t, x, y in rows))
+            sources.append(str(log))
+        else:
+            flight.write(folder / f"flown-{name}")
+            sources.append(str(folder / f"flown-{name}"))
+        lines += flown_lines(flight.inputs.world.plan, columns)
+    try:
+        rest = planned(job, folder, resume=sources)
+    except EadpError as error:
+        return {"resume_error": str(error)}
+    task = plan.planner.task
+    again = [(leg.start[:2], leg.end[:2]) for each in rest.sorties for leg in each.path().legs if leg.sensing]
+    parts, swath_m = task.field.parts, task.motion.swath_m
+    first, both = covered_shares(parts, [lines, again], swath_m)[1:]
+    alone = covered_shares(parts, [again], swath_m)[1]
+    _ = resumed
+    return {"missed": 1 - both, "twice": first + alone - both}
+
+
+def scaling() -> list[tuple[float, int, float]]:
+    """Area [ha], lines and time of planning [s], of squares up to 1,000 ha at 30 m."""
+    found = []
+    for share in (0.125, 0.25, 0.5, 1.0):
+        width, height = 3162 * share, 3162
+        job = {"ring": [[0, 0], [width, 0], [width, height], [0, height]], "capacity_ah": 5, "wind": [4, 240]}
+        with tempfile.TemporaryDirectory() as name:
+            start = time.perf_counter()
+            plan = planned(job | {"home": [width / 2, -40], "swath_m": 30}, Path(name))
+            took_s = time.perf_counter() - start
+        found.append((width * height / 1e4, sum(each.path().lines for each in plan.sorties), took_s))
+    return found
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("fields", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=int, default=10, help="of OR-tools for each field; 0 leaves it out")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", type=int, nargs="*")
+    add_option(parser, "sorties")
+    options = parser.parse_args()
+    with recorded("sorties", write=options.write):
+        given = jobs(options.fields, options.seed)
+        chosen = [(job, i, options.seconds) for i, job in enumerate(given) if not options.only or i in options.only]
+        with multiprocessing.Pool(options.jobs) as pool:
+            rows = pool.starmap(measure, chosen, chunksize=1)
+        print(
+            head(
+                "field",
+                "sorties",
+                "bound",
+                "energy / bound",
+                "OR-tools",
+                "time / OR-tools",
+                "planned in [s]",
+                "batteries flown",
+                "covered",
+                "home, reserve",
+                "resumed: missed, twice",
+            )
+        )
+        for row in rows:
+            if "error" in row:
+                print(line(row["name"], row["error"], *[""] * 9))
+                continue
+            routing = row["routing"]
+            print(
+                line(
+                    row["name"],
+                    row["count"],
+                    row["least"],
+                    f"{row['energy']:.3f}",
+                    "–" if routing is None else routing[0],
+                    "–" if routing is None else f"{row['time_s'] / routing[1]:.3f}",
+                    f"{row['took_s']:.1f}",
+                    row["batteries"],
+                    f"{row['covered']:.4f}",
+                    f"{'yes' if row['home'] else 'NO'}, {'yes' if row['reserve'] else 'NO'}",
+                    row.get("resume_error")
+                    or (f"{100 * row['missed']:.2f} %, {100 * row['twice']:.2f} %" if "missed" in row else ""),
+                )
+            )
+        made = [row for row in rows if "error" not in row]
+        beside = [row for row in made if row["routing"] is not None]
+        over = [row["count"] - row["least"] for row in made]
+        print()
+        print(head("figure", "value"))
+        print(line("fields", len(made)))
+        print(line("sorties equal to the bound", f"{100 * sum(each == 0 for each in over) / len(made):.0f} %"))
+        print(line("most sorties above the bound", max(over)))
+        print(
+            line(
+                "energy over the bound's, median and largest",
+                f"{statistics.median(row['energy'] for row in made):.3f}, {max(row['energy'] for row in made):.3f}",
+            )
+        )
+        if beside:
+            print(
+                line(
+                    "sorties fewer, as many, more than OR-tools",
+                    ", ".join(
+                        str(sum(sign(row["count"] - row["routing"][0]) == s for row in beside)) for s in (-1, 0, 1)
+                    ),
+                )
+            )
+            same = [row["time_s"] / row["routing"][1] for row in beside if row["count"] == row["routing"][0]]
+            print(line("time over OR-tools', same number, median", f"{statistics.median(same):.3f}" if same else "–"))
+        print(
+            line(
+                "all flights home, with the reserve",
+                f"{sum(row['home'] and row['reserve'] for row in made)} of {len(made)}",
+            )
+        )
+        print(line("least ground covered", f"{min(row['covered'] for row in made):.4f}"))
+        print(line("batteries more than planned", sum(row["batteries"] - row["count"] for row in made)))
+        cut = [row for row in made if "missed" in row]
+        if cut:
+            print(line("resumed jobs", len(cut)))
+            print(line("missed, largest", f"{100 * max(row['missed'] for row in cut):.2f} %"))
+            print(
+                line(
+                    "covered twice, median and largest",
+                    f"{100 * statistics.median(row['twice'] for row in cut):.2f} %, {100 * max(row['twice'] for row in cut):.2f} %",
+                )
+            )
+        print()
+        print(head("area [ha]", "lines", "planned in [s]"))
+        for area, lines, took_s in scaling():
+            print(line(f"{area:.0f}", lines, f"{took_s:.1f}"))
+
+
+def sign(value: float) -> int:
+    """−1, 0 or 1."""
+    return int(math.copysign(1, value)) if value else 0
+
+
+if __name__ == "__main__":
+    main()
