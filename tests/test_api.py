@@ -16,7 +16,7 @@ import eadp as library
 
 PUBLIC = {
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
-    "Infeasible", "InputError",
+    "Infeasible", "InputError", "JobFlight", "SortieOptions", "SortiePlan", "cover_in_sorties", "simulate_sorties",
     "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
     "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip

@@ -14,7 +14,7 @@ from common import ROOT
 from common.console import Console, blocks, commands, missing_links, update
 
 README = ROOT / "README.md"
-IN_ORDER = [ROOT / "docs/tutorial.md", ROOT / "docs/aircraft.md"]
+IN_ORDER = [ROOT / "docs/tutorial.md", ROOT / "docs/aircraft.md", ROOT / "docs/sorties.md"]
 """Pages whose commands use the files of those before."""
 PAGES = [README, *IN_ORDER]
 

@@ -155,7 +155,18 @@ def command(
     wanted = format_ or (CoverFormat.plan if out in (None, "-") else CoverFormat.text)
     if out == "-" and wanted is not CoverFormat.plan:
         raise usage_fault("--out", out, f"standard output is taken by --format {wanted.value}", "a file")
-    _check_outputs([] if file == "-" or "\0" in file else [os.path.realpath(file)], {"--out": out, "--plot": plot})
+    divided = sorties is not None or bool(resume) or aircraft != 1
+    if divided:
+        from eadp.io.text.streams import check_new_folder
+
+        if plot is not None:
+            raise usage_fault("--plot", plot, "beside sorties", "-o DIR, whose folder has a picture")
+        if out is not None:
+            check_new_folder(out, force=force)
+    _check_outputs(
+        [] if file == "-" or "\0" in file else [os.path.realpath(file)],
+        {"--out": None if divided else out, "--plot": plot},
+    )
     name = "<stdin>" if file == "-" else file
     options = CoverageOptions(
         min_radius,
@@ -182,7 +193,7 @@ def command(
         forward_overlap,
         image_width,
     )
-    if sorties is not None or resume or aircraft > 1:
+    if divided:
         from eadp.io.sorties.plan import SortieOptions
 
         count = None if sorties in (None, "auto") else _count(sorties or "")

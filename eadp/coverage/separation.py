@@ -23,22 +23,22 @@ STAGGERS_S = range(0, 601, 5)
 """Delays of take-off from one aircraft to the next that are tried [s]."""
 
 
-class Track(NamedTuple):
+class TimedTrack(NamedTuple):
     """Where an aircraft is over time: times [s], ascending, shape (n,), and positions [m], shape (n, 2)."""
 
     times_s: FloatArray
     points_m: FloatArray
 
-    def later(self, delay_s: float) -> Track:
+    def later(self, delay_s: float) -> TimedTrack:
         """The same track, flown later."""
         return self._replace(times_s=self.times_s + delay_s)
 
-    def then(self, other: Track, pause_s: float) -> Track:
+    def then(self, other: TimedTrack, pause_s: float) -> TimedTrack:
         """The track, and another after a pause on the ground."""
         start_s = self.times_s[-1] + pause_s - other.times_s[0]
         gap = np.array([self.times_s[-1] + 1e-3, self.times_s[-1] + pause_s - 1e-3])
-        ground = np.full((2, 2), np.nan)  # on the ground it is near to nobody
-        return Track(
+        ground = np.full((2, 2), np.nan)  # on the ground it is near to no one
+        return TimedTrack(
             np.concatenate([self.times_s, gap, other.times_s + start_s]),
             np.concatenate([self.points_m, ground, other.points_m]),
         )
@@ -53,7 +53,7 @@ class Nearest(NamedTuple):
     pair: tuple[int, int]
 
 
-def track_of(path: CoveragePath, motion: MotionLimits) -> Track:
+def track_of(path: CoveragePath, motion: MotionLimits) -> TimedTrack:
     """The track of a path flown in the wind, with points at the ends of its pieces and along them."""
     times, points = [0.0], [path.pieces[0].start[:2]]
     for piece in path.pieces:
@@ -63,10 +63,10 @@ def track_of(path: CoveragePath, motion: MotionLimits) -> Track:
         for k in range(1, parts + 1):
             times.append(start_s + took_s * k / parts)
             points.append(piece.pose_at(piece.length_m * k / parts)[:2])
-    return Track(np.array(times), np.array(points))
+    return TimedTrack(np.array(times), np.array(points))
 
 
-def nearest(tracks: Sequence[Track]) -> Nearest | None:
+def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
     """The least distance of any two aircraft while both are in the air, at steps of `STEP_S`; None where no two are.
 
     Between two steps either flies some 20 m, so that a distance is known to within that.
@@ -93,7 +93,7 @@ def nearest(tracks: Sequence[Track]) -> Nearest | None:
     return found
 
 
-def stagger_s(tracks: Sequence[Track], distance_m: float) -> float:
+def stagger_s(tracks: Sequence[TimedTrack], distance_m: float) -> float:
     """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
 
     def distance(delay_s: float) -> float:

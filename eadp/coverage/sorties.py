@@ -166,8 +166,8 @@ class Divider(Generic[AnySortie]):
     def _known(self) -> dict[Interval, AnySortie]:
         return {}
 
-    def fewest(self, least_count: int) -> Divided[AnySortie]:
-        """The division into the fewest sorties that can all be flown, of `least_count` or more.
+    def fewest(self, min_count: int) -> Divided[AnySortie]:
+        """The division into the fewest sorties that can all be flown, of `min_count` or more.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class Divider(Generic[AnySortie]):
             If even a short part of a line is too far.
         """
         most = MAX_SORTIES if self.cuts else min(MAX_SORTIES, self.division.lines)
-        count = -(-max(least_count, 1) // self.step) * self.step
+        count = -(-max(min_count, 1) // self.step) * self.step
         while count <= most:
             found = self._even(count)
             whole = self._whole(found) if self.cuts and found.least >= -EVEN else found
@@ -194,7 +194,7 @@ class Divider(Generic[AnySortie]):
         return math.ceil(sum(sortie.used_on_lines for sortie in found.sorties) / float(each) - OPTIMISM)
 
     def _even(self, count: int) -> Divided[AnySortie]:
-        """The division into so many sorties that all leave about the same, as far as whole lines allow.
+        """The division into so many sorties whose ends are moved until each leaves enough, or all about the same.
 
         Where they leave too little in the mean, it is not searched further.
         """
@@ -207,7 +207,7 @@ class Divider(Generic[AnySortie]):
                 best = found
             spares = np.array([sortie.spare for sortie in found.sorties])
             used = np.array([sortie.used_on_lines for sortie in found.sorties])
-            if np.ptp(spares) <= EVEN or spares.mean() < 0:
+            if found.least >= 0 or np.ptp(spares) <= EVEN or spares.mean() < 0:
                 break
             lengths = np.diff(places)
             per_m = max(float(used.sum()) / total_m, 1e-12)
@@ -242,7 +242,7 @@ class Divider(Generic[AnySortie]):
         return Divided(intervals, [self._known[interval] for interval in intervals])
 
 
-def least_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
+def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
     """A lower bound of the time that all sorties take together [s].
 
     A sortie takes its lines, and a way there and back that is no shorter than the mean way to its lines. As its lines

@@ -24,6 +24,10 @@ COVER = (
     "cover plans/meadow.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --pattern zamboni --altitude 40 "
     "--sensor-width-mm 6.3 --focal-length-mm 4.5 --side-overlap 70:55 --format text"
 )
+ESTATE = (
+    "cover plans/estate.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --altitude 60 --sensor-width-mm 6.3 "
+    "--focal-length-mm 4.5 --side-overlap 80 --home 55.516,10.351 --sorties auto"
+)
 
 MADE: Mapping[str, tuple[list[str], str]] = {
     "survey.png": (FLIGHTS[:1], "joint/flight.png"),
@@ -40,6 +44,7 @@ MADE: Mapping[str, tuple[list[str], str]] = {
         ["simulate plans/survey.plan --scenario scenarios/paper-I-static.yaml --figure paper -o {out}/I"],
         "I/paper.png",
     ),
+    "sorties.png": ([f"{ESTATE} -o {{out}}/job"], "job/sorties.png"),
     "meadow.png": ([f"{COVER} --plot {{out}}/meadow.png"], "meadow.png"),
 }
 """Commands of each picture, and the file that they make, in a folder `{out}` of their own."""

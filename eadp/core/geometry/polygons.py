@@ -345,12 +345,14 @@ def strips(
 
 
 def uncovered(
-    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float, least_m: float
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float, min_width_m: float
 ) -> list[list[Ring]]:
-    """The ground of a field beyond half a swath of lines, where it is wider than `least_m`; else as `strips`."""
+    """The ground of a field beyond half a swath of lines, where it is wider than `min_width_m`; else as `strips`."""
     left = shapely.difference(_union(parts), _ground(lines, swath_m))
-    wide = shapely.buffer(shapely.buffer(left, -least_m / 2, join_style="mitre"), least_m / 2, join_style="mitre")
-    return _rings(shapely.simplify(shapely.intersection(wide, left), least_m / 10))
+    wide = shapely.buffer(
+        shapely.buffer(left, -min_width_m / 2, join_style="mitre"), min_width_m / 2, join_style="mitre"
+    )
+    return _rings(shapely.simplify(shapely.intersection(wide, left), min_width_m / 10))
 
 
 def clipped(parts: Sequence[Sequence[Sequence[Point]]], windows: Sequence[Sequence[Point]]) -> list[list[Ring]]:

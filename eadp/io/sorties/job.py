@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import covered_shares, uncovered
-from eadp.coverage.separation import LATE_S, Nearest, Track, nearest
+from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.io.flight.folder import Flight, fly_flight
@@ -236,18 +236,18 @@ class _Job:
         }
         return JobFlight(summary, {name: self.flights[name] for name in flights})
 
-    def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[Track]]:
+    def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
         """Take-off of each flight [s], and the track of each aircraft."""
         starts, tracks = {}, []
         for k, tour in enumerate(tours):
             at_s = k * self._document["stagger_s"]
-            track: Track | None = None
+            track: TimedTrack | None = None
             for name in tour:
                 at_s += float(self._random.uniform(0.0, LATE_S))
                 starts[name] = at_s
                 columns = self.flights[name].columns
                 points = np.stack([columns["x_m"], columns["y_m"]], axis=1)
-                own = Track(columns["time_s"], points).later(at_s)
+                own = TimedTrack(columns["time_s"], points).later(at_s)
                 track = own if track is None else track.then(own, own.times_s[0] - track.times_s[-1])
                 at_s += float(self.flights[name].summary["duration_s"]) + self._document["swap_s"]
             if track is not None:

@@ -17,8 +17,8 @@ from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
 from eadp.coverage.report import covered_by_lines, rounded_deg
-from eadp.coverage.separation import Nearest, Track, nearest, stagger_s, track_of
-from eadp.coverage.sorties import Divided, Divider, Division, least_time_s, tours
+from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
+from eadp.coverage.sorties import Divided, Divider, Division, min_time_s, tours
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.field.coverage import CoveragePlan, CoverageTask
@@ -306,7 +306,7 @@ class LeastSorties:
     @property
     def energy_wh(self) -> float:
         """Energy of all sorties together [Wh]."""
-        return self.power_w * least_time_s(self.lines_s, self.access_s, self.pack_s) / 3600
+        return self.power_w * min_time_s(self.lines_s, self.access_s, self.pack_s) / 3600
 
     @property
     def count(self) -> int:
@@ -360,7 +360,7 @@ class SortiePlan:
         return starts
 
     @cached_property
-    def _tracks(self) -> list[Track]:
+    def _tracks(self) -> list[TimedTrack]:
         """Where each aircraft is, from its own take-off on."""
         tracks = []
         for tour in self.tours:
@@ -433,8 +433,8 @@ class SortiePlan:
             "home_m": task.home_m,
             "swath_m": task.motion.swath_m,
             "count": len(rows),
-            "least_count": self.least.count,
-            "least_energy_wh": self.least.energy_wh,
+            "min_count": self.least.count,
+            "min_energy_wh": self.least.energy_wh,
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": self.time_s,
@@ -477,7 +477,7 @@ class SortiePlan:
         """A summary for people, line by line."""
         document, task, table = self.document(), self.planner.task, self.table()
         name = f"{task.field.name}, " if task.field.name else ""
-        least = f"{document['count']} ({document['least_count']} or more are needed)"
+        least = f"{document['count']} ({document['min_count']} or more are needed)"
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha, {100 * document['coverage']:.2f} % covered",
             f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",

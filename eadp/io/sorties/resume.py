@@ -39,7 +39,7 @@ Line = tuple[Point, ...]
 
 
 @dataclass(frozen=True)
-class FlownTrack:
+class FlownSurvey:
     """A flight that was flown: its source, its times [s] and positions [m], and its lines.
 
     `heading_rad` is that of the lines, and `laps` whether they were flown in laps; None where it is not known.
@@ -69,7 +69,7 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         If one cannot be read, is of another field, stands twice, or if nothing is left.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
-    tracks: list[FlownTrack] = []
+    tracks: list[FlownSurvey] = []
     for source in sources:
         tracks += _read(source, planner, warn)
     for i, track in enumerate(tracks):
@@ -92,7 +92,7 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     return planner, replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
 
-def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownTrack]:
+def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
     path = Path(source)
     if not path.is_dir():
         return [_of_telemetry(source, planner, warn)]
@@ -102,7 +102,7 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownTrack]:
     return [_of_folder(folder, planner) for folder in folders]
 
 
-def _of_folder(folder: Path, planner: SortiePlanner) -> FlownTrack:
+def _of_folder(folder: Path, planner: SortiePlanner) -> FlownSurvey:
     flight, field = read_folder(folder), planner.task.field
     plan = flight.inputs.world.plan
     origin, own = plan.site.origin_deg, field.origin_deg
@@ -113,7 +113,7 @@ def _of_folder(folder: Path, planner: SortiePlanner) -> FlownTrack:
     heading_rad = _heading_rad(plan, flight.inputs.world.parameters)
     laps = plan.path_count > 0
     times_s = np.array(columns["time_s"])
-    return FlownTrack(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
+    return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
 
 
 def _heading_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
@@ -129,7 +129,7 @@ def _heading_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
     return math.atan2(y1 - y0, x1 - x0)
 
 
-def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownTrack:
+def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
     """A flight of telemetry: it is on a line where it flies along the lines of the plan."""
     reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
     with open_telemetry(source) as stream:
@@ -157,14 +157,14 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownTrack
             run = []
     if run:
         lines.append(tuple(run))
-    return FlownTrack(source, times_s, points, [line for line in lines if len(line) > 2])
+    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])
 
 
 def _segments(lines: Sequence[Line]) -> list[tuple[Point, Point]]:
     return [(line[0], line[-1]) for line in lines]
 
 
-def _same(one: FlownTrack, other: FlownTrack) -> bool:
+def _same(one: FlownSurvey, other: FlownSurvey) -> bool:
     """Whether two logs have minutes of one flight in common."""
     start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
     if end - start < SAME_S:

@@ -1,0 +1,328 @@
+"""`eadp cover --sorties`, and the doors that its folder goes through: simulate, sweep, export, resume."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import itertools
+import json
+import shutil
+
+import numpy as np
+import pytest
+import shapely
+from common import ROOT
+from common.answers import refused
+
+import eadp as library
+from eadp.cli.main import main
+from eadp.io.field.coverage import CoverageOptions
+from eadp.io.sorties.plan import SortieOptions
+
+MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
+HOME = "55.4715,10.333"
+SCENARIO = {
+    "schema": "eadp.scenario/1",
+    "vehicle": str(ROOT / WING),
+    "battery": {"capacity_ah": 1.0},
+    "wind": {"speed_mps": 3, "from_deg": 240, "gust_std_mps": 0.3},
+    "step_s": 0.05,
+}
+COVER = ("cover", MEADOW, "--swath", "20", "--home", HOME, "--pattern", "dubins", "--heading", "94")
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    path = tmp_path_factory.mktemp("given") / "given.yaml"
+    path.write_text(json.dumps(SCENARIO))
+    return str(path)
+
+
+def run(*arguments):
+    """A command in the repository's root, for fixtures of the module."""
+    with contextlib.chdir(ROOT):
+        return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(scenario, tmp_path_factory):
+    """The sorties of the meadow."""
+    target = tmp_path_factory.mktemp("job") / "job"
+    assert run(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", target, "--export", "qgc") == 0
+    return target
+
+
+@pytest.fixture(scope="module")
+def document(folder):
+    return json.loads((folder / "sorties.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def flown(folder, tmp_path_factory):
+    """The job, flown."""
+    target = tmp_path_factory.mktemp("flown") / "flown"
+    assert run("simulate", folder, "-o", target) == 0
+    return target
+
+
+def test_the_folder_has_what_it_says(folder, document):
+    names = {path.name for path in folder.iterdir()}
+    count = document["count"]
+    assert count >= 2
+    assert {"scenario.yaml", "sorties.csv", "sorties.json", "sorties.svg", "sorties.png", "index.html"} <= names
+    assert {f"sortie-{i:02d}{end}" for i in range(1, count + 1) for end in (".plan", "-qgc.plan")} <= names
+    with (folder / "sorties.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["sortie"] for row in rows] == [row["sortie"] for row in document["sorties"]]
+    assert document["min_count"] <= count
+    assert document["min_energy_wh"] < document["energy_wh"]
+
+
+def test_each_sortie_starts_and_ends_at_home_and_keeps_the_reserve(folder, document):
+    home = tuple(document["home_m"])
+    for row in document["sorties"]:
+        plan = library.read_plan(folder / row["plan"])
+        x, y = (point.value([0.0] * 9) if hasattr(point, "value") else point for point in plan.site.home_m)
+        assert (x, y) == pytest.approx(home, abs=1e-3)
+        assert row["reserve_probability"] >= 0.95
+        forecast = library.forecast(folder / row["plan"], folder / "scenario.yaml")
+        assert forecast["energy_wh"] == pytest.approx(row["energy_wh"], rel=1e-9)
+        assert forecast["batteries"] == 1
+
+
+def test_lines_cover_the_field_once(folder, document):
+    assert document["coverage"] >= 0.9999
+    parts = [
+        shapely.union_all(
+            [shapely.Polygon(ring[0]) for ring in library.read_plan(folder / row["plan"]).site.field.parts]
+        )
+        for row in document["sorties"]
+    ]
+    whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
+    assert shapely.union_all(parts).area == pytest.approx(whole.area, rel=1e-3)
+    # no ground twice but for the overlap of lines that are cut
+    assert sum(part.area for part in parts) <= whole.area * 1.02
+
+
+def test_the_exported_missions_are_the_plans(folder, document):
+    for row in document["sorties"]:
+        mission = library.read_mission(folder / f"{row['sortie']}-qgc.plan", warn=lambda _: None)
+        assert mission.site.origin_deg is not None
+        lines = json.loads((folder / f"{row['sortie']}-qgc.plan").read_text())["mission"]["items"]
+        assert len(lines) > 2 * row["lines"]
+
+
+def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
+    target = flown
+    job = json.loads((target / "job.json").read_text())
+    assert job["completed"]
+    assert job["batteries"] >= document["count"]
+    assert job["reserve_kept"]
+    assert job["coverage"] > 0.99
+    for row in job["flights"]:
+        summary = json.loads((target / row["sortie"] / "summary.json").read_text())
+        assert summary["energy_wh"] == row["energy_wh"]
+        start = float((target / row["sortie"] / "flight.csv").read_text().splitlines()[1].split(",")[8])
+        assert start > 0.999, "a fresh pack"
+    rows = sorted(job["flights"], key=lambda row: row["take_off_s"])
+    for earlier, later in itertools.pairwise(rows):
+        assert later["take_off_s"] >= earlier["take_off_s"] + earlier["duration_s"] + 120
+
+
+def test_a_windy_day_takes_more_batteries(eadp, folder, tmp_path):
+    answer = eadp("simulate", folder, "--set", "wind.speed_mps=9", "--format", "json", "--seed", "2")
+    job = json.loads(answer.out)
+    assert job["batteries"] > job["planned"]
+    assert job["completed"], "what the windy sorties left is planned and flown again"
+    assert answer.code == 0
+
+
+def test_a_sweep_says_how_many_batteries_the_job_takes(eadp, folder, tmp_path):
+    sweep = tmp_path / "job.yaml"
+    sweep.write_text(f"schema: eadp.sweep/1\nplan: {folder}\ngrid:\n  wind.speed_mps: [1, 9]\n")
+    answer = eadp("sweep", sweep, "--jobs", "1", "--format", "csv")
+    assert answer.code == 0, answer.err
+    batteries = [int(row["batteries"]) for row in csv.DictReader(answer.out.splitlines())]
+    assert batteries[0] < batteries[1]
+    text = eadp("sweep", sweep, "--jobs", "1").out
+    assert f"batteries  {batteries[0]}: the job is done, with all reserves kept, in 50.0 %" in text
+    refusal = tmp_path / "other.yaml"
+    refusal.write_text(f"schema: eadp.sweep/1\nplan: {folder}\nscenario: {folder}/scenario.yaml\n")
+    assert refused(eadp("sweep", refusal), "a file beside a folder of sorties")
+
+
+def log_of(flight, path, share=1.0):
+    """A flight's folder as telemetry, up to a share of it."""
+    with (flight / "flight.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    kept = rows[: int(share * len(rows))]
+    path.write_text(
+        "".join(json.dumps({key: float(row[key]) for key in ("time_s", "x_m", "y_m")}) + "\n" for row in kept)
+    )
+    return path
+
+
+def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_path):
+    target = flown
+    first, second = target / "sortie-01", log_of(target / "sortie-02", tmp_path / "log.jsonl", 0.5)
+    out = tmp_path / "rest"
+    answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", out, "--resume", first, "--resume", second)
+    assert answer.code == 0, answer.err
+    rest = json.loads((out / "sorties.json").read_text())
+    assert rest["count"] <= document["count"]
+    whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
+    ground = shapely.union_all(
+        [
+            shapely.Polygon(ring[0])
+            for row in rest["sorties"]
+            for ring in library.read_plan(out / row["plan"]).site.field.parts
+        ]
+    )
+    lines = []
+    for source, share in ((first, 1.0), (target / "sortie-02", 0.5)):
+        with (source / "flight.csv").open() as stream:
+            rows = list(csv.DictReader(stream))
+        kept = rows[: int(share * len(rows))]
+        plan = library.read_plan(next((source / "inputs").glob("sortie-*.plan")))
+        kinds = [plan.stages[int(row["stage"]) - 1].kind for row in kept]
+        run = []
+        for row, kind in zip(kept, kinds, strict=True):
+            if kind == "line":
+                run.append((float(row["x_m"]), float(row["y_m"])))
+            elif len(run) > 1:
+                lines.append(run)
+                run = []
+        lines += [run] if len(run) > 1 else []
+    seen = shapely.union_all([shapely.LineString(line).buffer(10, cap_style="flat") for line in lines])
+    missed = whole.difference(seen).difference(ground.buffer(0.5))
+    assert missed.area <= 0.002 * whole.area
+    assert ground.intersection(seen).area <= 0.05 * whole.area
+
+
+def test_aircraft_that_fly_at_once_are_kept_apart(eadp, scenario, tmp_path):
+    out = tmp_path / "two"
+    answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--aircraft", "2", "-o", out)
+    assert answer.code == 0, answer.err
+    document = json.loads((out / "sorties.json").read_text())
+    assert document["count"] % 2 == 0
+    assert document["nearest_m"] >= document["separation_m"] == 50
+    assert {row["aircraft"] for row in document["sorties"]} == {1, 2}
+    alone = [row["time_s"] for row in document["sorties"]]
+    assert document["time_s"] < 0.75 * (sum(alone) + 120 * (len(alone) - 1)), "they share the work"
+    flown = library.simulate_sorties(out, warn=lambda _: None)
+    assert flown.summary["nearest_m"] > 0
+    # a warning names who comes near, where and when
+    document["separation_m"] = 1000.0
+    (out / "sorties.json").write_text(json.dumps(document))
+    warnings = []
+    near = library.simulate_sorties(out, warn=warnings.extend).summary
+    assert near["nearest_m"] == flown.summary["nearest_m"]
+    x, y = near["nearest_at_m"]
+    words = f"come within {near['nearest_m']:.0f} m at {near['nearest_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+    assert any(words in fault.message for fault in warnings)
+
+
+def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
+    out = tmp_path / "laps"
+    answer = eadp("cover", MEADOW, "--swath", "20", "--min-radius", "30", "--radius", "31", "--home", HOME,
+                  "--pattern", "zamboni", "--scenario", scenario, "--sorties", "auto", "-o", out)  # fmt: skip
+    assert answer.code == 0, answer.err
+    document = json.loads((out / "sorties.json").read_text())
+    assert document["pattern"] == "zamboni"
+    for row in document["sorties"]:
+        plan = library.read_plan(out / row["plan"])
+        assert plan.path_count == 1
+        assert row["spacing_m"] <= 20 + 1e-6
+
+
+def test_one_answer_first(eadp, tmp_path, scenario):
+    plan = tmp_path / "whole.plan"
+    assert eadp(*COVER, "--scenario", scenario, "-o", plan).code == 0
+    answer = eadp("simulate", plan, "--scenario", scenario, "--planner", "static")
+    assert answer.code == 1
+    assert "one pack   covers" in answer.out
+    summary = json.loads(eadp("simulate", plan, "--scenario", scenario, "--planner", "static", "--format", "json").out)[
+        "energy_forecast"
+    ]
+    assert summary["batteries"] == 2
+    assert 0.3 < summary["reach_share"] < 0.95
+    assert 0 < summary["reach_s"] < summary["time_s"]
+    # a flight that stops there keeps its reserve, with the probability asked for
+    flown = library.simulate(plan, scenario, planner="static", warn=lambda _: None).columns
+    at = int(np.searchsorted(flown["time_s"], summary["reach_s"]))
+    assert flown["soc"][at] > 0.05
+    assert np.hypot(flown["x_m"][at] - summary["reach_m"][0], flown["y_m"][at] - summary["reach_m"][1]) < 250
+
+
+@pytest.mark.parametrize(
+    ("extra", "code", "words"),
+    [
+        (("--sorties", "0"), 2, "--sorties:1:1: error: no number of sorties"),
+        (("--sorties", "many"), 2, "auto, or a whole number"),
+        (("--sorties", "1"), 2, "too few for the packs; expected"),
+        (("--sorties", "auto", "--aircraft", "0"), 2, "--aircraft:1:1: error: 0 is out of range"),
+        (("--sorties", "auto", "--aircraft", "1000"), 2, "from 1 to 20"),
+        (("--sorties", "auto", "--export", "paper"), 2, "--export:1:1: error: is no format"),
+        (("--sorties", "auto", "--home", "55.9,10.333"), 1, "km from home, and a pack"),
+        (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
+        (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),
+        (("--sorties", "auto", "--set-battery", "1"), 2, "No such option"),
+    ],
+)
+def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
+    out = tmp_path / "out"
+    answer = eadp(*COVER, "--scenario", scenario, "-o", out, *extra)
+    assert answer.code == code, answer.err
+    assert words in answer.err
+    assert "Traceback" not in answer.err
+    assert not out.exists()
+
+
+def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
+    bare = ("cover", MEADOW, "--swath", "20", "--scenario", scenario, "--sorties", "auto")
+    assert refused(eadp(*bare), "--home:1:1: error: sorties start and end at home")
+    lat, lon = map(float, HOME.split(","))
+    ring = [
+        [lon + dx, lat + dy] for dx, dy in ((-1e-3, -1e-3), (1e-3, -1e-3), (1e-3, 1e-3), (-1e-3, 1e-3), (-1e-3, -1e-3))
+    ]
+    avoid = tmp_path / "avoid.geojson"
+    avoid.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    assert refused(eadp(*bare, "--home", HOME, "--avoid", avoid), "lies in an obstacle")
+
+
+def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
+    weak = tmp_path / "weak.yaml"
+    weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
+    assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
+
+
+def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):
+    target = flown
+    log = log_of(target / "sortie-01", tmp_path / "log.jsonl")
+    twice = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", target / "sortie-01", "--resume", log)
+    assert refused(twice, "has the same minutes as")
+    away = tmp_path / "away.jsonl"
+    away.write_text("".join(json.dumps({"time_s": t, "x_m": 9000 + 15 * t, "y_m": 9000}) + "\n" for t in range(60)))
+    assert refused(eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", away), "covers no ground")
+    other = tmp_path / "other"
+    library.simulate(ROOT / "plans/survey.plan", ROOT / "scenarios/survey.yaml",
+                     overrides={"time_limit_s": 30}, warn=lambda _: None).write(other)  # fmt: skip
+    assert refused(eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", other), "is of another field")
+    done = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", target)
+    assert refused(done, "nothing is left to cover")
+
+
+def test_a_damaged_folder_is_a_fault_of_its_file(eadp, folder, tmp_path):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(folder, damaged)
+    (damaged / "sorties.json").write_text('{"schema": "eadp.sorties/1"}')
+    assert refused(eadp("simulate", damaged), "sorties.json:1:1: error: is damaged")
+    (damaged / "sorties.json").write_text('{"schema": "eadp.sorties/9"}')
+    assert refused(eadp("simulate", damaged), "schema is eadp.sorties/9")
+    assert refused(eadp("simulate", folder, "--scenario", "scenarios/survey.yaml"), "beside a folder of sorties")
+
+
+def test_the_library_plans_the_same(folder, scenario, document):
+    options = CoverageOptions(swath_m=20, home=HOME, pattern="dubins", heading_deg=94)
+    plan = library.cover_in_sorties(ROOT / MEADOW, options, SortieOptions(), scenario=scenario, warn=lambda _: None)
+    assert plan.document()["sorties"] == document["sorties"]
