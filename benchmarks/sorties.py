@@ -1,6 +1,6 @@
 """Fields divided among sorties: how near the fewest, and whether they fly, on 40 fields.
 
-    python benchmarks/sorties.py FIELDS.geojson [--seed 0] [--seconds 10] [--jobs 2] [--write]
+    python benchmarks/sorties.py [FIELDS.geojson] [--plant] [--seed 0] [--seconds 10] [--jobs 2] [--write]
 
 FIELDS has outlines in metres. Each is taken at three sizes, and an L of our own at one: with an aircraft of 2 kg, a
 pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a home beside the field.
@@ -9,6 +9,7 @@ pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a
   a pack of the same time): fewer sorties first, then less time.
 - All sorties are flown, each with a fresh pack; what is left is planned again.
 - Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
+- --plant flies three jobs on the aeroplane of plant.py instead, with a pack of what its owner knows.
 - The time of planning a field of 1,000 ha and its half, quarter and eighth.
 """
 
@@ -39,6 +40,7 @@ from eadp.io.sorties.plan import SortieOptions, SortiePlan
 ROOT = Path(__file__).resolve().parents[1]
 SCALES = (1.0, 2.0, 3.0)
 OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
+ESTATE, OWNER = ROOT / "plans/estate.geojson", ROOT / "benchmarks/twin/owner.yaml"
 VEHICLE = ROOT / "vehicles/foam-wing.yaml"
 
 
@@ -206,16 +208,55 @@ def scaling() -> list[tuple[float, int, float]]:
     return found
 
 
+def on_plant() -> None:
+    """Three jobs flown on the plant of plant.py, which shares the plan alone; it starts at its altitude."""
+    from plant import Dryden, Lipo, PlanFlight, battery_w
+
+    print(head("wind [m/s]", "sorties", "energy over its forecast", "least charge at a landing", "covered"))
+    for seed, (speed_mps, from_deg) in enumerate(((0.0, 0.0), (4.0, 240.0), (6.0, 120.0))):
+        options = eadp.CoverageOptions(
+            swath_m=24.0, home="55.516,10.351", pattern="dubins", altitude_m=100.0, wind=(speed_mps, from_deg)
+        )
+        plan = eadp.cover_in_sorties(ESTATE, options, vehicle=OWNER, warn=lambda _: None)
+        wind_mps, lines, ratios, left = plan.planner.task.motion.wind_mps, [], [], []
+        for k, sortie in enumerate(plan.sorties):
+            world = sortie.inputs.world
+            gusts = Dryden(speed_mps, 10 * seed + k, 7200.0)
+            flight = PlanFlight(sortie.plan.plan, world.parameters, world.start.position_m, wind_mps, gusts)
+            pack = Lipo(world.battery.capacity_ah, 0.06 / world.battery.capacity_ah)
+            joules, columns = 0.0, {"stage": [], "x_m": [], "y_m": []}
+            before_s = 0.0
+            for sample in flight.samples():
+                power_w, took_s = battery_w(sample.shaft_w), sample.time_s - before_s
+                before_s = sample.time_s
+                pack.step(power_w, took_s)
+                joules += power_w * took_s
+                for key, value in zip(columns, (sample.stage, sample.x_m, sample.y_m), strict=True):
+                    columns[key].append(value)
+            lines += flown_lines(sortie.plan.plan, columns)
+            ratios.append(joules / 3600 / sortie.energy_wh)
+            left.append(float(pack.soc))
+        task = plan.planner.task
+        covered = covered_shares(task.field.parts, [lines], task.motion.swath_m)[-1]
+        span = f"{min(ratios):.3f} to {max(ratios):.3f}"
+        print(line(f"{speed_mps:g}", len(ratios), span, f"{min(left):.3f}", f"{covered:.4f}"))
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("fields", type=Path)
+    parser.add_argument("fields", type=Path, nargs="?")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=int, default=10, help="of OR-tools for each field; 0 leaves it out")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", type=int, nargs="*")
+    parser.add_argument("--plant", action="store_true", help="fly three jobs on the independent plant, and no more")
     add_option(parser, "sorties")
     options = parser.parse_args()
+    if options.plant:
+        with recorded("sorties_plant", write=options.write):
+            on_plant()
+        return
     with recorded("sorties", write=options.write):
         given = jobs(options.fields, options.seed)
         chosen = [(job, i, options.seconds) for i, job in enumerate(given) if not options.only or i in options.only]

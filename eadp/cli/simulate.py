@@ -82,12 +82,10 @@ def command(
         alone = {"--scenario": scenario, "--profile": profile, "--energy": energy, "--figure": figure, "--laps": laps}
         for option, value in alone.items():
             if value is not None:
-                raise usage_fault(
-                    option, str(value), "beside a folder of sorties", "the folder's own scenario, or --set"
-                )
+                raise usage_fault(option, str(value), "beside a folder of sorties", "the folder's scenario, or --set")
         texts = [*(set_ or ()), *load_overrides(at), *([f"planner.name={planner.value}"] if planner else [])]
         return _sorties(plan, texts, seed, out, force=force, format_=format_, kept=require_reserve)
-    if figure is not None:
+    if figure is not None and out is None:
         raise usage_fault("--figure", figure.value, "a figure without a folder for it", "-o DIR")
     progress = Progress("flying")
 

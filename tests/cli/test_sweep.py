@@ -118,7 +118,8 @@ def test_a_row_for_each_run(eadp, folder):
     head, _, _ = answer.out.partition("\n")
     varied = "wind.speed_mps,wind.towards_deg,c1,battery.soc"
     assert (
-        head == f"{varied},completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m,seed,error"
+        head
+        == f"{varied},completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m,batteries,seed,error"
     )
     rows = table_of(answer.out)
     expected = itertools.product("024", ("90", "270"), (("0", "1"), ("11", "0.5")), "01")

@@ -75,7 +75,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         figure = (target / f"{FIGURE}.svg").read_bytes()
         page = {
             "title": f"{len(rows)} sorties",
-            "plans": [task.field.name or Path(task.file).name],
+            "note": "; ".join(line.partition(" ")[2].strip() for line in plan.lines()[:3]),
             "figure": base64.b64encode(figure).decode(),
             "table": plan.table(),
         }

@@ -138,6 +138,8 @@ def _last(
     powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
     times_s = evaluation.load.times_s[mine]
     total_m, total_j = sum(leg.distance_m for leg in legs), float(powers_w @ times_s)
+    if not (total_m > 0 and total_j > 0):  # at the plan's end already
+        return found
     step_m = max(MIN_STEP_M, total_m / STEPS)
     filtered, flown_s, flown_j, flown_m = known.charge.filtered, 0.0, 0.0, 0.0
     for leg, power_w, leg_s in zip(legs, powers_w.tolist(), times_s.tolist(), strict=True):

@@ -78,7 +78,7 @@ def test_the_forecast_of_take_off(written, planner):
     assert set(kept) == {
         "completes", "completes_probability", "reserve_probability", "time_s", "time_std_s", "energy_wh",
         "energy_std_wh", "computing_wh", "soc_end", "soc_end_std", "parameters", "quality", "turn_back_s",
-        "turn_back_m", "obstacles", "stages",
+        "turn_back_m", "batteries", "reach_share", "reach_s", "reach_m", "obstacles", "stages",
     }  # fmt: skip
     assert kept["completes"] == (kept["completes_probability"] >= 0.5)
     assert [stage["stage"] for stage in kept["stages"]] == [1, 2, 3, 4]

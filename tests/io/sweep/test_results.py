@@ -20,7 +20,7 @@ from eadp.simulation.sweep.design import Result, Run
 
 RUNS = [Run(i, f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
-SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0}
+SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0, "batteries": 1}
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 // Several flights: a table of what differs, and their figure.
 document.title = data.title;
 $("title").textContent = data.title;
-$("plans").textContent = data.plans.length > 1 ? `Of different plans: ${data.plans.join(", ")}.` : `Of the plan ${data.plans[0]}.`;
+$("plans").textContent = data.note ? data.note : data.plans.length > 1 ? `Of different plans: ${data.plans.join(", ")}.` : `Of the plan ${data.plans[0]}.`;
 const [head, ...rows] = data.table;
 $("differences").append(
   el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
