@@ -25,14 +25,14 @@ from eadp.coverage.cover import LineGrid
 from eadp.errors import Infeasible
 from eadp.models.field import Field
 
-ROUNDS = 6
-"""Most times that the ends of sorties are moved until all leave the same."""
+ROUNDS = 12
+"""Most forecasts for the end of a sortie."""
 
-EVEN = 0.01
-"""Sorties that leave the same charge within this share of a pack are even."""
+ALIKE_ROUNDS = 2
+"""Most times that the ends of all sorties are moved until all are alike."""
 
-OPTIMISM = 0.3
-"""How much less than their estimate the sorties may be that are tried next: it may be too high."""
+EVEN = 0.02
+"""A sortie is full where it leaves no more than this share of a pack."""
 
 MAX_SORTIES = 200
 FAR_M = 1e6
@@ -41,8 +41,8 @@ FAR_M = 1e6
 SAME_M = 1e-2
 """Places so close are the same [m]: a line is not cut for less."""
 
-SEAM_M = 1e-6
-"""By how much windows beside each other overlap [m]."""
+SEAM_M = 1e-7
+"""By how much windows beside each other overlap [m]: less than what a line leaves to its neighbour."""
 
 
 class Division:
@@ -82,20 +82,31 @@ class Division:
         """The end of the first line [m]."""
         return float(self._ends[1])
 
+    def next_line(self, place_m: float) -> float:
+        """The first place between two lines beyond one [m]; the end of the last line at most."""
+        beyond = self._ends[self._ends > place_m + SAME_M]
+        return float(beyond[0]) if len(beyond) else self.total_m
+
     def between_lines(self, place_m: float) -> float:
         """The nearest place between two lines [m]."""
         return float(self._ends[np.abs(self._ends - place_m).argmin()])
 
     def part(self, start_m: float, end_m: float) -> Field:
         """The ground of the lines of an interval [m]."""
-        windows = []
+        windows, whole = [], set[int]()
         for k, line in enumerate(self._order):
             own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
             if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
                 continue
             low = -FAR_M if start_m <= own_start + SAME_M else self._along(k, start_m) - self._overlap_m
             high = FAR_M if end_m >= own_end - SAME_M else self._along(k, end_m)
-            windows.append(self._window(line, low, high))
+            if (low, high) == (-FAR_M, FAR_M):
+                whole.add(line)
+            else:
+                windows.append(self._window(line, line, low, high))
+        for first in sorted(line for line in whole if line - 1 not in whole):  # lines beside each other as one
+            last = next(line for line in itertools.count(first) if line + 1 not in whole)
+            windows.append(self._window(first, last, -FAR_M, FAR_M))
         (outline, *holes), *others = clipped(self._field.parts, windows)
         return replace(self._field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
@@ -108,8 +119,8 @@ class Division:
             left -= high - low
         return self._extents[k][-1][1]
 
-    def _window(self, line: int, low_m: float, high_m: float) -> list[Point]:
-        left, right = float(self._grid.edges_m[line]) - SEAM_M, float(self._grid.edges_m[line + 1]) + SEAM_M
+    def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        left, right = float(self._grid.edges_m[first]) - SEAM_M, float(self._grid.edges_m[last + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self._grid.frame.out(*corner) for corner in corners]
 
@@ -135,6 +146,12 @@ class Divided(NamedTuple, Generic[AnySortie]):
 
     intervals: list[Interval]
     sorties: list[AnySortie]
+
+    @property
+    def may_save_one(self) -> bool:
+        """Whether what all leave together would be enough for the lines of one of them."""
+        spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
+        return len(self.sorties) > 1 and spare >= min(sortie.used_on_lines for sortie in self.sorties)
 
     @property
     def least(self) -> float:
@@ -167,79 +184,101 @@ class Divider(Generic[AnySortie]):
         return {}
 
     def fewest(self, min_count: int) -> Divided[AnySortie]:
-        """The division into the fewest sorties that can all be flown, of `min_count` or more.
+        """The division into the fewest sorties found that can all be flown, `min_count` or more.
+
+        Each is filled as far as its pack allows, one after the other, with whole lines where that needs no more.
+        Then the same number is tried with all alike.
 
         Raises
         ------
         Infeasible
-            If even a short part of a line is too far.
+            If even a short part of a line is too far, or a line cannot be flown whole where lines are not cut.
         """
-        most = MAX_SORTIES if self.cuts else min(MAX_SORTIES, self.division.lines)
-        count = -(-max(min_count, 1) // self.step) * self.step
-        while count <= most:
-            found = self._even(count)
-            whole = self._whole(found) if self.cuts and found.least >= -EVEN else found
-            if whole is not None and whole.least >= 0:
-                return whole
-            if found.least >= 0:
+        found: Divided[AnySortie] | None = None
+        try:
+            found = self._filled(min_count, whole=True)
+        except Infeasible:
+            if not self.cuts:
+                raise
+        if self.cuts and (found is None or found.may_save_one):
+            cut = self._filled(min_count, whole=False)
+            found = cut if found is None or len(cut.sorties) < len(found.sorties) else found
+        assert found is not None
+        count = -(-max(min_count, len(found.sorties)) // self.step) * self.step
+        for more in range(0, MAX_SORTIES, self.step):
+            alike = self._alike(count + more)
+            if alike is not None:
+                return alike
+            if count + more == len(found.sorties):
                 return found
-            count = max(count + self.step, -(-self._enough(found) // self.step) * self.step)
-        raise Infeasible(f"{most} sorties are too few")
+        raise Infeasible(f"{MAX_SORTIES} sorties are too few")
 
-    def _enough(self, found: Divided[AnySortie]) -> int:
-        """About how many sorties are enough: what all lines take, over what one sortie has for lines."""
-        each = np.mean([sortie.used_on_lines + sortie.spare for sortie in found.sorties])
-        if each <= 0:
-            raise Infeasible("a pack does not last for the way to the field and back")
-        return math.ceil(sum(sortie.used_on_lines for sortie in found.sorties) / float(each) - OPTIMISM)
+    def _filled(self, min_count: int, *, whole: bool) -> Divided[AnySortie]:
+        """Sorties that are filled one after the other, up to whole lines or to parts of them."""
+        total_m, place_m, ends = self.division.total_m, 0.0, [0.0]
+        guess_m = total_m / min_count
+        while total_m - place_m > SAME_M:
+            guess_m = self._farthest_m(place_m, guess_m, whole=whole) - place_m
+            if guess_m <= SAME_M:
+                what = "a line flown whole" if whole else "the way to the field and back"
+                raise Infeasible(f"a pack does not last for {what}")
+            place_m += guess_m
+            ends.append(place_m)
+            if len(ends) > MAX_SORTIES:
+                raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+        return self._at(np.array(ends))
 
-    def _even(self, count: int) -> Divided[AnySortie]:
-        """The division into so many sorties whose ends are moved until each leaves enough, or all about the same.
+    def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
+        """The farthest end found of a sortie that starts at a place; the place itself where there is none [m]."""
+        total_m = self.division.total_m
+        low_m, high_m, end_m = start_m, math.inf, min(start_m + guess_m, total_m)
+        for _ in range(ROUNDS):
+            if whole:
+                end_m = self.division.between_lines(end_m)
+            if not low_m + SAME_M < end_m < high_m - SAME_M:
+                # beyond what is known: the middle, or the next line
+                end_m = self.division.next_line(low_m) if whole else (low_m + min(high_m, total_m)) / 2
+                if not low_m + SAME_M < end_m < high_m - SAME_M:
+                    break
+            sortie = self._sortie((round(start_m, 3), round(end_m, 3)))
+            if sortie.spare >= 0:
+                low_m = end_m
+                if end_m >= total_m - SAME_M or (not whole and sortie.spare <= EVEN):
+                    break
+            else:
+                high_m = end_m
+            rate = max(sortie.used_on_lines, EVEN) / (end_m - start_m)
+            end_m = min(end_m + (sortie.spare - EVEN / 2) / rate, total_m)
+        return low_m
 
-        Where they leave too little in the mean, it is not searched further.
-        """
+    def _alike(self, count: int) -> Divided[AnySortie] | None:
+        """The division into so many sorties of about the same spare charge, with whole lines where that is enough."""
         total_m = self.division.total_m
         places = np.linspace(0.0, total_m, count + 1)
-        best: Divided[AnySortie] | None = None
-        for _ in range(ROUNDS):
-            found = self._at(places if self.cuts else np.array([*map(self.division.between_lines, places)]))
-            if best is None or found.least > best.least:
-                best = found
+        for _ in range(ALIKE_ROUNDS):
+            whole = np.array([*map(self.division.between_lines, places)])
+            for tried in (whole, places) if self.cuts else (whole,):
+                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).least >= 0:
+                    return found
             spares = np.array([sortie.spare for sortie in found.sorties])
-            used = np.array([sortie.used_on_lines for sortie in found.sorties])
-            if found.least >= 0 or np.ptp(spares) <= EVEN or spares.mean() < 0:
-                break
+            if spares.mean() < 0:
+                return None
             lengths = np.diff(places)
-            per_m = max(float(used.sum()) / total_m, 1e-12)
+            per_m = max(sum(sortie.used_on_lines for sortie in found.sorties) / total_m, 1e-12)
             lengths = np.maximum(lengths + (spares - spares.mean()) / per_m, 0.02 * lengths)
             places = np.concatenate([[0.0], np.cumsum(lengths)]) * (total_m / float(lengths.sum()))
-        assert best is not None
-        return best
-
-    def _whole(self, found: Divided[AnySortie]) -> Divided[AnySortie] | None:
-        """The division at places between lines, where that leaves enough; elsewhere as it is."""
-        cut = np.array([start for start, _ in found.intervals] + [self.division.total_m])
-        whole = np.array([*map(self.division.between_lines, cut)])
-        if len(set(whole.tolist())) < len(whole):
-            return None
-        for _ in range(len(cut)):
-            tried = self._at(whole)
-            short = [i for i, sortie in enumerate(tried.sorties) if sortie.spare < 0]
-            moved = {place for i in short for place in (i, i + 1) if whole[place] != cut[place]}
-            if not moved:
-                return tried
-            for place in moved:
-                whole[place] = cut[place]
         return None
 
     def _at(self, places: FloatArray) -> Divided[AnySortie]:
         """The sorties between some places."""
         rounded = [round(place, 3) for place in places.tolist()]  # a place that is known is found again
         intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
-        for interval in intervals:
-            if interval not in self._known:
-                self._known[interval] = self.forecast(self.division.part(*interval))
-        return Divided(intervals, [self._known[interval] for interval in intervals])
+        return Divided(intervals, [self._sortie(interval) for interval in intervals])
+
+    def _sortie(self, interval: Interval) -> AnySortie:
+        if interval not in self._known:
+            self._known[interval] = self.forecast(self.division.part(*interval))
+        return self._known[interval]
 
 
 def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:

@@ -113,9 +113,9 @@ def test_a_way_that_takes_the_pack_is_refused():
         divider.fewest(1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
-    st.lists(st.tuples(st.floats(1, 50), st.floats(1, 60)), min_size=1, max_size=6),
+    st.lists(st.tuples(st.floats(1, 50), st.floats(1, 60)), min_size=1, max_size=5),
     st.floats(61, 300),
 )
 def test_the_bound_is_below_every_division(parts, pack_s):

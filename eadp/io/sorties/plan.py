@@ -199,7 +199,8 @@ class SortiePlanner:
         grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
 
         def forecast(part: Field) -> PlannedSortie:
-            return self.sortie(cover(replace(request, field=part, grid=None if laps else grid)), part)
+            ground = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
+            return self.sortie(cover(replace(request, field=ground, grid=None if laps else grid)), part)
 
         def divided(order: Sequence[int] | None) -> Divided[PlannedSortie]:
             division = Division(ground, grid, self.options.overlap_m, order)
@@ -271,6 +272,15 @@ class SortiePlanner:
             reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
             raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
         return LeastSorties(lines_s, access_s, power_w, pack_s)
+
+
+def _without_bays(part: Field) -> Field:
+    """The convex hull of a field's parts."""
+    from scipy.spatial import ConvexHull
+
+    points = np.concatenate([np.array(rings[0]) for rings in part.parts])
+    hull = tuple((float(x), float(y)) for x, y in points[ConvexHull(points).vertices])
+    return replace(part, outline=hull, holes=(), others=())
 
 
 def _at_lowest(plan: Plan) -> Plan:

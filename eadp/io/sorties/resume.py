@@ -26,7 +26,7 @@ from eadp.models.plan.trace import nominal_legs
 SLIVER_SHARE = 0.3
 """Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
 
-ALONG_RAD = math.radians(10.0)
+ALONG_RAD = math.radians(20.0)
 """A log is on a line where its course is so near to that of the lines."""
 
 MAX_GAP_S = 5.0
