@@ -2,9 +2,9 @@
 
 The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
 costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
-forecast; the ends of the intervals are moved until all sorties leave the same.
+forecast. Sorties are filled one after the other; then their ends are moved until all leave the same.
 
-Source: Prins 2004 (Computers & Operations Research 31) for routes that are divided; the balance is a secant method.
+Source: Prins 2004 (Computers & Operations Research 31) for a tour that is divided; the ends are found by secants.
 """
 
 from __future__ import annotations
@@ -186,32 +186,33 @@ class Divider(Generic[AnySortie]):
     def fewest(self, min_count: int) -> Divided[AnySortie]:
         """The division into the fewest sorties found that can all be flown, `min_count` or more.
 
-        Each is filled as far as its pack allows, one after the other, with whole lines where that needs no more.
-        Then the same number is tried with all alike.
+        Each is filled as far as its pack allows, one after the other; then the same number is tried with all alike.
 
         Raises
         ------
         Infeasible
             If even a short part of a line is too far, or a line cannot be flown whole where lines are not cut.
         """
-        found: Divided[AnySortie] | None = None
-        try:
-            found = self._filled(min_count, whole=True)
-        except Infeasible:
-            if not self.cuts:
-                raise
-        if self.cuts and (found is None or found.may_save_one):
-            cut = self._filled(min_count, whole=False)
-            found = cut if found is None or len(cut.sorties) < len(found.sorties) else found
-        assert found is not None
-        count = -(-max(min_count, len(found.sorties)) // self.step) * self.step
+        found = self._fullest(min_count) if self.cuts else None  # of laps, a part has to be wide enough
+        count = -(-max(min_count, 0 if found is None else len(found.sorties)) // self.step) * self.step
         for more in range(0, MAX_SORTIES, self.step):
             alike = self._alike(count + more)
             if alike is not None:
                 return alike
-            if count + more == len(found.sorties):
+            if found is not None and count + more == len(found.sorties):
                 return found
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+
+    def _fullest(self, min_count: int) -> Divided[AnySortie]:
+        """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
+        try:
+            found = self._filled(min_count, whole=True)
+        except Infeasible:
+            return self._filled(min_count, whole=False)
+        if not found.may_save_one:
+            return found
+        cut = self._filled(min_count, whole=False)
+        return cut if len(cut.sorties) < len(found.sorties) else found
 
     def _filled(self, min_count: int, *, whole: bool) -> Divided[AnySortie]:
         """Sorties that are filled one after the other, up to whole lines or to parts of them."""
