@@ -250,7 +250,9 @@ class CoverageReport:
         elif not blocks and any(self.field.airspace):
             lines.append("spacing    fixed: a planner cannot save lines in flight, as laps do not keep to the limits")
         elif solution.other_share is not None:
-            lines.append(f"instead    lines in an order would take {solution.other_share:.2f} times as long")
+            lines.append(
+                f"instead    lines in an order would take {solution.other_share:.2f} times as long as the widest laps"
+            )
         if not self.motion.windless:
             lines.append(f"wind       {math.hypot(*self.motion.wind_mps):g} m/s; times are in it")
         return lines

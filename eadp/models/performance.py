@@ -195,7 +195,7 @@ def performance(
         # ḣ = (P_max − P) η / W
         climb_mps = (wing.max_motion_w - wing.cruise_power_w) * wing.propulsive_efficiency / wing.weight_n
         if 0 <= climb_mps < wing.max_climb_rate_mps:
-            faults.append(f"a climb of {wing.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.2g} m/s")
+            faults.append(f"a climb of {wing.max_climb_rate_mps:g} m/s: the motor allows {climb_mps:.3g} m/s")
     return Performance(
         airspeed_mps=airframe.airspeed_mps,
         level_power_w=airframe.cruise_power_w,

@@ -413,7 +413,8 @@ class CoverageTask:
         """The coverage of the whole field."""
         options = self.options
         start = _point("--start", options.start, self.field)
-        heading, apart = options.heading_rad, options.spacing_m
+        heading = options.heading_rad
+        apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         return CoverageRequest(self.field, self.motion, options.pattern, heading, start, self.home_m, apart)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
