@@ -137,7 +137,7 @@ def measure(job: dict[str, Any], index: int, seconds: int) -> dict[str, Any]:
             "name": job["name"],
             "count": len(plan.sorties),
             "least": plan.least.count,
-            "energy": sum(each.energy_wh for each in plan.divided.sorties) / plan.least.energy_wh,
+            "energy": sum(each.energy_wh for each in plan.divided.sorties) / plan.least.energy_wh(len(plan.sorties)),
             "took_s": took_s,
             "time_s": sum(each.solution.time_s for each in plan.divided.sorties),
             "routing": by_routing(plan, seconds) if seconds else None,

@@ -106,6 +106,11 @@ class LineGrid:
         # ground that two lines reach belongs to the nearer one
         return cls(frame, middles, np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width]))
 
+    def whole_lines(self, field: Field) -> list[CoverageLeg]:
+        """The lines over a field's ground, and over its gaps: each as a leg, followed by the same one the other way."""
+        spans = zip(self.middles_m.tolist(), self.extents(field), strict=True)
+        return _directed_lines(self.frame, [(u, parts) for u, parts in spans if parts])
+
     def order_of(self, solution: CoverageSolution) -> list[int]:
         """The lines in the order in which a path of single legs flies them first."""
         flown = [leg.start[:2] for leg in solution.path(0.0).legs if leg.sensing]

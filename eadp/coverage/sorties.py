@@ -283,10 +283,10 @@ class Divider(Generic[AnySortie]):
 
 
 def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
-    """A lower bound of the time that all sorties take together [s].
+    """A lower bound of the time that all sorties take together, without the turns between lines [s].
 
-    A sortie takes its lines, and a way there and back that is no shorter than the mean way to its lines. As its lines
-    take no longer than a pack less the shortest way, the ways are at least Σ tᵢ rᵢ / Q.
+    The way a of a sortie, there and back, is no shorter than that to any of its parts, rᵢ, and its lines take no longer
+    than P − a. Shared among its parts by their times, a is tᵢ rᵢ / (P − rᵢ) or more for each; with tᵢ, tᵢ P / (P − rᵢ).
 
     Parameters
     ----------
@@ -295,12 +295,30 @@ def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> floa
     access_s : array, shape (n,)
         rᵢ: the shortest way from home to each part, and home from it [s].
     pack_s : float
-        Time that a pack lasts before it has to be back [s], above all of `access_s`.
+        P: time that a pack lasts before it has to be back [s], above all of `access_s`.
 
     Source: the radial bound of Haimovich and Rinnooy Kan, Math. Oper. Res. 10 (1985), for parts that may be cut.
     """
-    longest_s = pack_s - float(access_s.min())
-    return float(lines_s.sum() + lines_s @ access_s / longest_s)
+    return float((lines_s * pack_s / (pack_s - access_s)).sum())
+
+
+def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
+    """A lower bound of the number of sorties.
+
+    Each line is flown after another one, by a turn, or is the first of its sortie. So K sorties take `time_s` and all
+    turns but K, the longest ones at most, and no more than K packs.
+
+    Parameters
+    ----------
+    time_s : float
+        Least time without turns [s], as of `min_time_s`.
+    turns_s : array, shape (lines,)
+        The quickest turn to each line, from any other [s].
+    pack_s : float
+        Time that a pack lasts [s].
+    """
+    longest_s = float(turns_s.max(initial=0.0))
+    return max(1, math.ceil((time_s + float(turns_s.sum())) / (pack_s + longest_s) - 1e-9))
 
 
 def tours(count: int, aircraft: int) -> list[Sequence[int]]:

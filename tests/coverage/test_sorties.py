@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.coverage.cover import LineGrid
-from eadp.coverage.sorties import Divider, Division, min_time_s, tours
+from eadp.coverage.sorties import Divider, Division, min_sorties, min_time_s, tours
 from eadp.errors import Infeasible
 from eadp.models.field import Field
 
@@ -129,3 +129,19 @@ def test_the_bound_is_below_every_division(parts, pack_s):
         if max(times) <= pack_s:
             least = min(least, sum(times))
     assert bound <= least * (1 + 1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(1, 40), st.floats(1, 30)), min_size=1, max_size=5), st.floats(75, 300))
+def test_the_bound_of_the_number_is_below_every_order(parts, pack_s):
+    """Lines with a turn to each, in every grouping: a sortie leaves out the turn to its first line."""
+    lines, turns = np.array(parts).T
+    access = np.full(len(parts), 5.0)
+    bound = min_sorties(min_time_s(lines, access, pack_s), turns, pack_s)
+    fewest = math.inf
+    for labels in itertools.product(range(len(parts)), repeat=len(parts)):
+        groups = [[i for i, label in enumerate(labels) if label == k] for k in set(labels)]
+        times = [lines[group].sum() + 5.0 + turns[group].sum() - turns[group].max() for group in groups]
+        if max(times) <= pack_s:
+            fewest = min(fewest, len(groups))
+    assert bound <= fewest

@@ -15,10 +15,10 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
-from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover, line_costs
 from eadp.coverage.report import covered_by_lines, rounded_deg
 from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
-from eadp.coverage.sorties import Divided, Divider, Division, min_time_s, tours
+from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.field.coverage import CoveragePlan, CoverageTask
@@ -271,7 +271,13 @@ class SortiePlanner:
             far_km = min(math.dist(home_m, end) for end in parts[far]) / 1000
             reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
             raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
-        return LeastSorties(lines_s, access_s, power_w, pack_s)
+        directed = grid.whole_lines(ground)
+        between_s = line_costs(replace(self._request, field=ground), directed)[0]
+        lines = len(directed) // 2
+        own = np.kron(np.eye(lines, dtype=bool), np.ones((2, 2), dtype=bool))
+        to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
+        turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
+        return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
 
 
 def _without_bays(part: Field) -> Field:
@@ -297,6 +303,8 @@ class LeastSorties:
     ----------
     lines_s, access_s : array, shape (n,)
         Times of parts of the lines, and of the shortest ways from home to each and back [s].
+    turns_s : array, shape (lines,)
+        Times of the quickest turns to each line [s].
     power_w : float
         Least power, of level flight and of the computations [W].
     pack_s : float
@@ -305,6 +313,7 @@ class LeastSorties:
 
     lines_s: FloatArray
     access_s: FloatArray
+    turns_s: FloatArray
     power_w: float
     pack_s: float
 
@@ -314,14 +323,14 @@ class LeastSorties:
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
 
     @property
-    def energy_wh(self) -> float:
-        """Energy of all sorties together [Wh]."""
-        return self.power_w * min_time_s(self.lines_s, self.access_s, self.pack_s) / 3600
-
-    @property
     def count(self) -> int:
         """Number of sorties."""
-        return max(1, math.ceil(self.energy_wh * 3600 / self.power_w / self.pack_s - 1e-9))
+        return min_sorties(min_time_s(self.lines_s, self.access_s, self.pack_s), self.turns_s, self.pack_s)
+
+    def energy_wh(self, count: int) -> float:
+        """Energy of so many sorties together [Wh]."""
+        turns = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
+        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns.sum())) / 3600
 
 
 @dataclass(frozen=True)
@@ -444,7 +453,7 @@ class SortiePlan:
             "swath_m": task.motion.swath_m,
             "count": len(rows),
             "min_count": self.least.count,
-            "min_energy_wh": self.least.energy_wh,
+            "min_energy_wh": self.least.energy_wh(len(rows)),
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": self.time_s,
