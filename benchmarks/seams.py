@@ -104,7 +104,7 @@ def mission(index: int, seed: int, folder: Path) -> dict[str, Any] | None:
 
 def off_path_m(flight: eadp.Flight, inputs: FlightInputs) -> float:
     """The greatest distance of a flight from the path of its forecast, once it has joined it [m]."""
-    legs = inputs.preflight().legs(inputs.mission)
+    legs = inputs.preflight().planned(inputs.mission).legs
     path = cKDTree([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, 1.0)])
     track = np.array([(step.x_m, step.y_m) for step in flight.steps])
     return float(path.query(track)[0].max())

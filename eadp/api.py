@@ -22,7 +22,7 @@ from eadp.io.plan import writer
 from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario, value_text
 from eadp.io.text.named import parse_named
-from eadp.io.text.streams import Text, read_text, write_text
+from eadp.io.text.streams import Text, read_text
 from eadp.io.vehicle.presets import read_vehicle
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
@@ -303,7 +303,7 @@ def export(
     options : ExportOptions, optional
         With a scenario the parameters are those that the forecast chooses.
     out : path, optional
-        Write it here, too.
+        Write it here, too; beside the mission of an autopilot a file `.items.json`, which `eadp replan` reads.
     warn : function, optional
         Takes what was forecast, as a note, and what the format cannot hold.
 
@@ -317,13 +317,13 @@ def export(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     """
-    from eadp.io.flight.export import ExportOptions, export_text
+    from eadp.io.flight.export import ExportOptions, exported
 
     files = Files()
-    written = export_text(_path(plan, files.texts), to, options or ExportOptions(), warn, files)
+    mission = exported(_path(plan, files.texts), to, options or ExportOptions(), warn, files)
     if out is not None and str(out) != "-":
-        write_text(str(out), written)
-    return written
+        mission.write(str(out))
+    return mission.text
 
 
 def vehicle(

@@ -10,7 +10,7 @@ from typer import Argument, Option
 from eadp.cli.options import LapsOption, ScenarioOption
 from eadp.cli.output import emit, warn
 from eadp.errors import printable
-from eadp.io.mission import EXPORT_NAMES
+from eadp.io.mission import EXPORT_NAMES, ITEMS_ENDING, WITH_ITEMS
 
 ExportName = StrEnum("ExportName", {name: name for name in EXPORT_NAMES})  # type: ignore[misc]
 """Formats by name."""
@@ -63,6 +63,8 @@ def command(
     Write a plan as the mission of an autopilot, or as a map: at parameters, by default each at its maximum; with
     --scenario at those that the forecast before take-off chooses, or those decided at the end of --telemetry.
 
+    Beside the mission of an autopilot it writes FILE.items.json, by which `eadp replan` knows the stage of an item.
+
     Exit code 0 if it is written, 2 on bad input.
     """
     from eadp import api
@@ -72,5 +74,9 @@ def command(
         set_ or (), scenario, altitude, home, origin, trigger_distance, tolerance, min_radius, laps, from_, telemetry
     )
     written = api.export(plan, to.value, options, out, warn=warn)
-    emit(written if out is None or out == "-" else f"written    {printable(out)}")
+    if out is None or out == "-":
+        emit(written)
+    else:
+        also = f", {printable(out)}{ITEMS_ENDING}" if to.value in WITH_ITEMS else ""
+        emit(f"written    {printable(out)}{also}")
     return 0

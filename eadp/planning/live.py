@@ -18,8 +18,8 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.legs import Leg, rest_of
-from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.legs import rest_of
+from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.planning.acquisition import Acquisition
 from eadp.planning.base import Decision, Ending, Mission, Observation, Planner, next_multiple
 from eadp.planning.forecast.held import HeldForecast
@@ -120,8 +120,8 @@ class LiveFlight:
         """Whether the plan is complete."""
         return self._started and self._tracker.complete
 
-    def rest(self) -> tuple[Leg, ...]:
-        """The legs that are left at the parameters decided, from the last known position on; none where it is unknown.
+    def rest(self) -> PlannedLegs | None:
+        """The legs that are left at the parameters decided, from the last known position on; None where it is unknown.
 
         Raises
         ------
@@ -129,12 +129,13 @@ class LiveFlight:
             If they cannot be laid out.
         """
         if not self._started or self._tracker.complete or self._tracker.lost or self._pilot is None:
-            return ()
+            return None
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
         cursor = executor.cursor.decide(self._pilot.decision.parameters)
-        first, *others = RoutePredictor().route(cursor, executor.joined_m).legs
+        rest = RoutePredictor().route(cursor, executor.joined_m).planned()
         flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].since_s)
-        return (rest_of(first, position, flown_m), *others)
+        first, *others = rest.legs
+        return PlannedLegs((rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
 
     def update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update with a sample later than the last one; return advice, if any is due, and notices."""

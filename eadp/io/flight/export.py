@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
 from eadp.io.flight.inputs import Files, FlightInputs, load_flight
-from eadp.io.mission.export import EXPORTS, FENCED
+from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
+from eadp.io.mission.export import EXPORTS, FENCED, mission_items
+from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.text.streams import write_text
 from eadp.models.airspace import risk_text
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.trace import nominal_legs
+from eadp.models.plan.route import PlannedLegs
+from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.forecast.held import Preflight
 
@@ -80,7 +85,20 @@ class ExportOptions:
             raise _fault("--altitude", f"{self.altitude_m:g}", message, "from -10000 to 10000")
 
 
-def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: Files | None = None) -> str:
+class Exported(NamedTuple):
+    """A plan in another format; `items` is the file of the map of its items to stages, empty where it has no items."""
+
+    text: str
+    items: str = ""
+
+    def write(self, path: str) -> None:
+        """Write the file, and the map beside it. Raises InputError."""
+        write_text(path, self.text)
+        if self.items:
+            write_text(path + ITEMS_ENDING, self.items)
+
+
+def exported(plan: str, to: str, options: ExportOptions, warn: Warn, files: Files | None = None) -> Exported:
     """A plan in the format of an autopilot or a map.
 
     Parameters
@@ -94,6 +112,10 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
         Takes what was forecast, and what the format cannot hold.
     files : Files, optional
         Texts that were read or made before.
+
+    Returns
+    -------
+    Exported
 
     Raises
     ------
@@ -110,7 +132,7 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
         warn([finding.fault(text.name) for finding in findings])
         made = flown.site.made_for
         airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-        name, forecast, legs = text.name, None, _legs(flown, text.name, parameters_of(flown, options.overrides))
+        name, forecast, planned = text.name, None, _planned(flown, text.name, parameters_of(flown, options.overrides))
     else:
         overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
         inputs = load_flight(plan, scenario_path=options.scenario, overrides=overrides, files=files)
@@ -118,13 +140,13 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
         flown, name, airframe = inputs.world.plan, inputs.texts["plan"].name, inputs.world.vehicle
         forecast = None
         if options.telemetry is not None:
-            legs = _after(inputs, options.telemetry, name, warn)
+            planned = _after(inputs, options.telemetry, name, warn)
         else:
             forecast = inputs.preflight()
             if forecast is None:
                 message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
                 raise _fault("--scenario", options.scenario, message, f"{expected}, or --set without --scenario")
-            legs = forecast.legs(inputs.mission)
+            planned = forecast.planned(inputs.mission)
     place, home_deg = _places(flown, name, options)
     altitude_m = options.altitude_m
     if altitude_m is None:
@@ -135,15 +157,15 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
             message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
             warn([Fault(name, 1, 1, message, severity="note" if known else "warning")])
     if forecast is not None:
-        warn([Fault(name, 1, 1, _forecast_text(forecast, flown, legs), severity="note")])
+        warn([Fault(name, 1, 1, _forecast_text(forecast, flown, planned.legs), severity="note")])
     if options.start is not None:
-        legs = _rest(legs, options.start)
+        planned = _rest(planned, options.start)
     if any(flown.site.airspace) and to not in FENCED:
         message = f"obstacles and boundary are not in the format {to}"
         warn([Fault(name, 1, 1, message, severity="note")])
     path = PlannedPath(
         (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
-        planned_sections(legs),
+        planned_sections(planned.legs),
         place,
         altitude_m,
         airframe.airspeed_mps,
@@ -152,12 +174,15 @@ def export_text(plan: str, to: str, options: ExportOptions, warn: Warn, files: F
         options.tolerance_m,
         flown.site.airspace,
     )
-    return EXPORTS[to](path)
+    if to not in WITH_ITEMS:
+        return Exported(EXPORTS[to](path))
+    mapped = mapped_items(mission_items(path), planned, flown.path_count)
+    return Exported(EXPORTS[to](path), items_text(mapped, flown.names[: flown.path_count]))
 
 
-def _legs(plan: Plan, name: str, parameters: Sequence[float]) -> tuple[Leg, ...]:
+def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
     try:
-        return tuple(nominal_legs(plan, parameters))
+        return nominal_route(plan, parameters).planned()
     except PathUndefined as error:
         raise InputError.at(name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
 
@@ -191,32 +216,32 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
 
 
-def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> tuple[Leg, ...]:
+def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> PlannedLegs:
     """The legs that are left after telemetry; what was decided is said."""
     from eadp.io.telemetry.replan import rest_after
 
-    legs, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
-    if not legs or decision is None:
+    planned, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
+    if planned is None or decision is None:
         raise _fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
     parameters = inputs.world.plan.parameters
     values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
-    length_m, end = sum(leg.distance_m for leg in legs), decision["soc_end_forecast"]
+    length_m, end = sum(leg.distance_m for leg in planned.legs), decision["soc_end_forecast"]
     message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
     message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"
     warn([Fault(name, 1, 1, message, severity="note")])
-    return legs
+    return planned
 
 
-def _rest(legs: tuple[Leg, ...], raw: str) -> tuple[Leg, ...]:
+def _rest(planned: PlannedLegs, raw: str) -> PlannedLegs:
     """The legs from a stage of a lap on."""
     try:
         stage, lap = map(int, raw.split(","))
     except ValueError:
         raise _fault("--from", raw, "no stage and lap", "two whole numbers, as in 3,2") from None
-    for i, leg in enumerate(legs):
+    for i, leg in enumerate(planned.legs):
         if (leg.stage.index, leg.lap) == (stage, lap):
-            return legs[i:]
-    last = max((leg.lap for leg in legs if leg.stage.index == stage), default=None)
+            return planned.after(i)
+    last = max((leg.lap for leg in planned.legs if leg.stage.index == stage), default=None)
     known = "one of the plan" if last is None else f"a lap from 0 to {last}"
     raise _fault("--from", raw, f"stage {stage} is not flown in lap {lap}", known)
 

@@ -134,7 +134,7 @@ class FlightInputs:
         from eadp.planning.forecast.clearance import entering  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
-        legs = found.legs(self.mission)
+        legs = found.planned(self.mission).legs
         return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts))
 
 

@@ -10,5 +10,11 @@ ENDINGS = {
 }
 """Endings of the names of files, by format."""
 
+WITH_ITEMS = ("qgc", "ardupilot")
+"""Formats of missions of items; a map of these to the plan's stages is written beside the mission."""
+
+ITEMS_ENDING = ".items.json"
+"""Ending of the map's name, after that of the mission."""
+
 EXPORT_NAMES = tuple(ENDINGS)
 """Formats that a plan is exported to; `export.EXPORTS` holds what writes them."""

@@ -28,11 +28,15 @@ FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: T
 
 
 class MissionItem(NamedTuple):
-    """An item to write: MAVLink's command, frame and seven parameters, the position in degrees and metres."""
+    """An item to write: MAVLink's command, frame and seven parameters, the position in degrees and metres.
+
+    `legs` are the indices of the first and the last leg that it leads along.
+    """
 
     command: int
     frame: int
     parameters: tuple[float, ...]
+    legs: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)

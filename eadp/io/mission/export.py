@@ -27,25 +27,29 @@ JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
 
 
-def mission_items(path: PlannedPath) -> list[MissionItem]:
-    """The items of the mission that flies a path; home is not among them."""
-    return _ItemBuilder(path).items
+def mission_items(path: PlannedPath, *, flying: bool = False) -> list[MissionItem]:
+    """The items of the mission that flies a path; home is not among them.
+
+    `flying`: whether the aircraft comes from the leg before, so that it neither takes off nor flies to the start.
+    """
+    return _ItemBuilder(path, flying=flying).items
 
 
 class _ItemBuilder:
-    def __init__(self, path: PlannedPath) -> None:
+    def __init__(self, path: PlannedPath, *, flying: bool) -> None:
         self.path, self.items = path, list[MissionItem]()
         sections = path.sections
-        self._altitude_m = path.altitude_of(sections[0])
-        if path.home_deg is not None:
-            self._add(d.TAKEOFF, (0.0,) * 4, None)
-        self._fly_to(sections[0].start_m)
+        self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
+        if not flying:
+            if path.home_deg is not None:
+                self._add(d.TAKEOFF, (0.0,) * 4, None)
+            self._fly_to(sections[0].start_m)
         if path.trigger_distance_m is not None:
             self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         airspeed: float | None = None
         for k, section in enumerate(sections):
             stage = section.stage
-            self._altitude_m = path.altitude_of(section)
+            self._altitude_m, self._legs = path.altitude_of(section), (section.first, section.last)
             if stage.airspeed_mps is not None and stage.airspeed_mps != airspeed:
                 airspeed = stage.airspeed_mps
                 self._command((d.CHANGE_SPEED, 0.0, airspeed, -1.0, 0.0, 0.0, 0.0, 0.0))
@@ -60,7 +64,7 @@ class _ItemBuilder:
         if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         if path.home_deg is not None:
-            self.items.append(MissionItem(d.RETURN, d.NO_POSITION, (0.0,) * 7))
+            self._command((d.RETURN, *(0.0,) * 7))
 
     def _fly(self, section: Section, following: Section | None) -> None:
         """Add a section; where an arc joins another one, its end is no waypoint."""
@@ -86,10 +90,10 @@ class _ItemBuilder:
 
     def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
-        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m)))
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), self._legs))
 
     def _command(self, command: Sequence[float]) -> None:
-        self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:])))
+        self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
 
 
 def _fences(path: PlannedPath) -> list[Fence]:

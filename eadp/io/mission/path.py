@@ -39,7 +39,7 @@ class Arc(NamedTuple):
 class Section:
     """A stage of the path as flown: a line to its end, an arc, or the points of a curve [m].
 
-    `gain_per_m` is its gain for a path function whose gradient is 1.
+    `gain_per_m` is its gain for a path function whose gradient is 1; `first` and `last` are the indices of its legs.
     """
 
     stage: Stage
@@ -48,6 +48,8 @@ class Section:
     gain_per_m: float
     arc: Arc | None = None
     points_m: tuple[Point, ...] = ()
+    first: int = 0
+    last: int = 0
 
     def corners(self, tolerance_m: float) -> list[Point]:
         """Points [m] whose fillets are the arc, none farther than a tolerance [m] from it; else its points."""
@@ -110,12 +112,12 @@ class PlannedPath:
 def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
     """The path along legs, its arcs round one circle joined."""
     sections: list[Section] = []
-    for leg in legs:
-        section = _section(leg)
+    for index, leg in enumerate(legs):
+        section = replace(_section(leg), first=index, last=index)
         before = sections[-1] if sections else None
         if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):
             arc = before.arc._replace(sweep_rad=before.arc.sweep_rad + section.arc.sweep_rad)
-            sections[-1] = replace(before, end_m=section.end_m, arc=arc)
+            sections[-1] = replace(before, end_m=section.end_m, arc=arc, last=index)
         elif leg.distance_m > 1e-6:
             sections.append(section)
     return tuple(sections)

@@ -225,7 +225,7 @@ def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float,
         for inclusion, corners in fences
     ]
     written = []
-    for number, (command, frame, parameters) in enumerate(items, 1):
+    for number, (command, frame, parameters, _) in enumerate(items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
         if frame == RELATIVE:

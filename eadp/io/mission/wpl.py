@@ -69,7 +69,7 @@ def wpl_text(items: Sequence[MissionItem], home_deg: Point) -> str:
     """The file of a mission: home, then its items."""
     home = MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, 0.0))
     lines = [VERSION]
-    for index, (command, frame, parameters) in enumerate([home, *items]):
+    for index, (command, frame, parameters, _) in enumerate([home, *items]):
         numbers = [f"{value:.9f}".rstrip("0").rstrip(".") for value in parameters]
         lines.append("\t".join([str(index), str(int(index == 0)), str(frame), str(command), *numbers, "1"]))
     return "\n".join([*lines, ""])

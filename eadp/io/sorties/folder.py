@@ -14,7 +14,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, one_of
 from eadp.io.field.coverage import CoverageOptions, CoverageTask
 from eadp.io.figures.sorties import DrawnSortie, write_sorties_figure
-from eadp.io.flight.export import ExportOptions, export_text
+from eadp.io.flight.export import ExportOptions, exported
 from eadp.io.flight.inputs import Files
 from eadp.io.mission import ENDINGS, EXPORT_NAMES
 from eadp.io.profile import model_file
@@ -62,8 +62,8 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         for to, row in ((to, row) for to in exports for row in rows):
             options = ExportOptions(scenario=str(target / SORTIES_SCENARIO))
-            mission = export_text(str(target / row["plan"]), to, options, lambda _: None)
-            (target / f"{row['sortie']}-{to}{ENDINGS[to]}").write_text(mission, encoding="utf-8")
+            mission = exported(str(target / row["plan"]), to, options, lambda _: None)
+            mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS[to]}"))
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         drawn = [

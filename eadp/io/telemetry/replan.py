@@ -10,7 +10,7 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
-from eadp.models.plan.legs import Leg
+from eadp.models.plan.route import PlannedLegs
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.live import Advice, LiveFlight
@@ -53,7 +53,7 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     return flight.completes
 
 
-def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[tuple[Leg, ...], dict[str, Any] | None]:
+def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[PlannedLegs | None, dict[str, Any] | None]:
     """What is left to fly after the telemetry of a file, and the last decision.
 
     Raises
@@ -100,7 +100,7 @@ class Replanner:
         """Whether the plan is complete, or forecast to be before the battery is empty."""
         return self._flight.forecast_completes
 
-    def rest(self) -> tuple[Leg, ...]:
+    def rest(self) -> PlannedLegs | None:
         """What is left to fly, see `LiveFlight.rest`."""
         return self._flight.rest()
 

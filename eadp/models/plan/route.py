@@ -51,6 +51,27 @@ class UncertainEnd(NamedTuple):
     length_m: float
 
 
+class PlannedLegs(NamedTuple):
+    """Legs to fly, in order.
+
+    Attributes
+    ----------
+    legs : tuple of Leg
+    parameters : tuple of tuple of float
+        In force on each leg; computations there mean nothing.
+    started : int
+        Number of stages started over the whole flight with the first of them, itself included.
+    """
+
+    legs: tuple[Leg, ...]
+    parameters: tuple[Vector, ...]
+    started: int = 1
+
+    def after(self, count: int) -> PlannedLegs:
+        """The same without the first legs."""
+        return PlannedLegs(self.legs[count:], self.parameters[count:], self.started + count)
+
+
 @dataclass(frozen=True)
 class Route:
     """The rest of a plan at some path parameters.
@@ -124,6 +145,10 @@ class Route:
         """
         times_s, turning_s = leg_times_s(self.table.rows, self.order, airspeed_mps, np.array([wind_mps]))
         return times_s[0], turning_s[0]
+
+    def planned(self) -> PlannedLegs:
+        """The legs to fly, from the start of the flight."""
+        return PlannedLegs(self.legs, self.parameters)
 
     @property
     def free(self) -> FloatArray:

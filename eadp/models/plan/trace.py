@@ -38,11 +38,16 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
     PathUndefined
         If a path or trigger has no value, a trigger is not met, or the plan never reaches its final point.
     """
+    return nominal_route(plan, parameters, start).legs
+
+
+def nominal_route(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> Route:
+    """The route of the flight at fixed parameters, see `nominal_legs`."""
     values = tuple(parameters)
     if plan.has_sets:  # computations that are left out do not change the path
         values += tuple(plan.hull(i).hi for i in range(len(values), len(plan.parameters)))
     start = start or default_start(plan, values)[0]
-    return whole_route(plan, values, Rules(), (start[0], start[1])).legs
+    return whole_route(plan, values, Rules(), (start[0], start[1]))
 
 
 def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]) -> tuple[tuple[Leg, ...], ...]:

@@ -9,8 +9,7 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
-from eadp.models.plan.legs import Leg
-from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
+from eadp.models.plan.route import MARGIN_M, PlannedLegs, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
 from eadp.planning.forecast.home import Reach, TurnBack, latest_turn_back, reach
@@ -85,10 +84,10 @@ class Preflight:
         stop = None if feasible else reach(evaluation, place, filling)
         return cls(names, parameters, forecast, feasible, quality, stages, computing_wh, turn_back, stop)
 
-    def legs(self, mission: Mission) -> tuple[Leg, ...]:
+    def planned(self, mission: Mission) -> PlannedLegs:
         """The legs that were forecast, to the plan's end."""
         cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules).decide(self.decided)
-        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0)).legs
+        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0)).planned()
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:

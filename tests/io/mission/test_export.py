@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
+from eadp.io.mission import WITH_ITEMS
 from eadp.io.mission.export import EXPORTS, mission_items
 from eadp.io.mission.paparazzi import NUMBER_LIMIT
 from eadp.io.mission.path import PlannedPath, planned_sections
@@ -248,7 +249,8 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
             out = tmp_path / f"out{c1}.{to}"
             options = ("--to", to, "--origin", "47,8", "--altitude", "60", "--set", f"c1={c1}", "-o", out)
             answer = eadp("export", "plans/survey.plan", *options)
-            assert (answer.code, answer.out, answer.err) == (0, f"written    {out}\n", "")
+            also = f", {out}.items.json" if to in WITH_ITEMS else ""
+            assert (answer.code, answer.out, answer.err) == (0, f"written    {out}{also}\n", "")
             assert out.read_text(encoding="utf-8").endswith("\n")
         lengths[c1] = drawn(READER(read_text(str(tmp_path / f"out{c1}.qgc")))[0], HOME).length
     assert lengths["-900"] < 0.6 * lengths["0"]
