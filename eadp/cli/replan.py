@@ -33,6 +33,19 @@ def command(
     planner: PlannerOption = None,
     set_: SetOption = None,
     laps: LapsOption = None,
+    mavlink: Annotated[
+        str | None,
+        Option(help="Live: an autopilot's link, as in udpin:127.0.0.1:14550 or /dev/ttyACM0,57600.", metavar="ADDRESS"),
+    ] = None,
+    items: Annotated[
+        str | None, Option(help="Stages of the mission's items, as eadp export writes them.", metavar="FILE")
+    ] = None,
+    system: Annotated[
+        int | None, Option(help="The autopilot's MAVLink system; by default the first one heard.", min=1, max=255)
+    ] = None,
+    replay: Annotated[
+        str | None, Option(help="A flight again: a log of --log, or a telemetry log (.tlog).", metavar="FILE")
+    ] = None,
     log: Annotated[
         str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
@@ -48,6 +61,9 @@ def command(
     optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason, warnings and
     more. An invalid value gives a warning and counts as null; an invalid line is skipped.
 
+    With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
+    NAMED_VALUE_FLOAT and STATUSTEXT. It commands nothing. It ends when the aircraft has flown and is disarmed.
+
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
     from eadp.io.flight.inputs import load_flight
@@ -57,8 +73,16 @@ def command(
     from eadp.io.telemetry.reader import open_telemetry
     from eadp.io.telemetry.replan import replan
 
+    sources = {"--mavlink": mavlink, "--replay": replay, "--telemetry": None if telemetry == "-" else telemetry}
+    given_sources = [name for name, value in sources.items() if value is not None]
+    if len(given_sources) > 1:
+        raise usage_fault(given_sources[1], str(sources[given_sources[1]]), f"beside {given_sources[0]}", "one of them")
+    linked = mavlink is not None or replay is not None
+    for name, value in (("--items", items), ("--system", system)):
+        if value is not None and not linked:
+            raise usage_fault(name, str(value), "without a link", "--mavlink or --replay")
     for given in (plan, scenario, profile, energy):
-        if given == "-" and telemetry == "-":
+        if given == "-" and telemetry == "-" and not linked:
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
     overrides = read_overrides(
         override_texts([*(set_ or ()), *load_overrides(at)], planner=planner and planner.value, laps=laps)
@@ -71,10 +95,17 @@ def command(
         sys.stdout.flush()
 
     with ExitStack() as stack:
-        stream: BinaryIO = stack.enter_context(open_telemetry(telemetry))
+        if not linked:
+            stream: BinaryIO = stack.enter_context(open_telemetry(telemetry))
         kept = ReplanLog(log, hash_of(inputs.texts, overrides)) if log is not None else None
         if kept is not None:
             stack.callback(kept.close)
+        if linked:
+            from eadp.io.link.flight import fly, replay_flight
+
+            flown = (inputs, items, system, kept, emit, lambda fault: warn([fault]))
+            completes = fly(mavlink, *flown) if mavlink is not None else replay_flight(replay or "", *flown)
+            return 0 if completes else 1
         name = "<stdin>" if telemetry == "-" else telemetry
         completes = replan(inputs, stream, name, kept, emit, lambda fault: warn([fault]))
     return 0 if completes else 1

@@ -1,0 +1,1 @@
+"""A live link with an autopilot: MAVLink in, decisions out."""

@@ -1,0 +1,284 @@
+"""A flight over a link: messages in, through lines of telemetry to decisions, which are sent back."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from eadp.errors import Fault, InputError
+from eadp.io.flight.inputs import FlightInputs
+from eadp.io.link.lines import LineMaker
+from eadp.io.link.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
+from eadp.io.link.messages import NO_AUTOPILOT, WANTED, values_of
+from eadp.io.mission.items import read_items
+from eadp.io.telemetry.decisions import json_line
+from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
+from eadp.io.telemetry.reader import numbered_lines, open_telemetry
+from eadp.io.telemetry.replan import Emit, Replanner, Warn
+from eadp.planning.live import KEPT
+
+WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
+"""How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
+
+ONBOARD, INVALID = 18, 8
+NOTICE, WARNING = 5, 4
+TEXT_CHARACTERS, NAME_CHARACTERS = 50, 10
+SET_INTERVAL, INTERVALS_US = 511, {33: 200_000, 74: 500_000, 147: 500_000, 168: 1_000_000, 231: 1_000_000,
+                                   245: 1_000_000, 2: 1_000_000, 42: 1_000_000}  # fmt: skip
+"""The command that asks for a message at an interval, and the messages by number: position, speeds, battery, wind of
+both autopilots, state in the air, time, item [µs]."""
+
+Send = Callable[[int, str, Mapping[str, Any]], None]
+
+
+class LinkFlight:
+    """The planner on an autopilot's messages.
+
+    Parameters
+    ----------
+    inputs : FlightInputs
+    name : str
+        Name of the link in messages.
+    items : str or None
+        Path of the map of the mission's items.
+    system : int or None
+        The autopilot's number; the first one heard for None.
+    log, emit, warn
+        As those of `replan`.
+    send : function, optional
+        Takes the system, the name and the fields of a message to send.
+
+    Raises
+    ------
+    InputError
+        If the plan has no place on the earth, or the map is not one of its mission.
+    """
+
+    def __init__(
+        self,
+        inputs: FlightInputs,
+        name: str,
+        items: str | None,
+        system: int | None,
+        log: ReplanLog | None,
+        emit: Emit,
+        warn: Warn,
+        send: Send | None = None,
+    ) -> None:
+        plan = inputs.mission.plan
+        if plan.site.origin_deg is None:
+            text = inputs.texts["plan"].name
+            raise InputError.at(
+                text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
+            )
+        mapped = None if items is None else read_items(items, plan.names[: plan.path_count])
+        self._name, self._warn, self._emit, self._send = name, warn, emit, send
+        self._warned: set[str] = set()
+        self._plan = plan
+        self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
+        self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
+        self._system, self._component = system, 0
+        self._heard_s: float | None = None
+        self._sent_s = -1e9
+        self._lost = False
+        self._count, self._text = 0, ""
+
+    @property
+    def over(self) -> bool:
+        """Whether the aircraft has flown and is disarmed."""
+        return self._lines.landed
+
+    @property
+    def completes(self) -> bool:
+        """Whether the plan is complete, or forecast to be before the battery is empty."""
+        return self._replanner.completes
+
+    @property
+    def used(self) -> bool:
+        """Whether any line could be used."""
+        return self._replanner.used
+
+    def take(self, message: Message, now_s: float = 0.0) -> None:
+        """Take a message that has come at a time of any clock [s]."""
+        if not self._is_ours(message, now_s):
+            return
+        try:
+            values = values_of(message.kind, message.fields)
+        except (ArithmeticError, LookupError, TypeError, ValueError):
+            self._say(f"{message.kind} that makes no sense; ignored")
+            return
+        for line in self._lines.update(values):
+            self.line(json_line(line).encode())
+
+    def line(self, raw: bytes) -> None:
+        """Take a line of telemetry."""
+        self._count += 1
+        self._replanner.take(self._count, raw)
+
+    def tick(self, now_s: float) -> None:
+        """Send a heartbeat if one is due, and say where the autopilot's are lost."""
+        if self._heard_s is not None and not self._lost and now_s - self._heard_s > LOST_S:
+            self._lost = True
+            self._note("the autopilot's heartbeats are lost")
+        if now_s - self._sent_s >= HEARTBEAT_S:
+            self._sent_s = now_s
+            beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
+            self._give("HEARTBEAT", beat | {"mavlink_version": 3})
+
+    # --- the autopilot
+
+    def _is_ours(self, message: Message, now_s: float) -> bool:
+        """Whether a message is of the autopilot, or of another computer of its aircraft that reports what it runs."""
+        beats = message.kind == "HEARTBEAT"
+        if beats and message.fields["autopilot"] == NO_AUTOPILOT:
+            return False
+        if self._system in (None, message.system) and beats and self._component in (0, message.component):
+            if not self._component:
+                self._note(f"autopilot of system {message.system}, component {message.component}")
+            self._system, first = message.system, not self._component
+            self._component, self._heard_s = message.component, now_s
+            if first:
+                self._ask()
+            if self._lost:
+                self._lost = False
+                self._note("the autopilot's heartbeats are back")
+        if message.system != self._system or not self._component:
+            if self._component:
+                self._say(f"messages of system {message.system} are ignored")
+            return False
+        if message.kind == "NAMED_VALUE_FLOAT":  # not our own, which a router may send back
+            return message.component != COMPONENT
+        return message.component == self._component
+
+    def _ask(self) -> None:
+        """Ask for the messages that are read, at the rates that are needed."""
+        for number, interval_us in INTERVALS_US.items():
+            numbers = (number, interval_us, 0, 0, 0, 0, 0)
+            values = {f"param{k}": float(value) for k, value in enumerate(numbers, 1)}
+            target = {"target_system": self._system, "target_component": self._component}
+            self._give("COMMAND_LONG", {**target, "command": SET_INTERVAL, "confirmation": 0, **values})
+
+    # --- what goes out
+
+    def _decided(self, line: dict[str, Any]) -> None:
+        """Send a decision, and print it."""
+        self._emit(line)
+        boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
+        shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
+        shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
+        for name, value in shown.items():
+            if value is not None:
+                fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
+                self._give("NAMED_VALUE_FLOAT", fields)
+        text = _ascii(f"eadp: {line['reason']}")[:TEXT_CHARACTERS]
+        if line["reason"] != KEPT and text != self._text:
+            self._text = text
+            severity = NOTICE if self._replanner.completes else WARNING
+            self._give("STATUSTEXT", {"severity": severity, "text": text.encode()})
+
+    def _give(self, kind: str, values: Mapping[str, Any]) -> None:
+        if self._send is not None:
+            self._send(self._system or 1, kind, values)
+
+    # --- warnings
+
+    def _say(self, what: str) -> None:
+        self._warn_once(Fault(self._name, max(self._count, 1), 1, what, severity="warning"))
+
+    def _note(self, what: str) -> None:
+        self._warn(Fault(self._name, max(self._count, 1), 1, what, severity="note"))
+
+    def _warn_once(self, fault: Fault) -> None:
+        """Warn of each thing once: a link repeats what is wrong with it many times a second."""
+        kind = re.sub(r"[-+.\d]+", "", fault.message)
+        if kind not in self._warned:
+            self._warned.add(kind)
+            self._warn(fault)
+
+
+def _ascii(text: str) -> str:
+    return text.replace("→", "->").replace("−", "-").encode("ascii", "replace").decode()
+
+
+def fly(
+    address: str,
+    inputs: FlightInputs,
+    items: str | None,
+    system: int | None,
+    log: ReplanLog | None,
+    emit: Emit,
+    warn: Warn,
+) -> bool:
+    """Re-plan a flight over a link until the aircraft is disarmed; see `LinkFlight`.
+
+    Returns
+    -------
+    bool
+        Whether the plan is complete, or forecast to be.
+
+    Raises
+    ------
+    InputError
+        If the address cannot be opened.
+    """
+    require_pymavlink("--mavlink", address)
+    opened: list[Link] = []
+    flight = LinkFlight(inputs, address, items, system, log, emit, warn, lambda *message: opened[0].send(*message))
+    opened.append(Link(address, WANTED))
+    try:
+        while not flight.over:
+            for message in opened[0].receive(WAIT_S):
+                flight.take(message, time.monotonic())
+            flight.tick(time.monotonic())
+    finally:
+        opened[0].close()
+    return flight.completes
+
+
+def replay_flight(
+    path: str,
+    inputs: FlightInputs,
+    items: str | None,
+    system: int | None,
+    log: ReplanLog | None,
+    emit: Emit,
+    warn: Warn,
+) -> bool:
+    """Re-plan a flight again, of a log of `eadp replan` or of a telemetry log; as `fly`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or has no flight.
+    """
+    with open_telemetry(path) as stream:
+        head = stream.readline(10_000)
+        if _kind(head) == START:
+            replanner = Replanner(inputs, path, log, emit, warn)
+            for number, raw in numbered_lines(stream, path):
+                if _kind(raw) == TELEMETRY:
+                    line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
+                    replanner.take(number + 1, json_line(line).encode())
+            used, completes = replanner.used, replanner.completes
+        else:
+            require_pymavlink("--replay", path)
+            flight = LinkFlight(inputs, path, items, system, log, emit, warn)
+            for message in tlog_messages(head + stream.read(), WANTED):
+                flight.take(message)
+            used, completes = flight.used, flight.completes
+    if not used:
+        what = "a log of eadp replan, or a telemetry log (.tlog) of a flight of the plan"
+        raise InputError.at(path, 1, 1, "has no flight that can be used", what)
+    return completes
+
+
+def _kind(raw: bytes) -> str | None:
+    """The kind of a line of a log; None where it is none."""
+    try:
+        line = json.loads(raw)
+    except (ValueError, RecursionError):
+        return None
+    return str(line.get("kind")) if isinstance(line, dict) else None

@@ -1,0 +1,167 @@
+"""Lines of telemetry from what an autopilot's messages say, one for each position, five a second at most.
+
+They depend on the messages and the autopilot's clock alone, so that a recording gives the same lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from eadp.io.mission.items import MappedItem
+from eadp.models.battery import Battery
+from eadp.models.plan.plan import Plan
+
+LINE_S = 0.2
+"""Least time between two lines [s]: ten a second to one in two seconds are enough."""
+
+BLIND_S = 1.0
+"""Time after which a line is made without a position [s]."""
+
+STALE_S = 5.0
+"""Age from which a value is unknown [s]: the gap from which positions are."""
+
+CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
+"""By how much a voltage may be off: as a share of that from empty to full, by which usual cells differ from the
+straight line; and of the drop at the inner resistance, which is roughly known."""
+
+
+class LineMaker:
+    """Collects what an autopilot says, and makes lines of it.
+
+    Parameters
+    ----------
+    plan : Plan
+    battery : Battery
+    items : list of MappedItem, optional
+        The stages of its mission's items.
+    warn : function
+        Called with a text, once for each thing that is wrong.
+    """
+
+    def __init__(
+        self, plan: Plan, battery: Battery, items: Sequence[MappedItem] | None, warn: Callable[[str], None]
+    ) -> None:
+        self._plan, self._battery, self._items, self._warn = plan, battery, items, warn
+        self._known: dict[str, tuple[float, Any]] = {}
+        self._parameters: dict[str, tuple[float, float]] = {}
+        self._now_s = self._line_s = -math.inf
+        self._ground: dict[str, Any] | None = None
+        self._home_is_item = False
+        self._gauged = self.flown = False
+
+    def update(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
+        if "home_is_item" in values:
+            self._home_is_item = values["home_is_item"]
+        if "named" in values and values["named"] is not None:
+            self._report(*values["named"])
+        for key, value in values.items():
+            if key not in ("time_s", "home_is_item", "named", "lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
+                self._known[key] = self._now_s, value
+        time_s = values.get("time_s")
+        if time_s is None:
+            return []
+        # an autopilot that starts again counts from 0; messages that overtake one another are no new start
+        restarted = self._now_s == -math.inf or time_s < self._now_s - STALE_S
+        if restarted:
+            self._known = {key: (time_s, value) for key, (_, value) in self._known.items()}
+        elif time_s < self._now_s:
+            return []
+        self._now_s = time_s
+        placed = "lat_deg" in values
+        if not restarted and time_s - self._line_s < (LINE_S - 1e-6 if placed else BLIND_S):
+            return []
+        line = self._line(values)
+        self._line_s = time_s
+        if not self._flies():
+            self._ground = line if placed else self._ground
+            return []
+        first = self._ground if not self.flown and self._ground is not None else None
+        self.flown = True
+        recent = first is not None and time_s - first["time_s"] <= STALE_S
+        return [first, line] if first is not None and recent and first["time_s"] < time_s else [line]
+
+    @property
+    def landed(self) -> bool:
+        """Whether the flight is over: the aircraft has flown and is disarmed."""
+        return self.flown and self._value("armed") is False
+
+    # --- one line
+
+    def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        volts = self._value("voltage_v", "status_voltage_v")
+        amps = self._value("current_a", "status_current_a")
+        line: dict[str, Any] = {"time_s": self._now_s}
+        for key in ("lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
+            line[key] = values.get(key)
+        line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
+        line |= self._charge()
+        self._check_voltage(volts, amps, line)
+        for key in ("airspeed_mps", "wind_mps"):
+            if (value := self._value(key)) is not None:
+                line[key] = value
+        item = self._item()
+        parameters = {name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)}
+        if item is not None:
+            if item.first == item.last:
+                line["stages_started"] = item.first
+            parameters |= dict(zip(self._plan.names, item.parameters, strict=False))
+        if parameters:
+            line["parameters"] = parameters
+        return line
+
+    def _charge(self) -> dict[str, Any]:
+        """The charge drawn, which has finer steps, before the share that remains."""
+        consumed = self._value("consumed_ah")
+        self._gauged |= consumed is not None
+        return {"current_consumed_ah": consumed} if self._gauged else {"soc": self._value("remaining")}
+
+    def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
+        """Warn where the voltage is not that of the charge: another battery, or one that was not full."""
+        battery, soc = self._battery, line.get("soc")
+        if (drawn := line.get("current_consumed_ah")) is not None:
+            soc = max(battery.soc - battery.drain_per_as * 3600 * drawn, 0.0)
+        if volts is None or soc is None or battery.voltage_empty_v is None:
+            return
+        drop_v = battery.resistance_ohm * max(amps or 0.0, 0.0)
+        off_v = volts + drop_v - battery.voltage_at(soc)
+        allowed_v = CURVE_SHARE * (battery.voltage_v - battery.voltage_empty_v) + RESISTANCE_SHARE * drop_v
+        if abs(off_v) > allowed_v:
+            said = "above" if off_v > 0 else "below"
+            self._warn(f"the voltage is far {said} that of the charge: another battery, or one that was not full")
+
+    def _item(self) -> MappedItem | None:
+        """The item that is flown to."""
+        number: int | None = self._value("item", ages=False)
+        if self._items is None or number is None:
+            return None
+        index = int(number) - 1 if self._home_is_item else int(number)
+        if not 0 <= index < len(self._items):
+            self._warn(f"the mission has no item {number} of those of --items: the stage is found by the position")
+            return None
+        return self._items[index]
+
+    def _report(self, name: str, value: float) -> None:
+        """A computation's parameter that its process reports to be in force."""
+        for parameter in self._plan.parameters[self._plan.path_count :]:
+            if name in (parameter.name, parameter.label[:10]):
+                self._parameters[parameter.name] = self._now_s, value
+
+    def _flies(self) -> bool:
+        in_air = self._value("in_air", ages=False)
+        if in_air is not None:
+            return bool(in_air)
+        return bool(self._value("armed", ages=False)) and bool(self._value("active", ages=False))
+
+    def _value(self, *keys: str, ages: bool = True) -> Any:
+        """The first of some values that is known, and not old."""
+        for key in keys:
+            at_s, value = self._known.get(key, (0.0, None))
+            if value is not None and (not ages or self._is_fresh(at_s)):
+                return value
+        return None
+
+    def _is_fresh(self, at_s: float) -> bool:
+        return self._now_s - at_s <= STALE_S

@@ -1,0 +1,113 @@
+"""What MAVLink's messages say of the flight: values in SI units, None where a message says that it does not know.
+
+Source: mavlink.io, the messages of `common` and `ardupilotmega`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from eadp.io.link.mavlink import is_number
+
+Values = dict[str, Any]
+Fields = Mapping[str, Any]
+
+UNKNOWN_16, UNKNOWN = 65535, -1
+IN_AIR, ON_GROUND = (2, 3, 4), 1
+ARMED = 128
+ACTIVE = (4, 5, 6)
+"""States of a system that flies: active, critical, emergency."""
+ARDUPILOT = 3
+NO_AUTOPILOT = 8
+
+
+def _position(fields: Fields) -> Values:
+    found: Values = {"time_s": fields["time_boot_ms"] / 1e3}
+    if fields["lat"] or fields["lon"]:  # 0, 0 is no position yet
+        found |= {"lat_deg": fields["lat"] / 1e7, "lon_deg": fields["lon"] / 1e7}
+        found["velocity_mps"] = [fields["vy"] / 100, fields["vx"] / 100]
+    if fields["hdg"] != UNKNOWN_16:
+        found["heading_deg"] = fields["hdg"] / 100
+    return found
+
+
+def _battery(fields: Fields) -> Values:
+    if fields["id"]:
+        return {}
+    cells = [cell for cell in fields["voltages"] if cell != UNKNOWN_16]
+    return {
+        "voltage_v": sum(cells) / 1e3 if cells and sum(cells) else None,
+        "current_a": None if fields["current_battery"] == UNKNOWN else fields["current_battery"] / 100,
+        "consumed_ah": None if fields["current_consumed"] <= UNKNOWN else fields["current_consumed"] / 1e3,
+        "remaining": None if fields["battery_remaining"] == UNKNOWN else fields["battery_remaining"] / 100,
+    }
+
+
+def _status(fields: Fields) -> Values:
+    volts, amps, share = fields["voltage_battery"], fields["current_battery"], fields["battery_remaining"]
+    return {
+        "status_voltage_v": None if volts in (0, UNKNOWN_16) else volts / 1e3,
+        "status_current_a": None if amps == UNKNOWN else amps / 100,
+        "remaining": None if share == UNKNOWN else share / 100,
+    }
+
+
+def _wind(fields: Fields) -> Values:
+    speed, comes_from = fields["speed"], math.radians(fields["direction"])
+    if speed == 0:  # no estimate yet
+        return {}
+    return {"wind_mps": [-speed * math.sin(comes_from), -speed * math.cos(comes_from)]}
+
+
+def _heartbeat(fields: Fields) -> Values:
+    return {
+        "armed": bool(fields["base_mode"] & ARMED),
+        "active": fields["system_status"] in ACTIVE,
+        "home_is_item": fields["autopilot"] == ARDUPILOT,
+    }
+
+
+def _landed(fields: Fields) -> Values:
+    state = fields["landed_state"]
+    return {"in_air": None if state not in (ON_GROUND, *IN_AIR) else state in IN_AIR}
+
+
+def _named(fields: Fields) -> Values:
+    name = fields["name"]
+    text = name if isinstance(name, str) else bytes(name).decode("ascii", "replace")
+    return {"named": (text.rstrip("\0"), fields["value"])}
+
+
+READERS: dict[str, Callable[[Fields], Values]] = {
+    "GLOBAL_POSITION_INT": _position,
+    "BATTERY_STATUS": _battery,
+    "SYS_STATUS": _status,
+    "VFR_HUD": lambda fields: {"airspeed_mps": fields["airspeed"]},
+    "WIND": _wind,
+    "WIND_COV": lambda fields: {"wind_mps": [fields["wind_y"], fields["wind_x"]]},
+    "SYSTEM_TIME": lambda fields: {"time_s": fields["time_boot_ms"] / 1e3},
+    "MISSION_CURRENT": lambda fields: {"item": fields["seq"]},
+    "HEARTBEAT": _heartbeat,
+    "EXTENDED_SYS_STATE": _landed,
+    "NAMED_VALUE_FLOAT": _named,
+}
+"""The messages that are read, and what each says."""
+
+WANTED = frozenset(READERS)
+
+
+def values_of(kind: str, fields: Fields) -> Values:
+    """What a message says; numbers that are not finite are None."""
+    return {key: _finite(value) for key, value in READERS[kind](fields).items()}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if is_number(value) else None
+    if isinstance(value, list):
+        return value if all(map(is_number, value)) else None
+    if isinstance(value, tuple):
+        return value if is_number(value[1]) else None
+    return value

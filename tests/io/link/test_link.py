@@ -1,0 +1,347 @@
+"""A flight over MAVLink: through a real socket, from a telemetry log, and with what goes wrong on a link."""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pymavlink")
+
+from mavlink_vehicle import ORIGIN, Autopilot, frames, is_near, recorded, tlog
+
+from eadp.errors import InputError
+from eadp.io.flight.inputs import load_flight
+from eadp.io.link.flight import LinkFlight
+from eadp.io.link.lines import STALE_S, LineMaker
+from eadp.io.link.mavlink import Codec, Link, Message, tlog_messages
+from eadp.io.link.messages import WANTED, values_of
+from eadp.io.mission.items import read_items
+from eadp.io.telemetry.decisions import json_line
+
+SCENARIO = "scenarios/survey.yaml"
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    """The survey, with a place on the earth."""
+    path = tmp_path_factory.mktemp("plan") / "survey.plan"
+    body = Path("plans/survey.plan").read_text()
+    head, _, rest = body.partition("%:")
+    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def inputs(plan):
+    return load_flight(str(plan), scenario_path=SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return recorded()[:60]
+
+
+class Flown:
+    """A flight over a link without a socket: its decisions, warnings, and what it sends."""
+
+    def __init__(self, inputs, items=None, system=None):
+        self.decisions, self.faults, self.sent = [], [], []
+        self.flight = LinkFlight(
+            inputs,
+            "link",
+            items,
+            system,
+            None,
+            self.decisions.append,
+            self.faults.append,
+            lambda *m: self.sent.append(m),
+        )
+
+    def take(self, data: bytes) -> None:
+        for message in Codec(WANTED).decoded(data):
+            self.flight.take(message)
+
+    def fly(self, steps) -> Flown:
+        for _, parts in steps:
+            for frame in parts:
+                self.take(frame)
+        return self
+
+    @property
+    def warnings(self):
+        return [fault.message for fault in self.faults if fault.severity == "warning"]
+
+
+@pytest.fixture(scope="module")
+def flown(inputs, lines):
+    return Flown(inputs).fly(frames(lines, Autopilot()))
+
+
+# --- messages to lines
+
+
+def test_a_line_has_what_the_messages_say(inputs, lines):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    made = []
+    for _, parts in frames(lines, Autopilot(), ground_s=0):
+        for frame in parts:
+            for message in Codec(WANTED).decoded(frame):
+                made += maker.update(values_of(message.kind, message.fields))
+    assert len(made) == len(lines)
+    for one, line in zip(made, lines, strict=True):
+        assert is_near(one["time_s"], 100 + line["time_s"], 1e-3)
+        assert is_near(one["power_w"], line["power_w"], 0.08)  # a step of 0.01 A
+        assert is_near(one["soc"], line["soc"], 0.005)
+        assert all(is_near(a, b, 0.005) for a, b in zip(one["velocity_mps"], line["velocity_mps"], strict=True))
+    assert maker.landed
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "expected"),
+    [
+        (
+            "GLOBAL_POSITION_INT",
+            {"time_boot_ms": 5, "lat": 0, "lon": 0, "vx": 1, "vy": 1, "hdg": 65535},
+            {"time_s": 0.005},
+        ),
+        ("WIND", {"direction": 270.0, "speed": 5.0}, {"wind_mps": [5.0, 0.0]}),
+        ("WIND", {"direction": 0.0, "speed": 0.0}, {}),
+        ("WIND_COV", {"wind_x": 1.0, "wind_y": 2.0}, {"wind_mps": [2.0, 1.0]}),
+        ("WIND_COV", {"wind_x": float("nan"), "wind_y": 2.0}, {"wind_mps": None}),
+        ("VFR_HUD", {"airspeed": float("inf")}, {"airspeed_mps": None}),
+        (
+            "SYS_STATUS",
+            {"voltage_battery": 65535, "current_battery": -1, "battery_remaining": -1},
+            {"status_voltage_v": None, "status_current_a": None, "remaining": None},
+        ),
+        ("BATTERY_STATUS", {"id": 1}, {}),
+    ],
+)
+def test_what_is_unknown_is_none(kind, fields, expected):
+    found = values_of(kind, fields)
+    assert found.keys() == expected.keys()
+    for key, value in expected.items():
+        assert found[key] == pytest.approx(value, abs=1e-9) if value is not None else found[key] is None
+
+
+def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker.update({"armed": True, "active": True})
+    maker.update({"consumed_ah": 0.012, "remaining": 0.9})
+    (line,) = maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    assert line["current_consumed_ah"] == 0.012
+    assert "soc" not in line
+    (later,) = maker.update({"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
+    assert later["current_consumed_ah"] is None  # old, and the coarser share does not take its place
+
+
+def test_a_voltage_of_another_charge_is_warned_of(inputs):
+    said = []
+    battery = inputs.mission.battery.overridden({"voltage_v": 16.8, "voltage_empty_v": 14.0})
+    maker = LineMaker(inputs.mission.plan, battery, None, said.append)
+    maker.update({"armed": True, "active": True, "voltage_v": 16.5, "current_a": 1.0, "remaining": 0.9})
+    maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    assert said == []
+    maker.update({"voltage_v": 14.9})
+    maker.update({"time_s": 2.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    assert "below that of the charge" in said[0]
+
+
+@pytest.mark.parametrize(("autopilot", "shift"), [(3, 1), (12, 0)])
+def test_items_give_the_stage(eadp, plan, inputs, tmp_path, autopilot, shift):
+    mission = tmp_path / "survey.waypoints"
+    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
+    items = read_items(f"{mission}.items.json", ("c1",))
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, lambda _: None)
+    maker.update(values_of("HEARTBEAT", {"base_mode": 128, "system_status": 4, "autopilot": autopilot}))
+    for index, each in enumerate(items):
+        maker.update({"item": index + shift})
+        (line,) = maker.update({"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
+        assert line["stages_started"] == each.first
+        assert line["parameters"] == {"c1": each.parameters[0]}
+
+
+# --- decisions
+
+
+def test_decisions_are_those_of_the_lines_as_json(eadp, plan, inputs, lines, flown, tmp_path):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    path = tmp_path / "lines.jsonl"
+    with path.open("w") as file:
+        for _, parts in frames(lines, Autopilot()):
+            for message in (message for frame in parts for message in Codec(WANTED).decoded(frame)):
+                file.writelines(json_line(line) for line in maker.update(values_of(message.kind, message.fields)))
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--telemetry", path)
+    assert [json.loads(line) for line in answer.out.splitlines()] == flown.decisions
+    assert len(flown.decisions) >= len(lines)
+    assert flown.flight.over
+
+
+def test_decisions_are_sent_as_the_parameters_that_people_read(inputs, flown):
+    first = flown.decisions[-1]
+    sent = {fields["name"].decode(): fields["value"] for _, kind, fields in flown.sent if kind == "NAMED_VALUE_FLOAT"}
+    path, computing = inputs.mission.plan.parameters
+    assert sent[path.label] == pytest.approx(path.shown(first["parameters"]["c1"]))
+    assert sent[computing.label] == first["parameters"]["c2"]
+    assert sent["soc_end"] == first["soc_end_forecast"]
+    texts = [fields["text"] for _, kind, fields in flown.sent if kind == "STATUSTEXT"]
+    assert texts
+    assert all(len(text) <= 50 and text.startswith(b"eadp: ") and text.isascii() for text in texts)
+
+
+def test_it_commands_nothing_but_rates_of_messages(flown):
+    commands = {fields["command"] for _, kind, fields in flown.sent if kind == "COMMAND_LONG"}
+    assert commands == {511}
+    assert {kind for _, kind, _ in flown.sent} <= {"COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "HEARTBEAT"}
+
+
+def test_all_that_is_sent_can_be_encoded(flown):
+    codec, kinds = Codec(frozenset()), set()
+    for message in flown.sent:
+        codec.encoded(*message)
+        kinds.add(message[1])
+    assert "STATUSTEXT" in kinds
+
+
+# --- what goes wrong
+
+
+def test_a_hostile_sender_changes_nothing(inputs, lines, flown):
+    rng, other = random.Random(1), Flown(inputs)
+    stranger, ours = Autopilot(system=7), Autopilot()
+    for k, (time_s, parts) in enumerate(frames(lines, ours)):
+        for frame in parts:
+            other.take(frame)
+        noise = bytes(rng.randrange(256) for _ in range(200))
+        other.take(noise)
+        other.take(b"\xfd\xff" + noise[:20])
+        other.take(stranger.position(time_s, 0.0, 0.0, [0.0, 0.0], 0.0) if k else b"")
+        other.take(parts[-1][:-3])
+        broken = bytearray(parts[-1])
+        broken[12] ^= 0xFF
+        other.take(bytes(broken))
+    assert other.decisions == flown.decisions
+    assert sum("system 7" in text for text in other.warnings) == 1
+
+
+def test_messages_twice_and_late_change_nothing(inputs, lines, flown):
+    other, before = Flown(inputs), []
+    for _, parts in frames(lines, Autopilot()):
+        for frame in (*parts, parts[-1], *before):
+            other.take(frame)
+        before = parts[-1:]
+    assert other.decisions == flown.decisions
+
+
+def test_a_flood_makes_no_more_lines(inputs):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker.update({"armed": True, "active": True})
+    made = sum(len(maker.update({"time_s": k / 50, "lat_deg": 55.0, "lon_deg": 10.0})) for k in range(500))
+    assert made == 50
+
+
+def test_a_message_that_makes_no_sense_is_said_once(inputs):
+    other = Flown(inputs)
+    other.take(Autopilot().heartbeat(armed=True, active=True))
+    for _ in range(3):
+        other.flight.take(Message("BATTERY_STATUS", 1, 1, {"id": 0, "voltages": None}))
+    assert [text for text in other.warnings if "BATTERY_STATUS" in text] == [
+        "BATTERY_STATUS that makes no sense; ignored"
+    ]
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["", "udpin:", "127.0.0.1:14550", "/etc/passwd", "udp:0.0.0.0:1", "csv:x", "run.elf", "tcp:a:b", "/dev/null,x"],
+)
+def test_an_address_is_refused_before_anything_is_opened(address):
+    with pytest.raises(InputError, match="--mavlink"):
+        Link(address, WANTED)
+
+
+def test_a_plan_without_a_place_is_refused(eadp):
+    answer = eadp("replan", "plans/survey.plan", "--scenario", SCENARIO, "--mavlink", "udpin:127.0.0.1:14599")
+    assert answer.code == 2
+    assert "no place on the earth" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--mavlink", "udpin:127.0.0.1:14599", "--replay", "x"), "--replay:1:1: error: beside --mavlink"),
+        (("--items", "x"), "--items:1:1: error: without a link"),
+        (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
+        (("--replay", "README.md"), "README.md:1:1: error: has no flight"),
+    ],
+)
+def test_options_that_do_not_go_together(eadp, plan, options, message):
+    answer = eadp("replan", plan, "--scenario", SCENARIO, *options)
+    assert answer.code == 2
+    assert message in answer.err
+
+
+# --- files, and a socket
+
+
+def test_a_telemetry_log_gives_the_same_decisions(eadp, plan, lines, flown, tmp_path):
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(b"rubbish" + tlog(frames(lines, Autopilot())) + struct.pack(">Q", 1))
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log)
+    assert [json.loads(line) for line in answer.out.splitlines()] == flown.decisions
+
+
+def test_rubbish_is_no_telemetry_log():
+    rng = random.Random(2)
+    assert list(tlog_messages(bytes(rng.randrange(256) for _ in range(20_000)), WANTED)) == []
+
+
+def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    log = tmp_path / "flight.jsonl"
+    command = [sys.executable, "-m", "eadp", "replan", str(plan), "--scenario", SCENARIO, "--log", str(log)]
+    with (
+        subprocess.Popen(
+            [*command, "--mavlink", f"udpin:127.0.0.1:{port}"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port_out,
+    ):
+        port_out.bind(("127.0.0.1", 0))
+        port_out.settimeout(60.0)
+        heard, codec = set(), Codec(frozenset({"STATUSTEXT", "NAMED_VALUE_FLOAT", "HEARTBEAT"}))
+        # until it listens, a datagram is refused or lost
+        autopilot, deadline = Autopilot(), time.monotonic() + 60
+        port_out.settimeout(0.2)
+        while "HEARTBEAT" not in heard and time.monotonic() < deadline:
+            port_out.sendto(autopilot.heartbeat(armed=False, active=False), ("127.0.0.1", port))
+            try:
+                heard |= {message.kind for message in codec.decoded(port_out.recv(2048))}
+            except OSError:
+                time.sleep(0.05)
+        for _, parts in frames(lines, autopilot):
+            for frame in parts:
+                port_out.sendto(frame, ("127.0.0.1", port))
+            time.sleep(0.01)
+        out, err = process.communicate(timeout=60)
+        while True:
+            try:
+                heard |= {message.kind for message in codec.decoded(port_out.recv(2048))}
+            except OSError:
+                break
+    decisions = [json.loads(line) for line in out.splitlines()]
+    assert decisions == flown.decisions, err
+    assert heard == {"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT"}
+    again = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log)
+    assert [json.loads(line) for line in again.out.splitlines()] == decisions
