@@ -46,6 +46,13 @@ def command(
     replay: Annotated[
         str | None, Option(help="A flight again: a log of --log, or a telemetry log (.tlog).", metavar="FILE")
     ] = None,
+    return_home: Annotated[
+        bool, Option("--return-home", help="Command the autopilot to return where only home can be reached.")
+    ] = False,
+    apply: Annotated[
+        str | None,
+        Option(help="Run this with computations as decided, as in fps=7; a failure is warned of.", metavar="COMMAND"),
+    ] = None,
     log: Annotated[
         str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
@@ -62,12 +69,15 @@ def command(
     more. An invalid value gives a warning and counts as null; an invalid line is skipped.
 
     With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
-    NAMED_VALUE_FLOAT and STATUSTEXT. It commands nothing. It ends when the aircraft has flown and is disarmed.
+    NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return. It ends when the aircraft
+    has flown and is disarmed.
 
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
+    from eadp.errors import Fault
     from eadp.io.flight.inputs import load_flight
     from eadp.io.scenario.scenario_file import override_texts, read_overrides
+    from eadp.io.telemetry.apply import Hook
     from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog, hash_of
     from eadp.io.telemetry.reader import open_telemetry
@@ -78,21 +88,26 @@ def command(
     if len(given_sources) > 1:
         raise usage_fault(given_sources[1], str(sources[given_sources[1]]), f"beside {given_sources[0]}", "one of them")
     linked = mavlink is not None or replay is not None
-    for name, value in (("--items", items), ("--system", system)):
+    for name, value in (("--items", items), ("--system", system), ("--return-home", return_home or None)):
         if value is not None and not linked:
             raise usage_fault(name, str(value), "without a link", "--mavlink or --replay")
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-" and not linked:
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
+    home = ["on_infeasible=home"] if return_home else []
     overrides = read_overrides(
-        override_texts([*(set_ or ()), *load_overrides(at)], planner=planner and planner.value, laps=laps)
+        override_texts([*(set_ or ()), *home, *load_overrides(at)], planner=planner and planner.value, laps=laps)
     )
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 
+    hooks: list[Hook] = []
+
     def emit(line: dict[str, Any]) -> None:
         sys.stdout.write(json_line(line))
         sys.stdout.flush()
+        for hook in hooks:
+            hook.decided(line)
 
     with ExitStack() as stack:
         if not linked:
@@ -100,11 +115,19 @@ def command(
         kept = ReplanLog(log, hash_of(inputs.texts, overrides)) if log is not None else None
         if kept is not None:
             stack.callback(kept.close)
+        if apply is not None:
+            computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
+            hooks.append(
+                Hook(apply, computations, kept, lambda what: warn([Fault("--apply", 1, 1, what, severity="warning")]))
+            )
+            stack.callback(hooks[0].close)
         if linked:
             from eadp.io.link.flight import fly, replay_flight
 
             flown = (inputs, items, system, kept, emit, lambda fault: warn([fault]))
-            completes = fly(mavlink, *flown) if mavlink is not None else replay_flight(replay or "", *flown)
+            completes = (
+                fly(mavlink, return_home, *flown) if mavlink is not None else replay_flight(replay or "", *flown)
+            )
             return 0 if completes else 1
         name = "<stdin>" if telemetry == "-" else telemetry
         completes = replan(inputs, stream, name, kept, emit, lambda fault: warn([fault]))

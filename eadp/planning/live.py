@@ -62,6 +62,8 @@ class Advice(NamedTuple):
         The decision and its reason, in words.
     warnings : tuple of str
         Codes of what is wrong with the telemetry.
+    returns_home : bool
+        Whether to give the plan up and fly home.
     """
 
     time_s: float
@@ -73,6 +75,7 @@ class Advice(NamedTuple):
     wind_mps: Point | None
     reason: str
     warnings: tuple[str, ...]
+    returns_home: bool = False
 
 
 class LiveFlight:
@@ -308,6 +311,7 @@ class LiveFlight:
             wind_mps,
             reason,
             self._warnings(sample),
+            self._decision.returns_home,
         )
 
     def _warnings(self, sample: Sample) -> tuple[str, ...]:

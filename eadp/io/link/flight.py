@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from eadp.errors import Fault, InputError
@@ -24,7 +24,9 @@ WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
 
 ONBOARD, INVALID = 18, 8
-NOTICE, WARNING = 5, 4
+NOTICE, WARNING, CRITICAL = 5, 4, 2
+RETURN, ACCEPTED, MAX_COMMANDS = 20, 0, 10
+"""The command to return to launch, the answer that it is accepted, and how often it is given at most."""
 TEXT_CHARACTERS, NAME_CHARACTERS = 50, 10
 SET_INTERVAL, INTERVALS_US = 511, {33: 200_000, 74: 500_000, 147: 500_000, 168: 1_000_000, 231: 1_000_000,
                                    245: 1_000_000, 2: 1_000_000, 42: 1_000_000}  # fmt: skip
@@ -50,6 +52,8 @@ class LinkFlight:
         As those of `replan`.
     send : function, optional
         Takes the system, the name and the fields of a message to send.
+    return_home : bool, optional
+        Whether to command a return where the planner decides on it; else it only says so.
 
     Raises
     ------
@@ -67,6 +71,8 @@ class LinkFlight:
         emit: Emit,
         warn: Warn,
         send: Send | None = None,
+        *,
+        return_home: bool = False,
     ) -> None:
         plan = inputs.mission.plan
         if plan.site.origin_deg is None:
@@ -84,6 +90,7 @@ class LinkFlight:
         self._heard_s: float | None = None
         self._sent_s = -1e9
         self._lost = False
+        self._may_return, self._returns, self._commands = return_home, False, 0
         self._count, self._text = 0, ""
 
     @property
@@ -110,6 +117,9 @@ class LinkFlight:
         except (ArithmeticError, LookupError, TypeError, ValueError):
             self._say(f"{message.kind} that makes no sense; ignored")
             return
+        if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
+            self._may_return = False
+            self._note("the autopilot returns")
         for line in self._lines.update(values):
             self.line(json_line(line).encode())
 
@@ -127,6 +137,8 @@ class LinkFlight:
             self._sent_s = now_s
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
+            if self._returns and self._may_return:
+                self._return()
 
     # --- the autopilot
 
@@ -156,10 +168,21 @@ class LinkFlight:
     def _ask(self) -> None:
         """Ask for the messages that are read, at the rates that are needed."""
         for number, interval_us in INTERVALS_US.items():
-            numbers = (number, interval_us, 0, 0, 0, 0, 0)
-            values = {f"param{k}": float(value) for k, value in enumerate(numbers, 1)}
-            target = {"target_system": self._system, "target_component": self._component}
-            self._give("COMMAND_LONG", {**target, "command": SET_INTERVAL, "confirmation": 0, **values})
+            self._command(SET_INTERVAL, (number, interval_us, 0, 0, 0, 0, 0))
+
+    def _return(self) -> None:
+        """Command the autopilot to return; until it accepts, once with each heartbeat, `MAX_COMMANDS` times at most."""
+        self._commands += 1
+        if self._commands > MAX_COMMANDS:
+            self._may_return = False
+            self._say(f"the autopilot does not accept the command to return, given {MAX_COMMANDS} times")
+            return
+        self._command(RETURN, (0.0,) * 7, self._commands - 1)
+
+    def _command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
+        values = {f"param{k}": float(value) for k, value in enumerate(numbers, 1)}
+        target = {"target_system": self._system, "target_component": self._component}
+        self._give("COMMAND_LONG", {**target, "command": command, "confirmation": repeated, **values})
 
     # --- what goes out
 
@@ -173,6 +196,9 @@ class LinkFlight:
             if value is not None:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
                 self._give("NAMED_VALUE_FLOAT", fields)
+        if line["returns_home"] and not self._returns:
+            self._returns = True
+            self._give("STATUSTEXT", {"severity": CRITICAL, "text": b"eadp: only home can be reached: fly home"})
         text = _ascii(f"eadp: {line['reason']}")[:TEXT_CHARACTERS]
         if line["reason"] != KEPT and text != self._text:
             self._text = text
@@ -205,6 +231,7 @@ def _ascii(text: str) -> str:
 
 def fly(
     address: str,
+    return_home: bool,
     inputs: FlightInputs,
     items: str | None,
     system: int | None,
@@ -226,7 +253,11 @@ def fly(
     """
     require_pymavlink("--mavlink", address)
     opened: list[Link] = []
-    flight = LinkFlight(inputs, address, items, system, log, emit, warn, lambda *message: opened[0].send(*message))
+
+    def send(*message: Any) -> None:
+        opened[0].send(*message)
+
+    flight = LinkFlight(inputs, address, items, system, log, emit, warn, send, return_home=return_home)
     opened.append(Link(address, WANTED))
     try:
         while not flight.over:

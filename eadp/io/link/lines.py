@@ -58,7 +58,16 @@ class LineMaker:
         if "named" in values and values["named"] is not None:
             self._report(*values["named"])
         for key, value in values.items():
-            if key not in ("time_s", "home_is_item", "named", "lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
+            if key not in (
+                "time_s",
+                "home_is_item",
+                "named",
+                "answer",
+                "lat_deg",
+                "lon_deg",
+                "velocity_mps",
+                "heading_deg",
+            ):
                 self._known[key] = self._now_s, value
         time_s = values.get("time_s")
         if time_s is None:

@@ -80,6 +80,10 @@ def _named(fields: Fields) -> Values:
     return {"named": (text.rstrip("\0"), fields["value"])}
 
 
+def _answer(fields: Fields) -> Values:
+    return {"answer": (fields["command"], fields["result"])}
+
+
 READERS: dict[str, Callable[[Fields], Values]] = {
     "GLOBAL_POSITION_INT": _position,
     "BATTERY_STATUS": _battery,
@@ -92,6 +96,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "HEARTBEAT": _heartbeat,
     "EXTENDED_SYS_STATE": _landed,
     "NAMED_VALUE_FLOAT": _named,
+    "COMMAND_ACK": _answer,
 }
 """The messages that are read, and what each says."""
 

@@ -32,6 +32,7 @@ class DecisionLine(BaseModel):
     wind_mps: list[float] | None = Field(description="[x, y]: estimated wind, the vector that it blows towards [m/s]")
     reason: str = Field(description="the decision and its reason")
     warnings: list[str] = Field(description="codes of what is wrong with the telemetry")
+    returns_home: bool = Field(description="whether to give the plan up and fly home, where the scenario allows it")
 
 
 def json_schema() -> dict[str, Any]:

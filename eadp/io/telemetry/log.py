@@ -1,6 +1,7 @@
 """Log of a flight on telemetry: every sample read and every decision, to resume from after a kill.
 
-One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`.
+One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`; `applied`, what came
+of a command that applies computations.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from eadp.planning.base import Mission
 from eadp.planning.gate import Sample
 
 SCHEMA = "eadp.replan-log/1"
-START, TELEMETRY, DECISION = "start", "telemetry", "decision"
+START, TELEMETRY, DECISION, APPLIED = "start", "telemetry", "decision", "applied"
+_APPLIED = b'{"kind": "applied"'
 SYNC_EVERY_S = 1.0
 """Maximum loss at a power cut [s]; a kill loses nothing that is written."""
 
@@ -100,7 +102,8 @@ class ReplanLog:
                     self._drop(number, kept)
                     return
                 kept += len(raw)
-                yield sample
+                if not raw.startswith(_APPLIED):
+                    yield sample
 
     def telemetry(self, document: Mapping[str, Any]) -> None:
         """Append a sample before it is used."""
@@ -109,6 +112,10 @@ class ReplanLog:
     def decision(self, line: Mapping[str, Any]) -> None:
         """Append a decision that was emitted."""
         self._write({"kind": DECISION, **line})
+
+    def applied(self, line: Mapping[str, Any]) -> None:
+        """Append what came of a command that applies computations."""
+        self._write({"kind": APPLIED, **line})
 
     def close(self) -> None:
         """Sync and close the file."""
@@ -148,6 +155,8 @@ class ReplanLog:
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
     def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> tuple[Sample | None, Fault | None]:
+        if raw.startswith(_APPLIED):
+            return None, None
         expected = "a JSON object with the kind telemetry or decision"
         try:
             line = json.loads(raw)

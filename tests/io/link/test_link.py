@@ -52,7 +52,7 @@ def lines():
 class Flown:
     """A flight over a link without a socket: its decisions, warnings, and what it sends."""
 
-    def __init__(self, inputs, items=None, system=None):
+    def __init__(self, inputs, items=None, system=None, **options):
         self.decisions, self.faults, self.sent = [], [], []
         self.flight = LinkFlight(
             inputs,
@@ -63,6 +63,7 @@ class Flown:
             self.decisions.append,
             self.faults.append,
             lambda *m: self.sent.append(m),
+            **options,
         )
 
     def take(self, data: bytes) -> None:
@@ -209,6 +210,52 @@ def test_all_that_is_sent_can_be_encoded(flown):
         codec.encoded(*message)
         kinds.add(message[1])
     assert "STATUSTEXT" in kinds
+
+
+# --- the way home
+
+
+def decision_home(flown, **more):
+    return {**flown.decisions[-1], "returns_home": True, **more}
+
+
+def commands(other):
+    return [fields["command"] for _, kind, fields in other.sent if kind == "COMMAND_LONG" and fields["command"] != 511]
+
+
+@pytest.mark.parametrize("may", [False, True])
+def test_a_return_is_told_and_commanded_only_where_that_is_allowed(inputs, flown, may):
+    other = Flown(inputs, return_home=may)
+    other.take(Autopilot().heartbeat(armed=True, active=True))
+    other.flight._decided(decision_home(flown))
+    other.flight._decided(decision_home(flown))
+    texts = [fields for _, kind, fields in other.sent if kind == "STATUSTEXT" and fields["severity"] == 2]
+    assert len(texts) == 1
+    assert b"home" in texts[0]["text"]
+    for second in range(20):
+        other.flight.tick(float(second))
+    assert commands(other) == [20] * (10 if may else 0)
+
+
+def test_a_return_that_is_accepted_is_not_repeated(inputs, flown):
+    other, autopilot = Flown(inputs, return_home=True), Autopilot()
+    other.take(autopilot.heartbeat(armed=True, active=True))
+    other.take(autopilot.frame("command_ack", 20, 0))  # the answer to another's command
+    other.flight._decided(decision_home(flown))
+    other.flight.tick(0.0)
+    other.take(autopilot.frame("command_ack", 20, 4))
+    other.flight.tick(1.0)
+    other.take(autopilot.frame("command_ack", 20, 0))
+    for second in range(2, 10):
+        other.flight.tick(float(second))
+    assert commands(other) == [20, 20]
+
+
+def test_a_return_needs_a_home(eadp, plan):
+    answer = eadp(
+        "replan", plan, "--scenario", SCENARIO, "--return-home", "--set", "home=", "--mavlink", "udpin:127.0.0.1:14599"
+    )
+    assert answer.code == 2
 
 
 # --- what goes wrong
