@@ -252,10 +252,9 @@ def test_a_return_that_is_accepted_is_not_repeated(inputs, flown):
 
 
 def test_a_return_needs_a_home(eadp, plan):
-    answer = eadp(
-        "replan", plan, "--scenario", SCENARIO, "--return-home", "--set", "home=", "--mavlink", "udpin:127.0.0.1:14599"
-    )
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--return-home", "--mavlink", "udpin:127.0.0.1:14599")
     assert answer.code == 2
+    assert "home, which has no location" in answer.err
 
 
 # --- what goes wrong
