@@ -46,6 +46,9 @@ def command(
     replay: Annotated[
         str | None, Option(help="A flight again: a log of --log, or a telemetry log (.tlog).", metavar="FILE")
     ] = None,
+    upload: Annotated[
+        bool, Option("--upload", help="Replace the rest of the autopilot's mission where another path is decided.")
+    ] = False,
     return_home: Annotated[
         bool, Option("--return-home", help="Command the autopilot to return where only home can be reached.")
     ] = False,
@@ -69,8 +72,8 @@ def command(
     more. An invalid value gives a warning and counts as null; an invalid line is skipped.
 
     With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
-    NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return. It ends when the aircraft
-    has flown and is disarmed.
+    NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return, and nothing written
+    but, with --upload, the rest of the mission. It ends when the aircraft has flown and is disarmed.
 
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
@@ -88,7 +91,12 @@ def command(
     if len(given_sources) > 1:
         raise usage_fault(given_sources[1], str(sources[given_sources[1]]), f"beside {given_sources[0]}", "one of them")
     linked = mavlink is not None or replay is not None
-    for name, value in (("--items", items), ("--system", system), ("--return-home", return_home or None)):
+    for name, value in (
+        ("--items", items),
+        ("--system", system),
+        ("--upload", upload or None),
+        ("--return-home", return_home or None),
+    ):
         if value is not None and not linked:
             raise usage_fault(name, str(value), "without a link", "--mavlink or --replay")
     for given in (plan, scenario, profile, energy):
@@ -126,7 +134,9 @@ def command(
 
             flown = (inputs, items, system, kept, emit, lambda fault: warn([fault]))
             completes = (
-                fly(mavlink, return_home, *flown) if mavlink is not None else replay_flight(replay or "", *flown)
+                fly(mavlink, return_home, upload, *flown)
+                if mavlink is not None
+                else replay_flight(replay or "", *flown)
             )
             return 0 if completes else 1
         name = "<stdin>" if telemetry == "-" else telemetry

@@ -97,3 +97,68 @@ def tlog(steps: Iterator[tuple[float, list[bytes]]]) -> bytes:
 def is_near(one: float, other: float, tolerance: float) -> bool:
     """Whether two numbers are near."""
     return math.isclose(one, other, rel_tol=0.0, abs_tol=tolerance)
+
+
+class MissionHolder:
+    """An autopilot's end of the mission protocol: it holds a mission, home at 0, and answers frames with frames.
+
+    `lost` is how many of its first messages are lost; `refuses` lists kinds that it refuses; `spoils` is an item that
+    it stores wrong; `resets` whether it goes back to the first item when a mission is written.
+    """
+
+    def __init__(
+        self, items: list[tuple[int, int, tuple[float, ...]]], *, lost: int = 0, refuses: tuple[str, ...] = (),
+        spoils: int | None = None, resets: bool = False,
+    ) -> None:  # fmt: skip
+        self.autopilot, self.items = Autopilot(), [(16, 0, (0.0, 0.0, 0.0, 0.0, *ORIGIN, 0.0)), *items]
+        self.lost, self.refuses, self.spoils, self.resets = lost, refuses, spoils, resets
+        self.current, self.writes, self.kinds = 1, [], list[str]()
+        self._parser = dialect.MAVLink(None)
+        self._due: list[int] = []
+
+    def answer(self, frame: bytes) -> list[bytes]:
+        """What it sends when a frame comes."""
+        message = self._parser.decode(bytearray(frame))
+        kind = message.get_type()
+        self.kinds.append(kind)
+        if kind.startswith("MISSION") and self.lost > 0:
+            self.lost -= 1
+            return []
+        if kind in self.refuses:
+            return [self._frame("mission_ack", 1)]
+        if kind == "MISSION_REQUEST_LIST":
+            return [self._frame("mission_count", len(self.items))]
+        if kind == "MISSION_REQUEST_INT":
+            return [self._item(message.seq)]
+        if kind == "MISSION_COUNT":
+            self._due, self.items = list(range(message.count)), self.items[: message.count]
+            return [self._frame("mission_request_int", 0)]
+        if kind == "MISSION_WRITE_PARTIAL_LIST":
+            self._due = list(range(message.start_index, message.end_index + 1))
+            return [self._frame("mission_request_int", self._due[0])]
+        if kind == "MISSION_ITEM_INT" and self._due and message.seq == self._due[0]:
+            self._store(message)
+            self._due.pop(0)
+            if self._due:
+                return [self._frame("mission_request_int", self._due[0])]
+            self.current = 1 if self.resets else self.current
+            return [self._frame("mission_ack", 0)]
+        if kind == "MISSION_SET_CURRENT":
+            self.current = message.seq
+        return []
+
+    def _store(self, message: Any) -> None:
+        scale = 1e7 if message.frame in (0, 3, 5, 6) else 1.0
+        numbers = (message.param1, message.param2, message.param3, message.param4)
+        place = (message.x / scale + (0.001 if message.seq == self.spoils else 0.0), message.y / scale, message.z)
+        self.writes.append(message.seq)
+        self.items[message.seq : message.seq + 1] = [(message.command, message.frame, (*numbers, *place))]
+
+    def _item(self, number: int) -> bytes:
+        command, frame, (p1, p2, p3, p4, x, y, z) = self.items[number]
+        scale = 1e7 if frame in (0, 3, 5, 6) else 1.0
+        fields = (255, 191, number, frame, command, 0, 1, p1, p2, p3, p4, round(x * scale), round(y * scale), z)
+        return self.autopilot.frame("mission_item_int", *fields)
+
+    def _frame(self, name: str, *fields: Any) -> bytes:
+        return self.autopilot.frame(name, 1, 191, *fields)

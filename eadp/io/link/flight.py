@@ -13,7 +13,9 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.link.lines import LineMaker
 from eadp.io.link.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, WANTED, values_of
-from eadp.io.mission.items import read_items
+from eadp.io.link.mission import PROTOCOL
+from eadp.io.link.upload import HeldMission
+from eadp.io.mission.items import MappedItem, read_items
 from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
@@ -54,6 +56,8 @@ class LinkFlight:
         Takes the system, the name and the fields of a message to send.
     return_home : bool, optional
         Whether to command a return where the planner decides on it; else it only says so.
+    upload : bool, optional
+        Whether to replace the rest of the autopilot's mission where other path parameters are decided.
 
     Raises
     ------
@@ -73,6 +77,7 @@ class LinkFlight:
         send: Send | None = None,
         *,
         return_home: bool = False,
+        upload: bool = False,
     ) -> None:
         plan = inputs.mission.plan
         if plan.site.origin_deg is None:
@@ -81,17 +86,26 @@ class LinkFlight:
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
         mapped = None if items is None else read_items(items, plan.names[: plan.path_count])
+        if upload and mapped is None:
+            raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         self._name, self._warn, self._emit, self._send = name, warn, emit, send
         self._warned: set[str] = set()
         self._plan = plan
         self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
+        self._mission: HeldMission | None = None
+        if mapped is not None and send is not None:
+            self._mission = HeldMission(
+                plan, inputs.mission.cruise_mps, mapped, self._to_autopilot, self._say, self._note, self._map
+            )
+        self._uploads = upload
+        self._decided_path: tuple[float, ...] | None = None
         self._system, self._component = system, 0
         self._heard_s: float | None = None
         self._sent_s = -1e9
         self._lost = False
         self._may_return, self._returns, self._commands = return_home, False, 0
-        self._count, self._text = 0, ""
+        self._count, self._text, self._read = 0, "", False
 
     @property
     def over(self) -> bool:
@@ -112,16 +126,25 @@ class LinkFlight:
         """Take a message that has come at a time of any clock [s]."""
         if not self._is_ours(message, now_s):
             return
+        if message.kind in PROTOCOL:
+            if self._mission is not None and message.fields["target_component"] == COMPONENT:
+                self._mission.take(message.kind, message.fields, now_s)
+            return
         try:
             values = values_of(message.kind, message.fields)
         except (ArithmeticError, LookupError, TypeError, ValueError):
             self._say(f"{message.kind} that makes no sense; ignored")
             return
+        if message.kind == "HEARTBEAT" and self._mission is not None and not self._read:
+            self._read = True
+            self._mission.read(now_s, ardupilot=values["home_is_item"])
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
         for line in self._lines.update(values):
             self.line(json_line(line).encode())
+        if self._uploads and self._mission is not None and self._decided_path is not None:
+            self._mission.update(now_s, self._lines.item, self._decided_path, self._replanner.rest)
 
     def line(self, raw: bytes) -> None:
         """Take a line of telemetry."""
@@ -139,6 +162,8 @@ class LinkFlight:
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
             if self._returns and self._may_return:
                 self._return()
+        if self._mission is not None:
+            self._mission.tick(now_s, self._lines.item)
 
     # --- the autopilot
 
@@ -179,16 +204,23 @@ class LinkFlight:
             return
         self._command(RETURN, (0.0,) * 7, self._commands - 1)
 
+    def _to_autopilot(self, kind: str, values: Mapping[str, Any]) -> None:
+        self._give(kind, {"target_system": self._system, "target_component": self._component, **values})
+
+    def _map(self, items: list[MappedItem] | None) -> None:
+        self._lines.items = items
+
     def _command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
         values = {f"param{k}": float(value) for k, value in enumerate(numbers, 1)}
-        target = {"target_system": self._system, "target_component": self._component}
-        self._give("COMMAND_LONG", {**target, "command": command, "confirmation": repeated, **values})
+        self._to_autopilot("COMMAND_LONG", {"command": command, "confirmation": repeated, **values})
 
     # --- what goes out
 
     def _decided(self, line: dict[str, Any]) -> None:
         """Send a decision, and print it."""
         self._emit(line)
+        if not self._returns:
+            self._decided_path = tuple([line["parameters"][name] for name in self._plan.names[: self._plan.path_count]])
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
         shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
@@ -197,7 +229,7 @@ class LinkFlight:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
                 self._give("NAMED_VALUE_FLOAT", fields)
         if line["returns_home"] and not self._returns:
-            self._returns = True
+            self._returns, self._decided_path = True, None
             self._give("STATUSTEXT", {"severity": CRITICAL, "text": b"eadp: only home can be reached: fly home"})
         text = _ascii(f"eadp: {line['reason']}")[:TEXT_CHARACTERS]
         if line["reason"] != KEPT and text != self._text:
@@ -232,6 +264,7 @@ def _ascii(text: str) -> str:
 def fly(
     address: str,
     return_home: bool,
+    upload: bool,
     inputs: FlightInputs,
     items: str | None,
     system: int | None,
@@ -257,7 +290,7 @@ def fly(
     def send(*message: Any) -> None:
         opened[0].send(*message)
 
-    flight = LinkFlight(inputs, address, items, system, log, emit, warn, send, return_home=return_home)
+    flight = LinkFlight(inputs, address, items, system, log, emit, warn, send, return_home=return_home, upload=upload)
     opened.append(Link(address, WANTED))
     try:
         while not flight.over:

@@ -38,12 +38,19 @@ class LineMaker:
         The stages of its mission's items.
     warn : function
         Called with a text, once for each thing that is wrong.
+
+    Attributes
+    ----------
+    items : list of MappedItem or None
+        As given; another list takes its place where the mission is another.
+    flown : bool
+        Whether the aircraft has been in the air.
     """
 
     def __init__(
         self, plan: Plan, battery: Battery, items: Sequence[MappedItem] | None, warn: Callable[[str], None]
     ) -> None:
-        self._plan, self._battery, self._items, self._warn = plan, battery, items, warn
+        self._plan, self._battery, self.items, self._warn = plan, battery, items, warn
         self._known: dict[str, tuple[float, Any]] = {}
         self._parameters: dict[str, tuple[float, float]] = {}
         self._now_s = self._line_s = -math.inf
@@ -97,6 +104,12 @@ class LineMaker:
         """Whether the flight is over: the aircraft has flown and is disarmed."""
         return self.flown and self._value("armed") is False
 
+    @property
+    def item(self) -> int | None:
+        """The number of the item that is flown to, as the autopilot counts."""
+        number: int | None = self._value("item", ages=False)
+        return number
+
     # --- one line
 
     def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,14 +156,14 @@ class LineMaker:
 
     def _item(self) -> MappedItem | None:
         """The item that is flown to."""
-        number: int | None = self._value("item", ages=False)
-        if self._items is None or number is None:
+        number = self.item
+        if self.items is None or number is None:
             return None
-        index = int(number) - 1 if self._home_is_item else int(number)
-        if not 0 <= index < len(self._items):
+        index = number - 1 if self._home_is_item else number
+        if not 0 <= index < len(self.items):
             self._warn(f"the mission has no item {number} of those of --items: the stage is found by the position")
             return None
-        return self._items[index]
+        return self.items[index]
 
     def _report(self, name: str, value: float) -> None:
         """A computation's parameter that its process reports to be in force."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from eadp.io.link.mavlink import is_number
+from eadp.io.link.mission import PROTOCOL
 
 Values = dict[str, Any]
 Fields = Mapping[str, Any]
@@ -100,7 +101,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
 }
 """The messages that are read, and what each says."""
 
-WANTED = frozenset(READERS)
+WANTED = frozenset(READERS) | PROTOCOL
 
 
 def values_of(kind: str, fields: Fields) -> Values:

@@ -1,0 +1,208 @@
+"""The mission in flight: whether the autopilot holds the one that the map is of, and the rest of it replaced.
+
+Items up to the stage being flown stay as they are, so that the autopilot's item stays the same one: a new path
+parameter waits for a later stage. A mission counts as uploaded once the autopilot has given it back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import PathUndefined
+from eadp.io.link.mission import MissionClient
+from eadp.io.mission import draft as d
+from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.export import mission_items
+from eadp.io.mission.items import MappedItem, mapped_items, same_items
+from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import PlannedLegs
+
+SETTLED_S = 5.0
+"""Time in which an autopilot goes back to the item that it flew to, after an upload [s]."""
+AGAIN_S = 10.0
+"""Time after which an upload that failed is tried again [s]."""
+SINGLE = 1e-6
+"""Relative error of numbers that were sent in single precision."""
+
+
+class HeldMission:
+    """What the autopilot holds, beside the map of the mission's items.
+
+    Parameters
+    ----------
+    plan : Plan
+    airspeed_mps : float
+        Of the aircraft [m/s].
+    items : sequence of MappedItem
+        The map.
+    give : function
+        Sends a message to the autopilot, by its name and fields.
+    say, note : function
+        Take a warning, and what happened.
+    changed : function
+        Takes the map that holds from now on; None where the mission is unknown.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        airspeed_mps: float,
+        items: Sequence[MappedItem],
+        give: Callable[[str, Mapping[str, Any]], None],
+        say: Callable[[str], None],
+        note: Callable[[str], None],
+        changed: Callable[[list[MappedItem] | None], None],
+    ) -> None:
+        self._plan, self._airspeed_mps, self._items = plan, airspeed_mps, list(items)
+        self._give, self._say, self._note, self._changed = give, say, note, changed
+        self._client = MissionClient(give)
+        self._held: list[MissionItem] | None = None
+        """As read from the autopilot, home included where it has one."""
+        self._home = 0
+        self._ardupilot = False
+        self._asked: tuple[float, ...] = items[-1].parameters if items else ()
+        self._failed_s = -math.inf
+        self._now_s = 0.0
+        self._resume: tuple[int, float] | None = None
+
+    # --- reading
+
+    def read(self, now_s: float, *, ardupilot: bool) -> None:
+        """Read the autopilot's mission, and see whether it is that of the map."""
+        self._ardupilot, self._home = ardupilot, int(ardupilot)
+        self._client.download(now_s, self._check)
+
+    def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
+        """Take a message of the mission protocol."""
+        self._now_s = now_s
+        self._client.take(kind, fields, now_s)
+
+    def tick(self, now_s: float, item: int | None) -> None:
+        """Repeat what is not answered; and go back to the item that was flown to, where an upload has reset it."""
+        self._now_s = now_s
+        self._client.tick(now_s)
+        if self._resume is not None:
+            number, until_s = self._resume
+            if now_s > until_s:
+                self._resume = None
+            elif item is not None and item < number:
+                self._give("MISSION_SET_CURRENT", {"seq": number})
+
+    def _check(self, held: list[MissionItem] | None) -> None:
+        if held is None:
+            self._say("the autopilot's mission cannot be read: its items are taken to be those of --items")
+            return
+        if same_items([each.item for each in self._items], held[self._home :]):
+            self._held = held
+            self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
+        else:
+            self._lose("the autopilot holds another mission than that of --items: the stage is found by the position")
+
+    def _lose(self, what: str) -> None:
+        self._held = None
+        self._say(what)
+        self._changed(None)
+
+    # --- writing
+
+    def update(
+        self, now_s: float, item: int | None, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]
+    ) -> None:
+        """Replace the rest of the mission where other path parameters are decided; `rest` gives what is left to fly."""
+        if self._held is None or self._client.busy or decided == self._asked or now_s - self._failed_s < AGAIN_S:
+            return
+        try:
+            planned = rest()
+            made = None if planned is None else self._replaced(planned)
+        except PathUndefined as error:
+            self._say(f"the rest of the mission cannot be laid out, and is not uploaded: {error}")
+            made = None
+        if made is None:
+            self._failed_s = now_s
+            return
+        kept, new = made
+        mission = [*self._items[:kept], *new]
+        items = [*self._held[: self._home + kept], *(each.item for each in new)]
+        partial = self._ardupilot and len(items) == len(self._held) and bool(new)
+
+        def verify(accepted: bool) -> None:
+            if item is not None:
+                self._resume = item, self._now_s + SETTLED_S
+            self._client.download(
+                self._now_s, lambda held: self._verify(held, items, mission, decided, accepted=accepted)
+            )
+
+        self._client.upload(now_s, items, self._home + kept, verify, partial=partial)
+
+    def _replaced(self, planned: PlannedLegs) -> tuple[int, list[MappedItem]] | None:
+        """How many items stay, and those that follow."""
+        assert self._held is not None
+        kept = sum(each.first <= planned.started for each in self._items)
+        done = max([planned.started, *(each.last for each in self._items[:kept])])
+        left = planned.after(done - planned.started + 1)
+        if not any(leg.distance_m > 0 for leg in left.legs):
+            return kept, []
+        held = self._held[self._home :]
+        altitudes_m = [
+            item.parameters[6] for item in held[:kept] if item.frame in d.FRAMES and any(item.parameters[4:6])
+        ]
+        triggers_m = [
+            item.parameters[0] for item in held if item.command == d.TRIGGER_DISTANCE and item.parameters[0] > 0
+        ]
+        returns = held[-1].command == d.RETURN
+        site = self._plan.site
+        assert site.origin_deg is not None
+        home: Point | None = site.origin_deg if returns else None
+        path = PlannedPath(
+            "the rest",
+            planned_sections(left.legs),
+            site.origin_deg,
+            altitudes_m[-1] if altitudes_m else held[0].parameters[6],
+            self._airspeed_mps,
+            home,
+            triggers_m[0] if triggers_m else None,
+            airspace=site.airspace,
+        )
+        return kept, mapped_items(mission_items(path, flying=True), left, self._plan.path_count)
+
+    def _verify(
+        self,
+        held: list[MissionItem] | None,
+        items: list[MissionItem],
+        mission: list[MappedItem],
+        decided: tuple[float, ...],
+        *,
+        accepted: bool,
+    ) -> None:
+        """Count an upload as done where the autopilot gives the mission back."""
+        if held is not None and _equal(held, items):
+            self._held, self._items, self._asked = held, mission, decided
+            self._changed(mission)
+            self._note(f"the rest of the mission is uploaded and verified: {len(mission)} items")
+        elif held is not None and self._held is not None and _equal(held, self._held):
+            self._failed_s = self._now_s
+            self._say("the autopilot does not take the new mission, and keeps the old one")
+        else:
+            self._lose(
+                "an upload was interrupted, and the autopilot's mission is unknown: see to it"
+                if accepted or held is not None
+                else "the autopilot does not answer to an upload: its mission is unknown"
+            )
+
+
+def _equal(one: Sequence[MissionItem], other: Sequence[MissionItem]) -> bool:
+    """Whether two missions are the same in all numbers, but home, which the autopilot sets."""
+    if not same_items(one[1:], other[1:]):
+        return False
+    return all(
+        d.FRAMES.get(a.frame, a.frame) == d.FRAMES.get(b.frame, b.frame)
+        and all(
+            math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y))
+            for x, y in zip((*a.parameters[:4], a.parameters[6]), (*b.parameters[:4], b.parameters[6]), strict=True)
+        )
+        for a, b in zip(one[1:], other[1:], strict=True)
+    )

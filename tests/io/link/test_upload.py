@@ -1,0 +1,188 @@
+"""The rest of a mission, replaced in flight: by the protocol, beside the route that is left, and where it fails."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pymavlink")
+
+from mavlink_vehicle import ORIGIN, Autopilot, MissionHolder, frames, recorded
+
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.errors import InputError
+from eadp.io.flight.inputs import load_flight
+from eadp.io.link.flight import LinkFlight
+from eadp.io.link.mavlink import Codec
+from eadp.io.link.messages import WANTED
+from eadp.io.mission.items import read_items
+from eadp.io.mission.reader import PlanReader
+from eadp.io.text.streams import Text
+from eadp.models.plan.trace import nominal_legs
+
+SCENARIO = "scenarios/survey.yaml"
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "survey.plan"
+    head, _, rest = Path("plans/survey.plan").read_text().partition("%:")
+    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def inputs(plan):
+    return load_flight(str(plan), scenario_path=SCENARIO)
+
+
+@pytest.fixture(scope="module")
+def mission(eadp_of_module, plan, tmp_path_factory):
+    """The mission of c1 = 0, and its items as an autopilot holds them."""
+    path = tmp_path_factory.mktemp("mission") / "survey.waypoints"
+    eadp_of_module("export", plan, "--to", "ardupilot", "--altitude", "60", "-o", path)
+    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
+    return path, [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def eadp_of_module():
+    from eadp.__main__ import run
+
+    def call(*arguments):
+        import sys
+        from unittest import mock
+
+        with mock.patch.object(sys, "argv", ["eadp", *map(str, arguments)]), pytest.raises(SystemExit) as ended:
+            run()
+        assert not ended.value.code
+
+    return call
+
+
+class Flying:
+    """A recorded flight with an autopilot that holds a mission; time goes on by the messages."""
+
+    def __init__(self, inputs, mission, **given):
+        self.path, items = mission
+        self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
+        self._codec, self._queue = Codec(frozenset()), []
+        name = f"{self.path}.items.json"
+        self.flight = LinkFlight(
+            inputs, "link", name, None, None, self.decisions.append, self.faults.append, self._send, upload=True
+        )
+
+    def _send(self, *message):
+        self._queue.append(self._codec.encoded(*message))
+
+    def _give(self, frame):
+        for message in Codec(WANTED).decoded(frame):
+            self.flight.take(message, self.now_s)
+        while self._queue:
+            for answer in self.holder.answer(self._queue.pop(0)):
+                for message in Codec(WANTED).decoded(answer):
+                    self.flight.take(message, self.now_s)
+
+    def fly(self, lines, current=False):
+        for self.now_s, parts in frames(lines, Autopilot()):
+            for frame in parts[:-1]:
+                self._give(frame)
+            if current:
+                self._give(self.holder.autopilot.frame("mission_current", self.holder.current))
+            self._give(parts[-1])
+            self.flight.tick(self.now_s)
+            self._give(b"")
+        return self
+
+    @property
+    def said(self):
+        return [fault.message for fault in self.faults]
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return recorded()[:40]
+
+
+def test_the_rest_is_replaced_and_verified(inputs, mission, lines):
+    flown = Flying(inputs, mission).fly(lines)
+    assert any("holds the mission of --items" in text for text in flown.said)
+    assert any("uploaded and verified" in text for text in flown.said)
+    decided = flown.decisions[-1]["parameters"]["c1"]
+    assert decided < 0
+    before = read_items(f"{mission[0]}.items.json", ("c1",))
+    kept = sum(each.first <= 1 for each in before)
+    after = flown.holder.items[1:]
+    for (command, _, now), (was_command, _, was) in zip(after[:kept], mission[1][:kept], strict=True):
+        assert command == was_command
+        assert now == pytest.approx(was, abs=1.1e-7)  # a step of a position that is sent
+    assert after[kept:] != mission[1][kept:]
+    # what the autopilot holds, flown, is the route that is left
+    head = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t" + f"{ORIGIN[0]}\t{ORIGIN[1]}\t0\t1\n"
+    rows = [f"{k}\t0\t{f}\t{c}\t" + "\t".join(map(repr, p)) + "\t1" for k, (c, f, p) in enumerate(after, 1)]
+    held, _ = PlanReader(turn_radius_m=20.0)(Text("held", head + "\n".join(rows) + "\n"))
+    flown_m = sum(leg.distance_m for leg in nominal_legs(held, ()))
+    plan = inputs.mission.plan
+    left_m = sum(leg.distance_m for leg in nominal_legs(plan, (decided, 2.0)))
+    assert flown_m == pytest.approx(left_m, rel=0.08)  # the first stages are of c1 = 0
+    assert all(item[2][6] == 60 for item in after if item[0] == 16)
+
+
+def test_another_mission_is_left_alone(inputs, mission, lines):
+    path, items = mission
+    moved = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in items]
+    flown = Flying(inputs, (path, moved)).fly(lines)
+    assert any("another mission" in text for text in flown.said)
+    assert flown.holder.items[1:] == moved
+    assert flown.holder.writes == []
+
+
+@pytest.mark.parametrize("lost", [1, 4])
+def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
+    flown = Flying(inputs, mission, lost=lost).fly(lines)
+    assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
+    flown = Flying(inputs, mission, lost=1000).fly(recorded()[:40])
+    assert any("cannot be read" in text for text in flown.said)
+    assert flown.holder.writes == []
+
+
+def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines):
+    flown = Flying(inputs, mission, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines)
+    assert any("keeps the old one" in text for text in flown.said)
+    assert flown.holder.items[1:] == mission[1]
+    assert not any("verified" in text for text in flown.said)
+
+
+def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
+    flown = Flying(inputs, mission, spoils=20).fly(lines)
+    assert not any("verified" in text for text in flown.said)
+    assert any("is unknown" in text for text in flown.said)
+
+
+def test_the_item_is_the_same_after_an_upload(inputs, mission, lines):
+    flown = Flying(inputs, mission, resets=True)
+    flown.holder.current = 3
+    flown.fly(lines, current=True)
+    assert any("uploaded and verified" in text for text in flown.said)
+    assert flown.holder.current == 3
+
+
+def test_it_needs_the_map(inputs):
+    with pytest.raises(InputError, match="--upload"):
+        LinkFlight(inputs, "link", None, None, None, print, print, lambda *_: None, upload=True)
+
+
+def test_waypoints_that_are_written_lie_on_the_new_lines(inputs, mission, lines):
+    flown = Flying(inputs, mission).fly(lines)
+    c1 = flown.decisions[-1]["parameters"]["c1"]
+    points = [leg.end_m for leg in nominal_legs(inputs.mission.plan, (c1, 2.0)) if leg.stage.kind == "line"]
+    written = [to_local_m(*p[4:6], ORIGIN) for c, _, p in flown.holder.items[1:] if c == 16]
+    near = [min(math.dist(point, other) for other in written) for point in points[2:]]
+    # between stages that are less than 5 m apart, the waypoint lies in the middle
+    assert max(near) < 2.5
+    assert min(near) < 0.02
