@@ -35,6 +35,8 @@ SET_INTERVAL, INTERVALS_US = 511, {33: 200_000, 74: 500_000, 147: 500_000, 168: 
 """The command that asks for a message at an interval, and the messages by number: position, speeds, battery, wind of
 both autopilots, state in the air, time, item [µs]."""
 
+_NUMBERS = re.compile(r"[-+.\d]+")
+
 Send = Callable[[int, str, Mapping[str, Any]], None]
 
 
@@ -232,8 +234,10 @@ class LinkFlight:
             self._returns, self._decided_path = True, None
             self._give("STATUSTEXT", {"severity": CRITICAL, "text": b"eadp: only home can be reached: fly home"})
         text = _ascii(f"eadp: {line['reason']}")[:TEXT_CHARACTERS]
-        if line["reason"] != KEPT and text != self._text:
-            self._text = text
+        # a reason whose numbers alone change is said once
+        about = repr(line["parameters"]) + _NUMBERS.sub("", text)
+        if line["reason"] != KEPT and about != self._text:
+            self._text = about
             severity = NOTICE if self._replanner.completes else WARNING
             self._give("STATUSTEXT", {"severity": severity, "text": text.encode()})
 
@@ -251,7 +255,7 @@ class LinkFlight:
 
     def _warn_once(self, fault: Fault) -> None:
         """Warn of each thing once: a link repeats what is wrong with it many times a second."""
-        kind = re.sub(r"[-+.\d]+", "", fault.message)
+        kind = _NUMBERS.sub("", fault.message)
         if kind not in self._warned:
             self._warned.add(kind)
             self._warn(fault)

@@ -198,6 +198,15 @@ def test_decisions_are_sent_as_the_parameters_that_people_read(inputs, flown):
     assert all(len(text) <= 50 and text.startswith(b"eadp: ") and text.isascii() for text in texts)
 
 
+def test_a_reason_whose_numbers_alone_change_is_said_once(inputs, flown):
+    other = Flown(inputs)
+    last = flown.decisions[-1]
+    for k in range(5):
+        other.flight._decided({**last, "reason": f"short by {k}.5 %"})
+    other.flight._decided({**last, "reason": "short by 5 %", "parameters": {**last["parameters"], "c2": 2.0}})
+    assert sum(kind == "STATUSTEXT" for _, kind, _ in other.sent) == 2
+
+
 def test_it_commands_nothing_but_rates_of_messages(flown):
     commands = {fields["command"] for _, kind, fields in flown.sent if kind == "COMMAND_LONG"}
     assert commands == {511}

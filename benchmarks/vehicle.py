@@ -1,0 +1,281 @@
+"""An aeroplane that speaks MAVLink, to try `eadp replan --mavlink` with: it flies the mission that it holds.
+
+usage: python benchmarks/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--speed 10] [--wind X Y] [--capacity 1.0]
+
+The aeroplane, its battery and its air are benchmarks/plant.py, which knows nothing of eadp's models; the autopilot here
+knows waypoints, loiters, changes of speed and the return, and MAVLink's mission protocol. It starts in the air, at the
+first waypoint of the mission, a file of `eadp export --to ardupilot`. Its detector runs at the rate that it is sent as
+NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
+
+- `--speed` is how many times as fast as the clock it flies.
+- `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
+- `--drop S SHARE`: a loss of charge, after so many seconds.
+
+Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import heapq
+import json
+import math
+import random
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path += [str(ROOT / "benchmarks"), str(ROOT / "tests/support")]
+
+from mavlink_vehicle import Autopilot, MissionHolder, dialect  # noqa: E402
+from plant import CONTROL_S, GRAVITY_MPS2, Aeroplane, Dryden, Lipo, _turn_rad, _wrapped, battery_w  # noqa: E402
+
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
+
+WAYPOINT, LOITER_TURNS, RETURN, TAKEOFF, CHANGE_SPEED = 16, 18, 20, 22, 178
+BANK_RAD, HOME_M, SET_INTERVAL = math.radians(35), 60.0, 511
+TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
+"""Steps of CONTROL_S between messages."""
+PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
+OHM_AH, DETECTOR = 0.06, 192
+"""Resistance of a pack times its capacity; the component that runs the detector."""
+
+
+class Wire:
+    """A UDP socket that loses and delays what goes through it."""
+
+    def __init__(self, to: str, loss: float, delay_s: float, seed: int) -> None:
+        host, _, port = to.rpartition(":")
+        self._to, self._loss, self._delay_s, self._rng = (host, int(port)), loss, delay_s, random.Random(seed)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(("127.0.0.1", 0))
+        self._out: list[tuple[float, int, bytes]] = []
+        self._sent = 0
+
+    def send(self, frame: bytes) -> None:
+        """Send a frame, later, or not at all."""
+        if self._rng.random() >= self._loss:
+            self._sent += 1
+            heapq.heappush(self._out, (time.monotonic() + self._rng.uniform(0, self._delay_s), self._sent, frame))
+
+    def flush(self) -> None:
+        """Send what is due."""
+        while self._out and self._out[0][0] <= time.monotonic():
+            self._socket.sendto(heapq.heappop(self._out)[2], self._to)
+
+    def receive(self) -> list[bytes]:
+        """Frames that have come, but for those that are lost."""
+        frames = []
+        while True:
+            try:
+                frames.append(self._socket.recv(4096))
+            except OSError:
+                return [frame for frame in frames if self._rng.random() >= self._loss]
+
+
+class Pilot:
+    """Flies the items of a mission: lines between waypoints, loiters, and the way home."""
+
+    def __init__(self, holder: MissionHolder, origin_deg: tuple[float, float]) -> None:
+        self.holder, self.origin_deg, self.home_m = holder, origin_deg, (0.0, 0.0)
+        self.returns = self.done = False
+        self._from: tuple[float, float] | None = None
+        self._turned, self._angle = 0.0, None
+        self._item: tuple[Any, ...] | None = None
+
+    def place(self, item: tuple[int, int, tuple[float, ...]]) -> tuple[float, float]:
+        """Where an item lies [m]."""
+        return to_local_m(*item[2][4:6], self.origin_deg)
+
+    def bank_rad(self, plane: Aeroplane) -> float:
+        """The bank to fly with; goes on to the next item where one is done."""
+        at = plane.x_m, plane.y_m
+        while not self.returns and not self.done:
+            items, number = self.holder.items, self.holder.current
+            if number >= len(items):
+                self.done = True
+                break
+            item = items[number]
+            if item != self._item:
+                self._item, self._turned, self._angle = item, 0.0, None
+            if item[0] == RETURN:
+                self.returns = True
+            elif item[0] == WAYPOINT:
+                if not self._arrived(plane, at, item, number):
+                    return self._to(plane, self.place(item))
+                self._from = self.place(item)
+                self.holder.current += 1
+            elif item[0] == LOITER_TURNS:
+                if self._circles(plane, at, item, number):
+                    return self._around(plane, self.place(item), item[2][2])
+                self._from = at
+                self.holder.current += 1
+            else:
+                if item[0] == CHANGE_SPEED:
+                    plane.airspeed_target_mps = item[2][1]
+                self.holder.current += 1
+        if math.dist(at, self.home_m) < HOME_M:
+            self.done = True
+        return self._to(plane, self.home_m)
+
+    def _arrived(self, plane: Aeroplane, at: tuple[float, float], item: Any, number: int) -> bool:
+        """Whether a waypoint is passed, or it is time to turn to the next one."""
+        x, y = self.place(item)
+        course = math.atan2(y - (self._from or at)[1], x - (self._from or at)[0])
+        left = (x - at[0]) * math.cos(course) + (y - at[1]) * math.sin(course)
+        later = next((other for other in self.holder.items[number + 1 :] if other[0] in (WAYPOINT, LOITER_TURNS)), None)
+        early = 5.0
+        if later is not None and later[0] == WAYPOINT:
+            nx, ny = self.place(later)
+            turn = abs(_wrapped(math.atan2(ny - y, nx - x) - course))
+            radius = math.hypot(plane.east_mps, plane.north_mps) ** 2 / (GRAVITY_MPS2 * math.tan(BANK_RAD))
+            early = max(early, radius * math.tan(min(turn, 2.0) / 2))
+        return left < early
+
+    def _to(self, plane: Aeroplane, target: tuple[float, float]) -> float:
+        """Along the line to a point."""
+        start = self._from or (plane.x_m, plane.y_m)
+        course = math.atan2(target[1] - start[1], target[0] - start[0])
+        right = (plane.x_m - start[0]) * math.sin(course) - (plane.y_m - start[1]) * math.cos(course)
+        ground = math.hypot(plane.east_mps, plane.north_mps)
+        return _turn_rad(plane, 1.1 * _wrapped(course + math.atan(right / (1.6 * ground)) - plane.course_rad))
+
+    def _around(self, plane: Aeroplane, centre: tuple[float, float], radius: float) -> float:
+        """Along a circle; a negative radius turns counter-clockwise."""
+        sense = 1 if radius < 0 else -1
+        angle = math.atan2(plane.y_m - centre[1], plane.x_m - centre[0])
+        off = math.dist((plane.x_m, plane.y_m), centre) - abs(radius)
+        ground = math.hypot(plane.east_mps, plane.north_mps)
+        course = angle + sense * (math.pi / 2 + math.atan(off / (1.6 * ground)))
+        return _turn_rad(plane, sense * ground / abs(radius) + 1.1 * _wrapped(course - plane.course_rad))
+
+    def _circles(self, plane: Aeroplane, at: tuple[float, float], item: Any, number: int) -> bool:
+        """Whether a loiter goes on: it has turns left, or the next waypoint is not ahead yet."""
+        centre, sense = self.place(item), 1 if item[2][2] < 0 else -1
+        angle = math.atan2(at[1] - centre[1], at[0] - centre[0])
+        if self._angle is not None:
+            self._turned += sense * _wrapped(angle - self._angle)
+        self._angle = angle
+        if self._turned < 2 * math.pi * item[2][0] - math.radians(30):
+            return True
+        later = next((other for other in self.holder.items[number + 1 :] if other[0] == WAYPOINT), None)
+        if later is None:
+            return self._turned < 2 * math.pi * item[2][0]
+        x, y = self.place(later)
+        return abs(_wrapped(math.atan2(y - at[1], x - at[0]) - plane.course_rad)) > math.radians(8)
+
+
+def rows_of(path: Path) -> list[tuple[int, int, tuple[float, ...]]]:
+    """The items of a WPL file, home first."""
+    rows = [line.split("\t") for line in path.read_text().splitlines()[1:] if line.strip()]
+    return [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+
+
+def fly(options: argparse.Namespace) -> dict[str, Any]:
+    """A flight, from the first waypoint until it is home or out of charge; what came of it."""
+    home, *items = rows_of(Path(options.mission))
+    origin = (home[2][4], home[2][5])
+    holder, detector = MissionHolder(items), Autopilot(component=DETECTOR)
+    holder.items[0] = home
+    autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
+    pilot = Pilot(holder, origin)
+    points = [pilot.place(item) for item in items if item[0] == WAYPOINT]
+    gusts = Dryden(math.hypot(*options.wind), options.seed, 7200.0)
+    course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
+    plane = Aeroplane(points[0], course, tuple(options.wind), gusts)
+    levels, levels_w = zip(
+        *((p["at"][0], p["power_w"]) for p in yaml.safe_load(PROFILE.read_text())["points"]), strict=True
+    )
+    pack, fps, dropped = Lipo(options.capacity, OHM_AH / options.capacity), float(levels[-1]), False
+    parser, begun, step, counts = dialect.MAVLink(None), time.monotonic(), 0, {"commands": 0, "fps": 0}
+    parser.robust_parsing = True
+    while not (pilot.done or pack.empty):
+        now_s = 100 + plane.time_s
+        bank = pilot.bank_rad(plane)
+        plane.control(bank)
+        watts = float(battery_w(plane.shaft_w) + sum_w(fps, levels, levels_w))
+        drop = 0.0
+        if options.drop and not dropped and plane.time_s >= options.drop[0]:
+            drop, dropped = options.drop[1], True
+        pack.step(watts, CONTROL_S, drop)
+        if step % SECOND_STEPS == 0:
+            wire.send(autopilot.heartbeat(armed=True, active=True))
+            wire.send(autopilot.frame("mission_current", holder.current))
+            wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", fps))
+        if step % BATTERY_STEPS == 0:
+            consumed = float(pack.consumed_ah) + (options.drop[1] * options.capacity if dropped else 0.0)
+            wire.send(autopilot.battery(float(pack.voltage_v), float(pack.current_a), consumed, float(pack.soc)))
+        if step % TELEMETRY_STEPS == 0:
+            wire.send(autopilot.frame("vfr_hud", plane.airspeed_mps, 0.0, 0, 50, plane.altitude_m, plane.climb_mps))
+            wire.send(position(autopilot, now_s, plane, origin))
+        for data in wire.receive():
+            for frame in (message.get_msgbuf() for message in parser.parse_buffer(data) or ()):
+                message = dialect.MAVLink(None).decode(bytearray(frame))
+                kind = message.get_type()
+                if kind == "NAMED_VALUE_FLOAT" and message.name == "fps" and not options.deaf:
+                    counts["fps"] += message.value != fps
+                    fps = float(message.value)
+                elif kind == "COMMAND_LONG":
+                    counts["commands"] += message.command != SET_INTERVAL
+                    pilot.returns |= message.command == RETURN
+                    wire.send(autopilot.frame("command_ack", message.command, 0))
+                elif kind == "STATUSTEXT":
+                    print(f"{plane.time_s:7.1f} s  {message.text}", file=sys.stderr)
+                else:
+                    for answer in holder.answer(bytes(frame)):
+                        wire.send(answer)
+        wire.flush()
+        step += 1
+        ahead_s = plane.time_s / options.speed - (time.monotonic() - begun)
+        if ahead_s > 0.005:
+            time.sleep(ahead_s)
+    for _ in range(20):
+        wire.send(autopilot.heartbeat(armed=False, active=False))
+        time.sleep(0.05)
+        wire.flush()
+    return {
+        "completed": pilot.done and not pack.empty,
+        "time_s": round(plane.time_s, 1),
+        "soc": round(float(pack.soc), 4),
+        "items_written": len(holder.writes),
+        **counts,
+    }
+
+
+def sum_w(fps: float, levels: tuple[float, ...], levels_w: tuple[float, ...]) -> float:
+    """Power of the detector at a rate [W]."""
+    return float(np.interp(fps, levels, levels_w))
+
+
+def position(autopilot: Autopilot, now_s: float, plane: Aeroplane, origin: tuple[float, float]) -> bytes:
+    """Where the aeroplane is."""
+    lat, lon = (round(value * 1e7) for value in to_geodetic_deg(plane.x_m, plane.y_m, origin))
+    heading = round(100 * (math.degrees(math.pi / 2 - plane.heading_rad) % 360)) % 36000
+    speeds = round(plane.north_mps * 100), round(plane.east_mps * 100), 0
+    return autopilot.frame("global_position_int", round(now_s * 1000), lat, lon, 0, 0, *speeds, heading)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("mission")
+    parser.add_argument("--to", default="127.0.0.1:14550")
+    parser.add_argument("--speed", type=float, default=10.0)
+    parser.add_argument("--wind", type=float, nargs=2, default=(0.0, 0.0))
+    parser.add_argument("--capacity", type=float, default=1.0)
+    parser.add_argument("--loss", type=float, default=0.0)
+    parser.add_argument("--delay", type=float, default=0.0)
+    parser.add_argument("--drop", type=float, nargs=2)
+    parser.add_argument("--deaf", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
+    print(json.dumps(fly(parser.parse_args())))
+
+
+if __name__ == "__main__":
+    main()
