@@ -143,6 +143,8 @@ class MissionHolder:
                 return [self._frame("mission_request_int", self._due[0])]
             self.current = 1 if self.resets else self.current
             return [self._frame("mission_ack", 0)]
+        if kind == "MISSION_ITEM_INT":  # again: what was asked for, or the end, is lost
+            return [self._frame("mission_request_int", self._due[0]) if self._due else self._frame("mission_ack", 0)]
         if kind == "MISSION_SET_CURRENT":
             self.current = message.seq
         return []

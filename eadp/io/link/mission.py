@@ -1,6 +1,7 @@
 """The mission that an autopilot holds: read, and replaced, by MAVLink's mission protocol.
 
-Source: mavlink.io, "Mission Protocol": a request is repeated after 1.5 s, five times.
+Source: mavlink.io, "Mission Protocol": a request is repeated after 1.5 s, one of an item after 0.25 s, five
+times.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 from eadp.io.link.mavlink import is_number
 from eadp.io.mission.draft import FRAMES, ITEMS_LIMIT, MissionItem
 
-RETRY_S, MAX_TRIES = 1.5, 6
+RETRY_S, ITEM_RETRY_S, MAX_TRIES = 1.5, 0.25, 6
 ACCEPTED = 0
 SCALE = 1e7
 """Positions are sent in units of 1e-7 degrees."""
@@ -78,8 +79,8 @@ class MissionClient:
         if not self.busy or now_s < self._due_s:
             return
         if self._tries < MAX_TRIES:
-            self._tries, self._due_s = self._tries + 1, now_s + RETRY_S
-            self._give(*self._request)
+            self._tries += 1
+            self._send(now_s)
         elif self._downloaded is not None:
             self._end_download(None)
         else:
@@ -104,7 +105,12 @@ class MissionClient:
             self._end_download(self._received)
 
     def _ask(self, now_s: float, kind: str, fields: dict[str, Any]) -> None:
-        self._request, self._tries, self._due_s = (kind, fields), 1, now_s + RETRY_S
+        self._request, self._tries = (kind, fields), 1
+        self._send(now_s)
+
+    def _send(self, now_s: float) -> None:
+        kind, fields = self._request
+        self._due_s = now_s + (ITEM_RETRY_S if "seq" in fields else RETRY_S)
         self._give(kind, fields)
 
     def _end_download(self, items: list[MissionItem] | None) -> None:
