@@ -44,7 +44,8 @@ def command(
         int | None, Option(help="The autopilot's MAVLink system; by default the first one heard.", min=1, max=255)
     ] = None,
     replay: Annotated[
-        str | None, Option(help="A flight again: a log of --log, or a telemetry log (.tlog).", metavar="FILE")
+        str | None,
+        Option(help="A flight again: a log of --log, a .tlog, or an autopilot's .bin or .ulg.", metavar="FILE"),
     ] = None,
     upload: Annotated[
         bool, Option("--upload", help="Replace the rest of the autopilot's mission where another path is decided.")
@@ -52,6 +53,10 @@ def command(
     return_home: Annotated[
         bool, Option("--return-home", help="Command the autopilot to return where only home can be reached.")
     ] = False,
+    signing_key: Annotated[
+        str | None,
+        Option(help="Passphrase of MAVLink's signatures: others' messages are ignored, ours signed.", metavar="FILE"),
+    ] = None,
     apply: Annotated[
         str | None,
         Option(help="Run this with computations as decided, as in fps=7; a failure is warned of.", metavar="COMMAND"),
@@ -96,6 +101,7 @@ def command(
         ("--system", system),
         ("--upload", upload or None),
         ("--return-home", return_home or None),
+        ("--signing-key", signing_key),
     ):
         if value is not None and not linked:
             raise usage_fault(name, str(value), "without a link", "--mavlink or --replay")
@@ -134,7 +140,7 @@ def command(
 
             flown = (inputs, items, system, kept, emit, lambda fault: warn([fault]))
             completes = (
-                fly(mavlink, return_home, upload, *flown)
+                fly(mavlink, return_home, upload, signing_key, *flown)
                 if mavlink is not None
                 else replay_flight(replay or "", *flown)
             )

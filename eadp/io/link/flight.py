@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import time
@@ -11,9 +12,10 @@ from typing import Any
 from eadp.errors import Fault, InputError
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.link.lines import LineMaker
-from eadp.io.link.mavlink import COMPONENT, Link, Message, require_pymavlink, tlog_messages
+from eadp.io.link.mavlink import COMPONENT, Link, Message, read_key, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL
+from eadp.io.link.recorded import MAGICS, log_values
 from eadp.io.link.upload import HeldMission
 from eadp.io.mission.items import MappedItem, read_items
 from eadp.io.telemetry.decisions import json_line
@@ -143,15 +145,22 @@ class LinkFlight:
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
-        for line in self._lines.update(values):
-            self.line(json_line(line).encode())
+        self.update(values)
         if self._uploads and self._mission is not None and self._decided_path is not None:
             self._mission.update(now_s, self._lines.item, self._decided_path, self._replanner.rest)
 
-    def line(self, raw: bytes) -> None:
-        """Take a line of telemetry."""
-        self._count += 1
-        self._replanner.take(self._count, raw)
+    def lost(self, damaged: int, refused: int) -> None:
+        """Say that so many frames were no messages, and so many not signed."""
+        if damaged:
+            self._say("damaged frames are ignored")
+        if refused:
+            self._say("messages without the signature of --signing-key are ignored")
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Take what a message says, and re-plan with the lines that are due."""
+        for line in self._lines.update(values):
+            self._count += 1
+            self._replanner.take(self._count, json_line(line).encode())
 
     def tick(self, now_s: float) -> None:
         """Send a heartbeat if one is due, and say where the autopilot's are lost."""
@@ -269,6 +278,7 @@ def fly(
     address: str,
     return_home: bool,
     upload: bool,
+    signing_key: str | None,
     inputs: FlightInputs,
     items: str | None,
     system: int | None,
@@ -286,23 +296,26 @@ def fly(
     Raises
     ------
     InputError
-        If the address cannot be opened.
+        If the address cannot be opened, or the key not be read.
     """
     require_pymavlink("--mavlink", address)
+    key = None if signing_key is None else read_key(signing_key)
     opened: list[Link] = []
 
     def send(*message: Any) -> None:
         opened[0].send(*message)
 
     flight = LinkFlight(inputs, address, items, system, log, emit, warn, send, return_home=return_home, upload=upload)
-    opened.append(Link(address, WANTED))
+    link = Link(address, WANTED, key)
+    opened.append(link)
     try:
         while not flight.over:
-            for message in opened[0].receive(WAIT_S):
+            for message in link.receive(WAIT_S):
                 flight.take(message, time.monotonic())
+            flight.lost(link.damaged, link.refused)
             flight.tick(time.monotonic())
     finally:
-        opened[0].close()
+        link.close()
     return flight.completes
 
 
@@ -315,7 +328,7 @@ def replay_flight(
     emit: Emit,
     warn: Warn,
 ) -> bool:
-    """Re-plan a flight again, of a log of `eadp replan` or of a telemetry log; as `fly`.
+    """Re-plan a flight again, of a log of `eadp replan`, a telemetry log, or an autopilot's own; as `fly`.
 
     Raises
     ------
@@ -332,13 +345,20 @@ def replay_flight(
                     replanner.take(number + 1, json_line(line).encode())
             used, completes = replanner.used, replanner.completes
         else:
-            require_pymavlink("--replay", path)
             flight = LinkFlight(inputs, path, items, system, log, emit, warn)
-            for message in tlog_messages(head + stream.read(), WANTED):
-                flight.take(message)
+            form = next((form for magic, form in MAGICS.items() if head.startswith(magic)), None)
+            if form is None:
+                require_pymavlink("--replay", path)
+                for message in itertools.takewhile(
+                    lambda _: not flight.over, tlog_messages(head + stream.read(), WANTED)
+                ):
+                    flight.take(message)
+            else:
+                for values in itertools.takewhile(lambda _: not flight.over, log_values(path, form)):
+                    flight.update(values)
             used, completes = flight.used, flight.completes
     if not used:
-        what = "a log of eadp replan, or a telemetry log (.tlog) of a flight of the plan"
+        what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)
     return completes
 

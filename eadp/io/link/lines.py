@@ -22,6 +22,11 @@ BLIND_S = 1.0
 STALE_S = 5.0
 """Age from which a value is unknown [s]: the gap from which positions are."""
 
+PASSING = frozenset(
+    ("time_s", "home_is_item", "named", "answer", "reached", "lat_deg", "lon_deg", "velocity_mps", "heading_deg")
+)
+"""What a message says of its own time alone; the rest is known until it is old."""
+
 CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
 """By how much a voltage may be off: as a share of that from empty to full, by which usual cells differ from the
 straight line; and of the drop at the inner resistance, which is roughly known."""
@@ -57,6 +62,7 @@ class LineMaker:
         self._ground: dict[str, Any] | None = None
         self._home_is_item = False
         self._gauged = self.flown = False
+        self._reached = -1
 
     def update(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
@@ -64,17 +70,10 @@ class LineMaker:
             self._home_is_item = values["home_is_item"]
         if "named" in values and values["named"] is not None:
             self._report(*values["named"])
+        if "reached" in values:
+            values = self._after(values["reached"])
         for key, value in values.items():
-            if key not in (
-                "time_s",
-                "home_is_item",
-                "named",
-                "answer",
-                "lat_deg",
-                "lon_deg",
-                "velocity_mps",
-                "heading_deg",
-            ):
+            if key not in PASSING:
                 self._known[key] = self._now_s, value
         time_s = values.get("time_s")
         if time_s is None:
@@ -153,6 +152,14 @@ class LineMaker:
         if abs(off_v) > allowed_v:
             said = "above" if off_v > 0 else "below"
             self._warn(f"the voltage is far {said} that of the charge: another battery, or one that was not full")
+
+    def _after(self, reached: int) -> dict[str, Any]:
+        """The item after one that is reached: an autopilot says it at once, and some say it several times."""
+        again, self._reached = reached == self._reached, reached
+        if again or reached < (self.item or 0):
+            return {}
+        last = None if self.items is None else len(self.items) - 1 + self._home_is_item
+        return {"item": reached + 1 if last is None else min(reached + 1, last)}
 
     def _item(self) -> MappedItem | None:
         """The item that is flown to."""

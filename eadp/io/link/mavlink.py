@@ -7,16 +7,19 @@ which has the common messages as well.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import importlib.util
 import math
 import os
 import re
 import stat
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eadp.errors import InputError, printable
+from eadp.io.text.streams import read_text
 
 COMPONENT = 191
 """MAVLink's number of a companion computer."""
@@ -28,6 +31,8 @@ CLIENT_S = 10.0
 MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
 """First bytes of frames: the length beside the payload, and of the header."""
 SIGNED_BYTES = 13
+SIGNING_EPOCH_S, SIGNING_HZ = 1_420_070_400, 100_000
+"""Signatures count in units of 10 µs from the start of 2015."""
 CHUNK_BYTES = 65_536
 TLOG_HEAD = 8
 """Bytes of the time before each frame of a telemetry log."""
@@ -51,6 +56,8 @@ class Codec:
         Names of the messages to decode; others are passed over by their numbers.
     stream : bool
         Whether a frame may arrive in parts; else each part is a datagram of whole frames.
+    key : bytes, optional
+        Secret of 32 bytes: frames that are not signed with it are refused, and what is encoded is signed.
 
     Attributes
     ----------
@@ -58,7 +65,7 @@ class Codec:
         Number of frames that could not be decoded.
     """
 
-    def __init__(self, wanted: frozenset[str], *, stream: bool = False) -> None:
+    def __init__(self, wanted: frozenset[str], *, stream: bool = False, key: bytes | None = None) -> None:
         from pymavlink.dialects.v20 import ardupilotmega
 
         self._dialect, self._stream = ardupilotmega, stream
@@ -67,6 +74,15 @@ class Codec:
         self._wanted = frozenset(number for number, message in known if message.msgname in wanted)
         self._rest = b""
         self.damaged = 0
+        self._signing = self._mav.signing
+        self._signing.secret_key, self._signing.sign_outgoing = key, key is not None
+        self._signing.allow_unsigned_callback = lambda *_: False
+        self._signing.timestamp = round(max(time.time() - SIGNING_EPOCH_S, 0.0) * SIGNING_HZ)
+
+    @property
+    def refused(self) -> int:
+        """Number of frames without a signature that is asked for."""
+        return int(self._signing.reject_count)
 
     def decoded(self, data: bytes) -> Iterator[Message]:
         """The messages wanted among bytes that have come."""
@@ -83,17 +99,19 @@ class Codec:
             if number is None or number in self._wanted:
                 message = self._message(data[start : start + size])
                 if message is None:
-                    self.damaged += 1
                     start += 1
                     continue
                 yield message
             start += size
 
     def _message(self, frame: bytes) -> Message | None:
+        refused, times = self.refused, dict(self._signing.stream_timestamps)
         try:
             decoded = self._mav.decode(bytearray(frame))
             fields = {name: getattr(decoded, name) for name in decoded.get_fieldnames()}
         except Exception:  # pymavlink trusts what a frame says of itself
+            self.damaged += self.refused == refused
+            self._signing.stream_timestamps = times  # a forged time does not lock out the frames that are signed
             return None
         return Message(decoded.get_type(), decoded.get_srcSystem(), decoded.get_srcComponent(), fields)
 
@@ -136,6 +154,8 @@ class Link:
         in `/dev/ttyACM0,57600`.
     wanted : set of str
         Names of the messages to receive.
+    key : bytes, optional
+        Of signatures, see `Codec`.
 
     Raises
     ------
@@ -143,9 +163,9 @@ class Link:
         If it is no such address, or cannot be opened.
     """
 
-    def __init__(self, address: str, wanted: frozenset[str]) -> None:
+    def __init__(self, address: str, wanted: frozenset[str], key: bytes | None = None) -> None:
         require_pymavlink("--mavlink", address)
-        self._codec = Codec(wanted, stream=not address.startswith("udp"))
+        self._codec = Codec(wanted, stream=not address.startswith("udp"), key=key)
         given = _checked(address)
         from pymavlink import mavutil
 
@@ -160,6 +180,11 @@ class Link:
     def damaged(self) -> int:
         """Number of frames that could not be decoded."""
         return self._codec.damaged
+
+    @property
+    def refused(self) -> int:
+        """Number of frames without a signature that is asked for."""
+        return self._codec.refused
 
     def receive(self, timeout_s: float) -> list[Message]:
         """Messages that have come, waiting for the first for a time [s]."""
@@ -200,6 +225,20 @@ def _checked(address: str) -> dict[str, Any]:
 def _fault(address: str, message: str) -> InputError:
     expected = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or /dev/tty…,BAUD"
     return InputError.at("--mavlink", 1, 1, message, expected, address)
+
+
+def read_key(path: str) -> bytes:
+    """The key of signatures: the SHA-256 of the passphrase in the first line of a file, as ground stations make it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its first line is empty.
+    """
+    passphrase = read_text(path).body.partition("\n")[0].strip()
+    if not passphrase:
+        raise InputError.at(path, 1, 1, "is empty", "the passphrase of the ground station")
+    return hashlib.sha256(passphrase.encode()).digest()
 
 
 def tlog_messages(data: bytes, wanted: frozenset[str]) -> Iterator[Message]:

@@ -94,6 +94,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "WIND_COV": lambda fields: {"wind_mps": [fields["wind_y"], fields["wind_x"]]},
     "SYSTEM_TIME": lambda fields: {"time_s": fields["time_boot_ms"] / 1e3},
     "MISSION_CURRENT": lambda fields: {"item": fields["seq"]},
+    "MISSION_ITEM_REACHED": lambda fields: {"reached": fields["seq"]},
     "HEARTBEAT": _heartbeat,
     "EXTENDED_SYS_STATE": _landed,
     "NAMED_VALUE_FLOAT": _named,
@@ -106,10 +107,11 @@ WANTED = frozenset(READERS) | PROTOCOL
 
 def values_of(kind: str, fields: Fields) -> Values:
     """What a message says; numbers that are not finite are None."""
-    return {key: _finite(value) for key, value in READERS[kind](fields).items()}
+    return {key: finite(value) for key, value in READERS[kind](fields).items()}
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """A value, None where a number of it is not finite."""
     if isinstance(value, float):
         return value if is_number(value) else None
     if isinstance(value, list):

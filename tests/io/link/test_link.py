@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import random
 import socket
@@ -21,7 +22,7 @@ from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.io.link.flight import LinkFlight
 from eadp.io.link.lines import STALE_S, LineMaker
-from eadp.io.link.mavlink import Codec, Link, Message, tlog_messages
+from eadp.io.link.mavlink import Codec, Link, Message, read_key, tlog_messages
 from eadp.io.link.messages import WANTED, values_of
 from eadp.io.mission.items import read_items
 from eadp.io.telemetry.decisions import json_line
@@ -168,6 +169,29 @@ def test_items_give_the_stage(eadp, plan, inputs, tmp_path, autopilot, shift):
         (line,) = maker.update({"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
         assert line["stages_started"] == each.first
         assert line["parameters"] == {"c1": each.parameters[0]}
+
+
+def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path):
+    mission = tmp_path / "survey.waypoints"
+    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
+    items = read_items(f"{mission}.items.json", ("c1",))
+    said = []
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, said.append)
+    maker.update(values_of("HEARTBEAT", {"base_mode": 128, "system_status": 4, "autopilot": 12}))
+
+    def after(kind, number):
+        maker.update(values_of(kind, {"seq": number}))
+        return maker.item
+
+    assert after("MISSION_ITEM_REACHED", 2) == 3
+    assert after("MISSION_CURRENT", 5) == 5
+    assert after("MISSION_ITEM_REACHED", 4) == 5  # late
+    assert after("MISSION_ITEM_REACHED", 5) == 6
+    assert after("MISSION_CURRENT", 1) == 1  # the pilot goes back
+    assert after("MISSION_ITEM_REACHED", 5) == 1  # said again
+    assert after("MISSION_ITEM_REACHED", len(items) - 1) == len(items) - 1
+    maker.update({"time_s": 1.0, "lat_deg": 55.37, "lon_deg": 10.43})
+    assert said == []
 
 
 # --- decisions
@@ -333,6 +357,11 @@ def test_a_plan_without_a_place_is_refused(eadp):
     [
         (("--mavlink", "udpin:127.0.0.1:14599", "--replay", "x"), "--replay:1:1: error: beside --mavlink"),
         (("--items", "x"), "--items:1:1: error: without a link"),
+        (("--signing-key", "x"), "--signing-key:1:1: error: without a link"),
+        (
+            ("--signing-key", "nosuch", "--mavlink", "udpin:127.0.0.1:14599"),
+            "nosuch:1:1: error: cannot be read",
+        ),
         (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
         (("--replay", "README.md"), "README.md:1:1: error: has no flight"),
     ],
@@ -341,6 +370,59 @@ def test_options_that_do_not_go_together(eadp, plan, options, message):
     answer = eadp("replan", plan, "--scenario", SCENARIO, *options)
     assert answer.code == 2
     assert message in answer.err
+
+
+# --- signatures
+
+KEY = hashlib.sha256(b"open sesame").digest()
+
+
+def signed(key=KEY, ahead_s=0.0):
+    autopilot = Autopilot()
+    signing = autopilot.mav.signing
+    signing.secret_key, signing.sign_outgoing = key, True
+    signing.timestamp = round((time.time() - 1_420_070_400 + ahead_s) * 1e5)
+    return autopilot
+
+
+def test_the_key_is_the_hash_of_the_passphrase(tmp_path):
+    file = tmp_path / "key"
+    file.write_text("open sesame\n")
+    assert read_key(str(file)) == KEY
+    file.write_text("\n")
+    with pytest.raises(InputError, match="is empty"):
+        read_key(str(file))
+
+
+def test_with_a_key_only_signed_messages_count():
+    codec, ours = Codec(WANTED, key=KEY), signed()
+    assert list(codec.decoded(Autopilot().heartbeat(armed=True, active=True))) == []
+    assert list(codec.decoded(signed(bytes(32)).heartbeat(armed=True, active=True))) == []
+    # a forged time ahead does not lock out what follows
+    assert list(codec.decoded(signed(bytes(32), ahead_s=1e6).heartbeat(armed=True, active=True))) == []
+    assert (codec.refused, codec.damaged) == (3, 0)
+    frame = ours.heartbeat(armed=True, active=True)
+    assert [message.kind for message in codec.decoded(frame)] == ["HEARTBEAT"]
+    assert list(codec.decoded(frame)) == []  # again, by somebody else
+    assert codec.refused == 4
+
+
+def test_with_a_key_what_is_sent_is_signed():
+    beat = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+    frame = Codec(WANTED, key=KEY).encoded(1, "HEARTBEAT", beat)
+    assert [message.kind for message in Codec(WANTED, key=KEY).decoded(frame)] == ["HEARTBEAT"]
+    assert list(Codec(WANTED, key=bytes(32)).decoded(frame)) == []
+    assert [message.kind for message in Codec(WANTED).decoded(frame)] == ["HEARTBEAT"]  # without a key both are taken
+
+
+def test_what_is_lost_is_said_once(inputs):
+    other = Flown(inputs)
+    for _ in range(3):
+        other.flight.lost(2, 3)
+    assert other.warnings == [
+        "damaged frames are ignored",
+        "messages without the signature of --signing-key are ignored",
+    ]
 
 
 # --- files, and a socket

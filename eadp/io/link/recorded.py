@@ -1,0 +1,147 @@
+"""An autopilot's own log as the values of messages: topics of a ULog, messages of a DataFlash log.
+
+Source: docs.px4.io, "uORB Message Reference"; ardupilot.org, "Onboard Message Log Messages".
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.errors import InputError
+from eadp.io.link.messages import Values, finite
+from eadp.io.log.messages import read_tables
+
+Row = dict[str, float]
+Table = dict[str, FloatArray]
+
+MAGICS = {b"ULog": "ulog", b"\xa3\x95": "dataflash"}
+"""First bytes of such logs, and the names of their formats."""
+
+_ARMED, _NAV_LAST = 2, 95
+"""PX4's state of an armed aircraft; the last of the commands that move it."""
+_INSTANCES = ("Instance", "Inst", "C", "I")
+_UNKNOWN = float("nan")
+
+
+def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
+    known = {name: row.get(name, _UNKNOWN) for name in (volts, amps, consumed_mah, remaining)}
+    return {
+        "voltage_v": known[volts] if known[volts] > 0 else None,
+        "current_a": None if known[amps] == -1 else known[amps],
+        "consumed_ah": known[consumed_mah] / 1e3 if known[consumed_mah] >= 0 else None,
+        "remaining": known[remaining] / full if known[remaining] >= 0 else None,
+    }
+
+
+def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
+    def read(row: Row) -> Values:
+        found: Values = {"time_s": row["time_s"]}
+        if row[latitude] or row[longitude]:
+            found |= {"lat_deg": row[latitude], "lon_deg": row[longitude]}
+            found["velocity_mps"] = [row.get("east_mps", _UNKNOWN), row.get("north_mps", _UNKNOWN)]
+        return found | {"heading_deg": row.get("heading_deg", _UNKNOWN)}
+
+    return read
+
+
+def _item(row: Row) -> Values:
+    return {"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {}
+
+
+_ULOG: dict[str, Callable[[Row], Values]] = {
+    "vehicle_status": lambda row: {"armed": row["arming_state"] == _ARMED},
+    "vehicle_land_detected": lambda row: {"in_air": not row["landed"]},
+    "mission_result": lambda row: {"item": int(row["seq_current"])},
+    "battery_status": lambda row: _battery(row, "voltage_v", "current_a", "discharged_mah", "remaining", 1.0),
+    "airspeed": lambda row: {"airspeed_mps": row["true_airspeed_m_s"]},
+    "airspeed_validated": lambda row: {"airspeed_mps": row["true_airspeed_m_s"]},
+    "wind_estimate": lambda row: {"wind_mps": [row["windspeed_east"], row["windspeed_north"]]},
+    "wind": lambda row: {"wind_mps": [row["windspeed_east"], row["windspeed_north"]]},
+    "vehicle_global_position": _position("lat", "lon"),
+}
+_DATAFLASH: dict[str, Callable[[Row], Values]] = {
+    "ARM": lambda row: {"armed": bool(row["ArmState"]), "active": True},
+    "STAT": lambda row: {"in_air": bool(row["isFlying"])},
+    "MISE": _item,
+    "CURR": lambda row: _battery(row, "Volt", "Curr", "CurrTot", "RemPct", 100.0),
+    "BAT": lambda row: _battery(row, "Volt", "Curr", "CurrTot", "RemPct", 100.0),
+    "ARSP": lambda row: {"airspeed_mps": row["Airspeed"]},
+    "NKF2": lambda row: {"wind_mps": [row["VWE"], row["VWN"]]},
+    "XKF2": lambda row: {"wind_mps": [row["VWE"], row["VWN"]]},
+    "POS": _position("Lat", "Lng"),
+}
+"""What a row of a topic says. At equal times, in this order: positions, which make lines, are last."""
+_POSITIONS = ("vehicle_global_position", "POS")
+
+_MOTION = {
+    "ulog": (("vehicle_local_position", "vy", "vx", "heading", np.degrees(1.0)),),
+    "dataflash": (("NKF1", "VE", "VN", "Yaw", 1.0), ("XKF1", "VE", "VN", "Yaw", 1.0)),
+}
+"""Topics of the velocity: east, north, the heading, and its unit [°]. The last that a log has is taken."""
+
+
+def log_values(path: str, form: str) -> Iterator[Values]:
+    """What an autopilot's own log says, as `values_of` of messages, in the order of time.
+
+    Parameters
+    ----------
+    path : str
+    form : str
+        One of `MAGICS`.
+
+    Raises
+    ------
+    InputError
+        As `read_tables`; and if the file is none that can be read twice.
+    """
+    if not os.path.isfile(path):
+        raise InputError.at(path, 1, 1, "is not a regular file", "an autopilot's log as a file")
+    readers = _ULOG if form == "ulog" else _DATAFLASH
+    read = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
+    tables = {topic.removesuffix(" 0"): first for topic, table in read.items() if (first := _first_instance(table))}
+    yield {"home_is_item": form == "dataflash"}
+    if not tables.keys() & {"vehicle_status", "vehicle_land_detected", "ARM", "STAT"}:
+        yield {"armed": True, "active": True}
+    rows = []
+    for order, (topic, reader) in enumerate(readers.items()):
+        table = tables.get(topic, {})
+        if topic in _POSITIONS:
+            table = _moving(table, tables, form)
+        names = list(table)
+        rows += [
+            (values[names.index("time_s")], order, reader, dict(zip(names, values, strict=True)))
+            for values in zip(*(table[name].tolist() for name in names), strict=True)
+        ]
+    for _, _, reader, row in sorted(rows, key=lambda each: each[:2]):
+        try:
+            yield {key: finite(value) for key, value in reader(row).items()}
+        except (ArithmeticError, LookupError, ValueError):
+            continue
+
+
+def _first_instance(table: Table) -> Table:
+    """A topic with its times [s], of its first instance alone; empty where it has none."""
+    times = next((table[label] for label in ("timestamp", "TimeUS") if label in table), None)
+    if times is None:
+        return {}
+    instances = next((table[label] for label in _INSTANCES if label in table), None)
+    kept = np.isfinite(times) if instances is None else np.isfinite(times) & (instances == 0)
+    return {label: values[kept] for label, values in {**table, "time_s": times / 1e6}.items()}
+
+
+def _moving(positions: Table, tables: dict[str, Table], form: str) -> Table:
+    """Positions with the velocity and the heading at their times."""
+    for topic, east, north, heading, unit_deg in _MOTION[form]:
+        motion = tables.get(topic, {})
+        if positions and {east, north, heading} <= motion.keys() and len(motion["time_s"]):
+            order = np.argsort(motion["time_s"], kind="stable")
+            at_s = motion["time_s"][order]
+            for key, label in (("east_mps", east), ("north_mps", north)):
+                positions[key] = np.interp(positions["time_s"], at_s, motion[label][order])
+            last = np.clip(np.searchsorted(at_s, positions["time_s"], side="right") - 1, 0, None)
+            positions["heading_deg"] = motion[heading][order][last] * unit_deg % 360
+    return positions

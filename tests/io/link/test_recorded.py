@@ -1,0 +1,225 @@
+"""A flight again, of an autopilot's own log, made here byte by byte."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pymavlink")
+pytest.importorskip("pyulog")
+
+from mavlink_vehicle import ORIGIN, VOLTS, Autopilot, frames, is_near, recorded, tlog
+
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.io.flight.inputs import load_flight
+from eadp.io.link.lines import LineMaker
+from eadp.io.link.mavlink import Codec
+from eadp.io.link.messages import WANTED, values_of
+from eadp.io.link.recorded import log_values
+from eadp.io.mission.items import read_items
+
+SCENARIO = "scenarios/survey.yaml"
+KINDS = {"Q": "uint64_t", "d": "double", "f": "float", "B": "uint8_t", "H": "uint16_t"}
+CODES = {"Q": "Q", "B": "B", "f": "f", "d": "d", "L": "i", "H": "H"}
+
+
+def ulog(tables):
+    """A ULog: topics with their fields, as in `Qff`, and rows; the time [µs] is the first field."""
+    parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)]
+
+    def add(kind, body):
+        parts.append(struct.pack("<HB", len(body), ord(kind)) + body)
+
+    add("B", bytes(40))
+    for name, (types, fields, _) in tables.items():
+        add("F", f"{name}:{''.join(f'{KINDS[t]} {f};' for t, f in zip(types, fields, strict=True))}".encode())
+    for number, name in enumerate(tables):
+        add("A", struct.pack("<BH", 0, number) + name.encode())
+    rows = [
+        (row[0], number, struct.pack("<H" + types, number, *row))
+        for number, (types, _, found) in enumerate(tables.values())
+        for row in found
+    ]
+    for _, _, data in sorted(rows):
+        add("D", data)
+    return b"".join(parts)
+
+
+def dataflash(tables):
+    """A DataFlash log of such tables."""
+
+    def packed(number, types, row):
+        return b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(CODES[t] for t in types), *row)
+
+    head = b"\xa3\x95\x80"
+    own = struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    parts, rows = [head + own], []
+    for number, (name, (types, fields, found)) in enumerate(tables.items(), 0x81):
+        length = 3 + struct.calcsize("<" + "".join(CODES[t] for t in types))
+        names = ",".join(fields)
+        parts.append(head + struct.pack("<BB4s16s64s", number, length, name.encode(), types.encode(), names.encode()))
+        rows += [(row[0], number, packed(number, types, row)) for row in found]
+    return b"".join(parts + [data for _, _, data in sorted(rows)])
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    """The survey, with a place on the earth."""
+    path = tmp_path_factory.mktemp("plan") / "survey.plan"
+    head, _, rest = Path("plans/survey.plan").read_text().partition("%:")
+    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return recorded()[:60]
+
+
+def px4(lines, items=()):
+    """The flight as uORB topics, in the steps of the messages."""
+    times = [round((100 + line["time_s"]) * 1e6) for line in lines]
+    places = [[round(v * 1e7) / 1e7 for v in to_geodetic_deg(each["x_m"], each["y_m"], ORIGIN)] for each in lines]
+    amps = [round(100 * line["power_w"] / VOLTS) / 100 for line in lines]
+    end = times[-1] + 1_000_000
+    return {
+        "vehicle_status": ("QB", ("timestamp", "arming_state"), [(times[0] - 1, 2), (end, 1)]),
+        "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 1, 0)]),
+        "mission_result": ("QH", ("timestamp", "seq_current"), list(zip(times, items, strict=False))),
+        "battery_status": (
+            "Qffff",
+            ("timestamp", "voltage_v", "current_a", "discharged_mah", "remaining"),
+            [
+                (t, VOLTS, a, -1.0, round(each["soc"] * 100) / 100)
+                for t, a, each in zip(times, amps, lines, strict=True)
+            ],
+        ),
+        "wind": ("Qff", ("timestamp", "windspeed_north", "windspeed_east"), [(times[0], 3.0, -1.0)]),
+        "airspeed_validated": ("Qf", ("timestamp", "true_airspeed_m_s"), [(times[0], 12.0)]),
+        "vehicle_local_position": (
+            "Qfff",
+            ("timestamp", "vx", "vy", "heading"),
+            [
+                (t, each["velocity_mps"][1], each["velocity_mps"][0], math.radians(each["heading_deg"]))
+                for t, each in zip(times, lines, strict=True)
+            ],
+        ),
+        "vehicle_global_position": (
+            "Qdd",
+            ("timestamp", "lat", "lon"),
+            [(t, *place) for t, place in zip(times, places, strict=True)],
+        ),
+    }
+
+
+def ardupilot(lines, items=()):
+    """The same as messages of a DataFlash log."""
+    found = px4(lines)
+    battery = [(t, 0, v, a, c, round(100 * share)) for t, v, a, c, share in found["battery_status"][2]]
+    motion = [(t, 0, n, e, math.degrees(h)) for t, n, e, h in found["vehicle_local_position"][2]]
+    place = [(t, round(lat * 1e7), round(lon * 1e7)) for t, lat, lon in found["vehicle_global_position"][2]]
+    times = [row[0] for row in place]
+    started = [row for t, item in zip(times, items, strict=False) for row in ((t, item, 16), (t, item + 50, 178))]
+    return {
+        "ARM": ("QB", ("TimeUS", "ArmState"), [(t, s == 2) for t, s in found["vehicle_status"][2]]),
+        "MISE": ("QHH", ("TimeUS", "CNum", "CId"), started),
+        "BAT": ("QBffff", ("TimeUS", "Inst", "Volt", "Curr", "CurrTot", "RemPct"), battery),
+        "XKF2": ("QBff", ("TimeUS", "C", "VWN", "VWE"), [(times[0], 0, 3.0, -1.0), (times[0] + 1, 1, 9.0, 9.0)]),
+        "ARSP": ("QBf", ("TimeUS", "I", "Airspeed"), [(times[0], 0, 12.0)]),
+        "XKF1": ("QBfff", ("TimeUS", "C", "VN", "VE", "Yaw"), motion),
+        "POS": ("QLL", ("TimeUS", "Lat", "Lng"), place),
+    }
+
+
+FORMS = pytest.mark.parametrize(("form", "made"), [("ulog", px4), ("dataflash", ardupilot)])
+WRITERS = {"ulog": ulog, "dataflash": dataflash}
+
+
+def made_lines(inputs, values, items=None):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, lambda _: None)
+    return [line for each in values for line in maker.update(each)], maker
+
+
+@FORMS
+def test_lines_are_those_of_the_messages(plan, lines, tmp_path, form, made):
+    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    path = tmp_path / "flight.log"
+    path.write_bytes(WRITERS[form](made(lines)))
+    logged, maker = made_lines(inputs, log_values(str(path), form))
+    said = [
+        values_of(message.kind, message.fields)
+        for _, parts in frames(lines, Autopilot(), ground_s=0)
+        for frame in parts
+        for message in Codec(WANTED).decoded(frame)
+    ]
+    expected, _ = made_lines(inputs, said)
+    assert maker.landed
+    assert len(logged) == len(expected) == len(lines)
+    for one, other in zip(logged, expected, strict=True):
+        # the log's clock may count from its first message
+        assert is_near(one["time_s"] - logged[0]["time_s"], other["time_s"] - expected[0]["time_s"], 1e-3)
+        for key in ("lat_deg", "lon_deg"):
+            assert is_near(one[key], other[key], 1.5e-7)
+        for key in ("power_w", "soc"):
+            assert is_near(one[key], other[key], 1e-4)
+        assert is_near((one["heading_deg"] - other["heading_deg"] + 180) % 360, 180, 0.01)
+        assert all(is_near(a, b, 0.006) for a, b in zip(one["velocity_mps"], other["velocity_mps"], strict=True))
+    assert logged[0]["wind_mps"] == [-1.0, 3.0]
+    assert logged[0]["airspeed_mps"] == 12.0
+    assert "wind_mps" not in logged[-1]  # old
+
+
+@FORMS
+def test_the_item_gives_the_stage(eadp, plan, lines, tmp_path, form, made):
+    mission = tmp_path / "survey.waypoints"
+    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
+    items = read_items(f"{mission}.items.json", ("c1",))
+    inputs, path = load_flight(str(plan), scenario_path=SCENARIO), tmp_path / "flight.log"
+    path.write_bytes(WRITERS[form](made(lines, range(form == "dataflash", len(items)))))
+    logged, _ = made_lines(inputs, log_values(str(path), form), items)
+    for line, item in zip(logged, items, strict=False):
+        assert line["stages_started"] == item.first
+
+
+@pytest.mark.parametrize(("name", "form", "made"), [("f.ulg", "ulog", px4), ("f.bin", "dataflash", ardupilot)])
+def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, form, made):
+    log, other, unsaid = tmp_path / name, tmp_path / "flight.tlog", ("wind", "XKF2", "airspeed_validated", "ARSP")
+    log.write_bytes(WRITERS[form]({k: v for k, v in made(lines).items() if k not in unsaid}))
+    other.write_bytes(tlog(frames(lines, Autopilot(), ground_s=0)))
+    answers = [eadp("replan", plan, "--scenario", SCENARIO, "--replay", path) for path in (log, other)]
+    one, two = ([json.loads(line) for line in answer.out.splitlines()] for answer in answers)
+    assert answers[0].code == answers[1].code
+    assert len(one) == len(two) >= len(lines)
+    for mine, its in zip(one, two, strict=True):
+        assert (mine["stage"], mine["lap"]) == (its["stage"], its["lap"])
+    assert one[-1]["parameters"] == pytest.approx(two[-1]["parameters"], abs=0.1)
+    assert is_near(one[-1]["soc_end_forecast"], two[-1]["soc_end_forecast"], 1e-4)
+
+
+def test_a_log_without_a_state_is_of_a_flight(plan, lines, tmp_path):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k != "ARM"}))
+    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    logged, maker = made_lines(inputs, log_values(str(path), "dataflash"))
+    assert len(logged) == len(lines)
+    assert not maker.landed
+
+
+def test_a_log_without_positions_has_no_flight(eadp, plan, lines, tmp_path):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k not in ("POS", "XKF1")}))
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", path)
+    assert answer.code == 2
+    assert f"{path}:1:1: error: has no flight" in answer.err
+
+
+def test_a_log_that_is_damaged_is_an_error(eadp, plan, tmp_path):
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(b"ULog" + bytes(20))
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", path)
+    assert answer.code == 2
+    assert f"{path}:1:1: error: cannot be read by pyulog" in answer.err
