@@ -61,6 +61,10 @@ def command(
         str | None,
         Option(help="Run this with computations as decided, as in fps=7; a failure is warned of.", metavar="COMMAND"),
     ] = None,
+    publish: Annotated[
+        str | None,
+        Option(help="Keep computations as decided in this file, as JSON, for the process to watch.", metavar="FILE"),
+    ] = None,
     log: Annotated[
         str | None, Option(help="Log of samples and decisions; an existing one is resumed from.", metavar="FILE")
     ] = None,
@@ -85,7 +89,7 @@ def command(
     from eadp.errors import Fault
     from eadp.io.flight.inputs import load_flight
     from eadp.io.scenario.scenario_file import override_texts, read_overrides
-    from eadp.io.telemetry.apply import Hook
+    from eadp.io.telemetry.apply import Hook, ValuesFile
     from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog, hash_of
     from eadp.io.telemetry.reader import open_telemetry
@@ -115,13 +119,16 @@ def command(
     inputs = load_flight(plan, scenario_path=scenario, profile_path=profile, energy_path=energy, overrides=overrides)
     warn(inputs.warnings)
 
-    hooks: list[Hook] = []
+    doors: list[Hook | ValuesFile] = []
 
     def emit(line: dict[str, Any]) -> None:
         sys.stdout.write(json_line(line))
         sys.stdout.flush()
-        for hook in hooks:
-            hook.decided(line)
+        for door in doors:
+            door.decided(line)
+
+    def warn_of(where: str, what: str) -> None:
+        warn([Fault(where, 1, 1, what, severity="warning")])
 
     with ExitStack() as stack:
         if not linked:
@@ -129,12 +136,13 @@ def command(
         kept = ReplanLog(log, hash_of(inputs.texts, overrides)) if log is not None else None
         if kept is not None:
             stack.callback(kept.close)
+        computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
+        if publish is not None:
+            doors.append(ValuesFile(publish, computations, lambda what: warn_of(publish, what)))
         if apply is not None:
-            computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
-            hooks.append(
-                Hook(apply, computations, kept, lambda what: warn([Fault("--apply", 1, 1, what, severity="warning")]))
-            )
-            stack.callback(hooks[0].close)
+            hook = Hook(apply, computations, kept, lambda what: warn_of("--apply", what))
+            doors.append(hook)
+            stack.callback(hook.close)
         if linked:
             from eadp.io.link.flight import fly, replay_flight
 

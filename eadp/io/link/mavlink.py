@@ -30,10 +30,14 @@ CLIENT_S = 10.0
 
 MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
 """First bytes of frames: the length beside the payload, and of the header."""
+MARK = re.compile(b"[%b]" % bytes(MARKS))
 SIGNED_BYTES = 13
 SIGNING_EPOCH_S, SIGNING_HZ = 1_420_070_400, 100_000
 """Signatures count in units of 10 µs from the start of 2015."""
-CHUNK_BYTES = 65_536
+CHUNK_BYTES = 2048
+"""Most of a datagram that is read: a frame has 280 bytes at most, and a datagram as many as fit the link."""
+READING_SHARE, BATCH_S = 0.02, 1e-3
+"""Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
 TLOG_HEAD = 8
 """Bytes of the time before each frame of a telemetry log."""
 
@@ -88,9 +92,10 @@ class Codec:
         """The messages wanted among bytes that have come."""
         data, start = self._rest + data, 0
         self._rest = b""
-        while start < len(data):
+        while (found := MARK.search(data, start)) is not None:
+            start = found.start()
             size, number = _frame(data, start)
-            if size == 0 or (start + size > len(data) and not self._stream):
+            if start + size > len(data) and not self._stream:
                 start += 1
                 continue
             if start + size > len(data):
@@ -166,6 +171,7 @@ class Link:
     def __init__(self, address: str, wanted: frozenset[str], key: bytes | None = None) -> None:
         require_pymavlink("--mavlink", address)
         self._codec = Codec(wanted, stream=not address.startswith("udp"), key=key)
+        self._pause_to_s = 0.0
         given = _checked(address)
         from pymavlink import mavutil
 
@@ -188,13 +194,15 @@ class Link:
 
     def receive(self, timeout_s: float) -> list[Message]:
         """Messages that have come, waiting for the first for a time [s]."""
-        with contextlib.redirect_stdout(sys.stderr):
-            try:
-                self._port.select(timeout_s)
-                data = self._port.recv(CHUNK_BYTES)
-            except OSError:
-                return []
-        return list(self._codec.decoded(bytes(data))) if data else []
+        time.sleep(max(0.0, self._pause_to_s - time.monotonic()))
+        messages: list[Message] = []
+        with contextlib.redirect_stdout(sys.stderr), contextlib.suppress(OSError):
+            begun_s = time.thread_time()
+            self._port.select(timeout_s)
+            while (spent_s := time.thread_time() - begun_s) < BATCH_S and (data := self._port.recv(CHUNK_BYTES)):
+                messages += self._codec.decoded(bytes(data))
+            self._pause_to_s = time.monotonic() + spent_s / READING_SHARE
+        return messages
 
     def send(self, system: int, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message as a component of a system."""

@@ -1,4 +1,4 @@
-"""A command that puts decided computations in force: it is run with the new values, and what came of it is kept."""
+"""Computations as decided, for who runs them: a command that is run with new values, or a file that holds the last."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from eadp.errors import InputError, printable
+from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import ReplanLog
+from eadp.io.text.streams import output_file, write_text
 from eadp.models.plan.stage import Parameter
 
 LIMIT_S = 10.0
@@ -59,8 +61,7 @@ class Hook:
 
     def decided(self, decision: Mapping[str, Any]) -> None:
         """Take a decision: start the command if values have changed and it does not run."""
-        values = {each.label: each.shown(decision["parameters"][each.name]) for each in self._parameters}
-        self._wanted = {"time_s": decision["time_s"], "parameters": values}
+        self._wanted = _values(decision, self._parameters)
         self._poll()
         self._start()
 
@@ -106,3 +107,46 @@ class Hook:
             values = ", ".join(f"{name} {value:g}" for name, value in run["parameters"].items())
             self._run = {}  # tried again with the next decision
             self._warn(f"{printable(self._command[0])} did not apply {values}: {printable(what)}")
+
+
+class ValuesFile:
+    """A file that holds computations as last decided: one line of JSON, replaced whole where they change.
+
+    Parameters
+    ----------
+    path : str
+    parameters : sequence of Parameter
+        The computations.
+    warn : function
+        Called with a text where the file cannot be written.
+
+    Raises
+    ------
+    InputError
+        If the path is no regular file's.
+    """
+
+    def __init__(self, path: str, parameters: tuple[Parameter, ...], warn: Callable[[str], None]) -> None:
+        output_file(path)
+        self._path, self._parameters, self._warn = path, parameters, warn
+        self._written: dict[str, Any] = {}
+        self._failed = ""
+
+    def decided(self, decision: Mapping[str, Any]) -> None:
+        """Take a decision: write the file if values have changed."""
+        values = _values(decision, self._parameters)
+        if values["parameters"] == self._written.get("parameters"):
+            return
+        try:
+            write_text(self._path, json_line(values))
+            self._written, self._failed = values, ""
+        except InputError as error:  # tried again with the next decision
+            if self._failed != str(error):
+                self._failed = str(error)
+                self._warn(error.faults[0].message)
+
+
+def _values(decision: Mapping[str, Any], parameters: tuple[Parameter, ...]) -> dict[str, Any]:
+    """The time of a decision [s], and its computations as people read them."""
+    shown = {each.label: each.shown(decision["parameters"][each.name]) for each in parameters}
+    return {"time_s": decision["time_s"], "parameters": shown}

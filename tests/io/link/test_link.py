@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,9 +21,10 @@ from mavlink_vehicle import ORIGIN, Autopilot, frames, is_near, recorded, tlog
 
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
+from eadp.io.link import mavlink
 from eadp.io.link.flight import LinkFlight
 from eadp.io.link.lines import STALE_S, LineMaker
-from eadp.io.link.mavlink import Codec, Link, Message, read_key, tlog_messages
+from eadp.io.link.mavlink import READING_SHARE, Codec, Link, Message, read_key, tlog_messages
 from eadp.io.link.messages import WANTED, values_of
 from eadp.io.mission.items import read_items
 from eadp.io.telemetry.decisions import json_line
@@ -370,6 +372,35 @@ def test_options_that_do_not_go_together(eadp, plan, options, message):
     answer = eadp("replan", plan, "--scenario", SCENARIO, *options)
     assert answer.code == 2
     assert message in answer.err
+
+
+class Endless:
+    """A port from which bytes never cease to come; each read takes 0.1 ms of the clock of `time`."""
+
+    def __init__(self, monkeypatch):
+        self.now_s = self.spent_s = 0.0
+        clock = SimpleNamespace(monotonic=lambda: self.now_s, thread_time=lambda: self.spent_s, sleep=self.sleep)
+        monkeypatch.setattr(mavlink, "time", SimpleNamespace(**vars(clock), time=time.time))
+        self.frame = Autopilot(system=7).heartbeat(armed=True, active=True)
+
+    def sleep(self, wait_s):
+        self.now_s += wait_s
+
+    def select(self, timeout_s):
+        pass
+
+    def recv(self, size):
+        self.now_s, self.spent_s = self.now_s + 1e-4, self.spent_s + 1e-4
+        return self.frame
+
+
+def test_reading_takes_a_small_share_of_the_time_however_much_is_sent(monkeypatch):
+    port = Endless(monkeypatch)
+    link = Link.__new__(Link)
+    link._port, link._codec, link._pause_to_s = port, Codec(WANTED), 0.0
+    count = sum(len(link.receive(0.2)) for _ in range(100))
+    assert port.spent_s / port.now_s < 1.02 * READING_SHARE
+    assert count > 500
 
 
 # --- signatures
