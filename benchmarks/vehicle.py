@@ -238,6 +238,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
             time.sleep(ahead_s)
     for _ in range(20):
         wire.send(autopilot.heartbeat(armed=False, active=False))
+        wire.send(position(autopilot, 100 + plane.time_s, plane, origin, landed=True))
         time.sleep(0.05)
         wire.flush()
     return {
@@ -254,11 +255,13 @@ def sum_w(fps: float, levels: tuple[float, ...], levels_w: tuple[float, ...]) ->
     return float(np.interp(fps, levels, levels_w))
 
 
-def position(autopilot: Autopilot, now_s: float, plane: Aeroplane, origin: tuple[float, float]) -> bytes:
+def position(
+    autopilot: Autopilot, now_s: float, plane: Aeroplane, origin: tuple[float, float], *, landed: bool = False
+) -> bytes:
     """Where the aeroplane is."""
     lat, lon = (round(value * 1e7) for value in to_geodetic_deg(plane.x_m, plane.y_m, origin))
     heading = round(100 * (math.degrees(math.pi / 2 - plane.heading_rad) % 360)) % 36000
-    speeds = round(plane.north_mps * 100), round(plane.east_mps * 100), 0
+    speeds = (0, 0, 0) if landed else (round(plane.north_mps * 100), round(plane.east_mps * 100), 0)
     return autopilot.frame("global_position_int", round(now_s * 1000), lat, lon, 0, 0, *speeds, heading)
 
 

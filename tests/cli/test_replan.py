@@ -264,6 +264,17 @@ def test_a_torn_last_line_is_dropped(replan, whole, tmp_path):
     assert all(json.loads(line) for line in log.read_text().splitlines())
 
 
+@pytest.mark.parametrize("last", ["", '{"kind": "applied", "time_s": 5', '{"kind": "mission", "items": "x"}'])
+def test_a_last_line_without_its_end_is_dropped(replan, whole, tmp_path, last):
+    log = tmp_path / "flight.jsonl"
+    replan(b"".join(LINES[:50]), "--log", log)
+    log.write_text(log.read_text() + last if last else log.read_text()[:-1])
+    for first, end in ((50, 120), (120, 130)):
+        code, advice, _ = replan(b"".join(LINES[first:end]), "--log", log)
+        assert code == 0
+        assert advice[-(end - first) :] == whole[first:end]
+
+
 def test_a_decision_that_was_not_emitted_is_emitted_at_the_start(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:50]), "--log", log)

@@ -22,6 +22,7 @@ class Autopilot:
 
     def __init__(self, system: int = 1, component: int = 1, kind: int = 3) -> None:
         self.mav, self.kind = dialect.MAVLink(None, srcSystem=system, srcComponent=component), kind
+        self.piloted = False
 
     def frame(self, name: str, *fields: Any) -> bytes:
         """One message as a frame."""
@@ -31,7 +32,7 @@ class Autopilot:
 
     def heartbeat(self, *, armed: bool, active: bool) -> bytes:
         """Its state."""
-        return self.frame("heartbeat", 1, self.kind, 128 * armed, 0, 4 if active else 3, 3)
+        return self.frame("heartbeat", 1, self.kind, 128 * armed + 8 * (not self.piloted), 0, 4 if active else 3, 3)
 
     def battery(self, volts: float, amps: float, consumed_ah: float | None, remaining: float | None) -> bytes:
         """Battery 0."""
@@ -82,7 +83,8 @@ def frames(
                 autopilot.position(time_s, *state),
             ],
         )
-    yield offset_s + before_s + 1, [autopilot.heartbeat(armed=False, active=False)]
+    end_s, landed = offset_s + before_s + 1, (line["x_m"], line["y_m"], [0.0, 0.0], line["heading_deg"])
+    yield end_s, [autopilot.heartbeat(armed=False, active=False), autopilot.position(end_s, *landed)]
 
 
 def tlog(steps: Iterator[tuple[float, list[bytes]]]) -> bytes:

@@ -17,7 +17,7 @@ from eadp.io.link.messages import NO_AUTOPILOT, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL
 from eadp.io.link.recorded import MAGICS, log_values
 from eadp.io.link.upload import HeldMission
-from eadp.io.mission.items import MappedItem, read_items
+from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items
 from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
@@ -89,31 +89,34 @@ class LinkFlight:
             raise InputError.at(
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
-        mapped = None if items is None else read_items(items, plan.names[: plan.path_count])
+        path_names = plan.names[: plan.path_count]
+        mapped = None if items is None else read_items(items, path_names)
         if upload and mapped is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
-        self._name, self._warn, self._emit, self._send = name, warn, emit, send
+        self._name, self._warn, self._emit, self._send, self._log = name, warn, emit, send, log
         self._warned: set[str] = set()
         self._plan = plan
-        self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
-        self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
-        self._mission: HeldMission | None = None
-        if mapped is not None and send is not None:
-            self._mission = HeldMission(
-                plan, inputs.mission.cruise_mps, mapped, self._to_autopilot, self._say, self._note, self._map
-            )
-        self._uploads = upload
         self._decided_path: tuple[float, ...] | None = None
         self._system, self._component = system, 0
         self._heard_s: float | None = None
         self._sent_s = -1e9
         self._lost = False
         self._may_return, self._returns, self._commands = return_home, False, 0
-        self._count, self._text, self._read = 0, "", False
+        self._count, self._text, self._armed = 0, "", False
+        self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
+        if mapped is not None and log is not None and log.items is not None:
+            mapped = parse_items(log.items, path_names)
+        self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
+        self._mission: HeldMission | None = None
+        if mapped is not None and send is not None:
+            self._mission = HeldMission(
+                plan, inputs.mission.cruise_mps, mapped, self._to_autopilot, self._tell, self._note, self._map
+            )
+        self._uploads = upload
 
     @property
     def over(self) -> bool:
-        """Whether the aircraft has flown and is disarmed."""
+        """Whether the aircraft has flown, is disarmed, and does not move."""
         return self._lines.landed
 
     @property
@@ -128,6 +131,7 @@ class LinkFlight:
 
     def take(self, message: Message, now_s: float = 0.0) -> None:
         """Take a message that has come at a time of any clock [s]."""
+        first, lost = not self._component, self._lost
         if not self._is_ours(message, now_s):
             return
         if message.kind in PROTOCOL:
@@ -139,9 +143,12 @@ class LinkFlight:
         except (ArithmeticError, LookupError, TypeError, ValueError):
             self._say(f"{message.kind} that makes no sense; ignored")
             return
-        if message.kind == "HEARTBEAT" and self._mission is not None and not self._read:
-            self._read = True
-            self._mission.read(now_s, ardupilot=values["home_is_item"])
+        if message.kind == "HEARTBEAT":
+            if (first or lost) or (values["armed"] and not self._armed):
+                self._ask()
+                if self._mission is not None:
+                    self._mission.read(now_s, ardupilot=values["home_is_item"])
+            self._armed = values["armed"]
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
@@ -171,7 +178,7 @@ class LinkFlight:
             self._sent_s = now_s
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
-            if self._returns and self._may_return:
+            if self._returns and self._may_return and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
             self._mission.tick(now_s, self._lines.item)
@@ -186,10 +193,8 @@ class LinkFlight:
         if self._system in (None, message.system) and beats and self._component in (0, message.component):
             if not self._component:
                 self._note(f"autopilot of system {message.system}, component {message.component}")
-            self._system, first = message.system, not self._component
+            self._system = message.system
             self._component, self._heard_s = message.component, now_s
-            if first:
-                self._ask()
             if self._lost:
                 self._lost = False
                 self._note("the autopilot's heartbeats are back")
@@ -219,6 +224,8 @@ class LinkFlight:
         self._give(kind, {"target_system": self._system, "target_component": self._component, **values})
 
     def _map(self, items: list[MappedItem] | None) -> None:
+        if items is not None and items != self._lines.items and self._log is not None:
+            self._log.mission(items_text(items, self._plan.names[: self._plan.path_count]))
         self._lines.items = items
 
     def _command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
@@ -241,14 +248,17 @@ class LinkFlight:
                 self._give("NAMED_VALUE_FLOAT", fields)
         if line["returns_home"] and not self._returns:
             self._returns, self._decided_path = True, None
-            self._give("STATUSTEXT", {"severity": CRITICAL, "text": b"eadp: only home can be reached: fly home"})
-        text = _ascii(f"eadp: {line['reason']}")[:TEXT_CHARACTERS]
+            self._show("only home can be reached: fly home", CRITICAL)
         # a reason whose numbers alone change is said once
-        about = repr(line["parameters"]) + _NUMBERS.sub("", text)
+        about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         if line["reason"] != KEPT and about != self._text:
             self._text = about
-            severity = NOTICE if self._replanner.completes else WARNING
-            self._give("STATUSTEXT", {"severity": severity, "text": text.encode()})
+            self._show(line["reason"], NOTICE if self._replanner.completes else WARNING)
+
+    def _show(self, what: str, severity: int) -> None:
+        """Show a text at the ground station."""
+        text = _ascii(f"eadp: {what}")[:TEXT_CHARACTERS]
+        self._give("STATUSTEXT", {"severity": severity, "text": text.encode()})
 
     def _give(self, kind: str, values: Mapping[str, Any]) -> None:
         if self._send is not None:
@@ -258,6 +268,11 @@ class LinkFlight:
 
     def _say(self, what: str) -> None:
         self._warn_once(Fault(self._name, max(self._count, 1), 1, what, severity="warning"))
+
+    def _tell(self, what: str) -> None:
+        """Warn the pilot, too."""
+        self._say(what)
+        self._show(what, WARNING)
 
     def _note(self, what: str) -> None:
         self._warn(Fault(self._name, max(self._count, 1), 1, what, severity="note"))

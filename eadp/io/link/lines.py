@@ -27,6 +27,9 @@ PASSING = frozenset(
 )
 """What a message says of its own time alone; the rest is known until it is old."""
 
+STILL_MPS = 5.0
+"""Ground speed below which a disarmed aircraft has landed [m/s]: an autopilot that restarts in the air is disarmed."""
+
 CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
 """By how much a voltage may be off: as a share of that from empty to full, by which usual cells differ from the
 straight line; and of the drop at the inner resistance, which is roughly known."""
@@ -63,6 +66,7 @@ class LineMaker:
         self._home_is_item = False
         self._gauged = self.flown = False
         self._reached = -1
+        self._speed_mps = 0.0
 
     def update(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
@@ -75,6 +79,8 @@ class LineMaker:
         for key, value in values.items():
             if key not in PASSING:
                 self._known[key] = self._now_s, value
+        if velocity := values.get("velocity_mps"):
+            self._speed_mps = math.hypot(*velocity)
         time_s = values.get("time_s")
         if time_s is None:
             return []
@@ -100,8 +106,13 @@ class LineMaker:
 
     @property
     def landed(self) -> bool:
-        """Whether the flight is over: the aircraft has flown and is disarmed."""
-        return self.flown and self._value("armed") is False
+        """Whether the flight is over: the aircraft has flown, is disarmed, and does not move."""
+        return self.flown and self._speed_mps < STILL_MPS and self._value("armed") is False
+
+    @property
+    def flies_by_itself(self) -> bool:
+        """Whether the autopilot flies, and not the pilot."""
+        return self._value("automatic", ages=False) is not False
 
     @property
     def item(self) -> int | None:

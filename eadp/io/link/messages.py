@@ -17,7 +17,8 @@ Fields = Mapping[str, Any]
 
 UNKNOWN_16, UNKNOWN = 65535, -1
 IN_AIR, ON_GROUND = (2, 3, 4), 1
-ARMED = 128
+ARMED, AUTOMATIC = 128, 8
+"""Flags of a heartbeat: motors are armed; the autopilot flies by itself (GUIDED_ENABLED, in a mission, too)."""
 ACTIVE = (4, 5, 6)
 """States of a system that flies: active, critical, emergency."""
 ARDUPILOT = 3
@@ -65,6 +66,7 @@ def _wind(fields: Fields) -> Values:
 def _heartbeat(fields: Fields) -> Values:
     return {
         "armed": bool(fields["base_mode"] & ARMED),
+        "automatic": bool(fields["base_mode"] & AUTOMATIC),
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
     }

@@ -73,6 +73,8 @@ class HeldMission:
 
     def read(self, now_s: float, *, ardupilot: bool) -> None:
         """Read the autopilot's mission, and see whether it is that of the map."""
+        if self._client.busy:
+            return
         self._ardupilot, self._home = ardupilot, int(ardupilot)
         self._client.download(now_s, self._check)
 
@@ -94,13 +96,14 @@ class HeldMission:
 
     def _check(self, held: list[MissionItem] | None) -> None:
         if held is None:
-            self._say("the autopilot's mission cannot be read: its items are taken to be those of --items")
+            self._say("mission cannot be read; taken as that of --items")
             return
         if same_items([each.item for each in self._items], held[self._home :]):
             self._held = held
+            self._changed(self._items)
             self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
         else:
-            self._lose("the autopilot holds another mission than that of --items: the stage is found by the position")
+            self._lose("another mission than that of --items is held: the stage is found by the position")
 
     def _lose(self, what: str) -> None:
         self._held = None
@@ -119,7 +122,7 @@ class HeldMission:
             planned = rest()
             made = None if planned is None else self._replaced(planned)
         except PathUndefined as error:
-            self._say(f"the rest of the mission cannot be laid out, and is not uploaded: {error}")
+            self._say(f"the rest cannot be laid out; no upload: {error}")
             made = None
         if made is None:
             self._failed_s = now_s
@@ -185,12 +188,11 @@ class HeldMission:
             self._note(f"the rest of the mission is uploaded and verified: {len(mission)} items")
         elif held is not None and self._held is not None and _equal(held, self._held):
             self._failed_s = self._now_s
-            self._say("the autopilot does not take the new mission, and keeps the old one")
+            self._say("new mission refused; the old one is kept")
         else:
             self._lose(
-                "an upload was interrupted, and the autopilot's mission is unknown: see to it"
-                if accepted or held is not None
-                else "the autopilot does not answer to an upload: its mission is unknown"
+                "mission unknown after an upload: see to it"
+                + (" (it is interrupted)" if accepted or held is not None else " (no answer)")
             )
 
 

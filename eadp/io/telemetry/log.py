@@ -1,7 +1,7 @@
 """Log of a flight on telemetry: every sample read and every decision, to resume from after a kill.
 
 One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`; `applied`, what came
-of a command that applies computations.
+of a command that applies computations; `mission`, the stages of the items of a mission that was uploaded.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from eadp.planning.base import Mission
 from eadp.planning.gate import Sample
 
 SCHEMA = "eadp.replan-log/1"
-START, TELEMETRY, DECISION, APPLIED = "start", "telemetry", "decision", "applied"
-_APPLIED = b'{"kind": "applied"'
+START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"
 SYNC_EVERY_S = 1.0
 """Maximum loss at a power cut [s]; a kill loses nothing that is written."""
 
@@ -49,6 +48,8 @@ class ReplanLog:
     ----------
     warnings : list of Fault
         About its entries, or about writing to it.
+    items : Text or None
+        The map of the last mission that was uploaded, as its entries have it.
 
     Raises
     ------
@@ -59,6 +60,7 @@ class ReplanLog:
     def __init__(self, path: str, inputs: str) -> None:
         self._path = path
         self.warnings: list[Fault] = []
+        self.items: Text | None = None
         self._broken = False
         self._sync_due_s = time.monotonic() + SYNC_EVERY_S
         try:
@@ -95,14 +97,14 @@ class ReplanLog:
             number, kept = 1, len(stream.readline())
             while raw := stream.readline():
                 number += 1
-                sample, fault = self._entry(number, raw, reader)
-                if fault is not None:
-                    if raw.endswith(b"\n") and stream.read(1):
+                kind, sample, fault = self._entry(number, raw, reader)
+                if fault is not None or not raw.endswith(b"\n"):
+                    if fault is not None and raw.endswith(b"\n") and stream.read(1):
                         raise InputError(fault)
                     self._drop(number, kept)
                     return
                 kept += len(raw)
-                if not raw.startswith(_APPLIED):
+                if kind in (TELEMETRY, DECISION):
                     yield sample
 
     def telemetry(self, document: Mapping[str, Any]) -> None:
@@ -116,6 +118,10 @@ class ReplanLog:
     def applied(self, line: Mapping[str, Any]) -> None:
         """Append what came of a command that applies computations."""
         self._write({"kind": APPLIED, **line})
+
+    def mission(self, items: str) -> None:
+        """Append the map of a mission that was uploaded, as `items_text` has it."""
+        self._write({"kind": MISSION, "items": items})
 
     def close(self) -> None:
         """Sync and close the file."""
@@ -154,9 +160,9 @@ class ReplanLog:
             what = f"was started by eadp {first.get('eadp')}; this is {__version__}, whose decisions may differ"
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
-    def _entry(self, number: int, raw: bytes, reader: TelemetryReader) -> tuple[Sample | None, Fault | None]:
-        if raw.startswith(_APPLIED):
-            return None, None
+    def _entry(
+        self, number: int, raw: bytes, reader: TelemetryReader
+    ) -> tuple[str | None, Sample | None, Fault | None]:
         expected = "a JSON object with the kind telemetry or decision"
         try:
             line = json.loads(raw)
@@ -164,14 +170,16 @@ class ReplanLog:
             telemetry = _encoded(line)
         except (ValueError, RecursionError):  # includes UnicodeDecodeError, and a number that is not finite
             kind = None
-        if kind == DECISION:
-            return None, None
-        if kind != TELEMETRY:
-            return None, Fault(self._path, number, 1, "is no line of a log", expected)
-        sample, _, faults = reader.read(number, telemetry)
-        if sample is None:
-            return None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
-        return sample, None
+        if kind == MISSION and isinstance(line.get("items"), str):
+            self.items = Text(self._path, line["items"])
+        elif kind == TELEMETRY:
+            sample, _, faults = reader.read(number, telemetry)
+            if sample is None:
+                return None, None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
+            return kind, sample, None
+        elif kind not in (DECISION, APPLIED):
+            return None, None, Fault(self._path, number, 1, "is no line of a log", expected)
+        return kind, None, None
 
     def _drop(self, number: int, kept: int) -> None:
         os.ftruncate(self._file, kept)

@@ -286,6 +286,20 @@ def test_a_return_that_is_accepted_is_not_repeated(inputs, flown):
     assert commands(other) == [20, 20]
 
 
+def test_a_pilot_who_flies_is_not_overruled(inputs, flown):
+    other, autopilot = Flown(inputs, return_home=True), Autopilot()
+    autopilot.piloted = True
+    other.take(autopilot.heartbeat(armed=True, active=True))
+    other.flight._decided(decision_home(flown))
+    for second in range(20):
+        other.flight.tick(float(second))
+    assert commands(other) == []
+    autopilot.piloted = False
+    other.take(autopilot.heartbeat(armed=True, active=True))
+    other.flight.tick(21.0)
+    assert commands(other) == [20]
+
+
 def test_a_return_needs_a_home(eadp, plan):
     answer = eadp("replan", plan, "--scenario", SCENARIO, "--return-home", "--mavlink", "udpin:127.0.0.1:14599")
     assert answer.code == 2
@@ -320,6 +334,16 @@ def test_messages_twice_and_late_change_nothing(inputs, lines, flown):
             other.take(frame)
         before = parts[-1:]
     assert other.decisions == flown.decisions
+
+
+def test_an_autopilot_that_starts_again_in_the_air_does_not_end_the_flight(inputs, lines):
+    other, autopilot = Flown(inputs), Autopilot()
+    steps = list(frames(lines, autopilot))
+    other.fly(steps[:30])
+    other.take(autopilot.heartbeat(armed=False, active=False))
+    assert not other.flight.over
+    other.fly(steps[30:])
+    assert other.flight.over
 
 
 def test_a_flood_makes_no_more_lines(inputs):

@@ -88,7 +88,7 @@ def px4(lines, items=()):
     end = times[-1] + 1_000_000
     return {
         "vehicle_status": ("QB", ("timestamp", "arming_state"), [(times[0] - 1, 2), (end, 1)]),
-        "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 1, 0)]),
+        "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 1, 0), (end, 1)]),
         "mission_result": ("QH", ("timestamp", "seq_current"), list(zip(times, items, strict=False))),
         "battery_status": (
             "Qffff",
@@ -106,12 +106,13 @@ def px4(lines, items=()):
             [
                 (t, each["velocity_mps"][1], each["velocity_mps"][0], math.radians(each["heading_deg"]))
                 for t, each in zip(times, lines, strict=True)
-            ],
+            ]
+            + [(end, 0.0, 0.0, 0.0)],
         ),
         "vehicle_global_position": (
             "Qdd",
             ("timestamp", "lat", "lon"),
-            [(t, *place) for t, place in zip(times, places, strict=True)],
+            [(t, *place) for t, place in zip([*times, end], [*places, places[-1]], strict=True)],
         ),
     }
 
@@ -205,7 +206,7 @@ def test_a_log_without_a_state_is_of_a_flight(plan, lines, tmp_path):
     path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k != "ARM"}))
     inputs = load_flight(str(plan), scenario_path=SCENARIO)
     logged, maker = made_lines(inputs, log_values(str(path), "dataflash"))
-    assert len(logged) == len(lines)
+    assert len(logged) == len(lines) + 1  # after the landing, too
     assert not maker.landed
 
 

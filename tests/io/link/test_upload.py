@@ -19,6 +19,7 @@ from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
 from eadp.io.mission.items import read_items
 from eadp.io.mission.reader import PlanReader
+from eadp.io.telemetry.log import ReplanLog, hash_of
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs
 
@@ -65,17 +66,19 @@ def eadp_of_module():
 class Flying:
     """A recorded flight with an autopilot that holds a mission; time goes on by the messages."""
 
-    def __init__(self, inputs, mission, **given):
+    def __init__(self, inputs, mission, log=None, **given):
         self.path, items = mission
         self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
-        self._codec, self._queue = Codec(frozenset()), []
+        self._codec, self._queue, self.sent = Codec(frozenset()), [], []
+        self.autopilot = Autopilot()
         name = f"{self.path}.items.json"
         self.flight = LinkFlight(
-            inputs, "link", name, None, None, self.decisions.append, self.faults.append, self._send, upload=True
+            inputs, "link", name, None, log, self.decisions.append, self.faults.append, self._send, upload=True
         )
 
     def _send(self, *message):
         self._queue.append(self._codec.encoded(*message))
+        self.sent += Codec(frozenset({"STATUSTEXT"})).decoded(self._queue[-1])
 
     def _give(self, frame):
         for message in Codec(WANTED).decoded(frame):
@@ -86,7 +89,8 @@ class Flying:
                     self.flight.take(message, self.now_s)
 
     def fly(self, lines, current=False):
-        for self.now_s, parts in frames(lines, Autopilot()):
+        for now_s, parts in frames(lines, self.autopilot):
+            self.now_s = now_s
             for frame in parts[:-1]:
                 self._give(frame)
             if current:
@@ -153,7 +157,7 @@ def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
 
 def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines):
     flown = Flying(inputs, mission, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines)
-    assert any("keeps the old one" in text for text in flown.said)
+    assert any("the old one is kept" in text for text in flown.said)
     assert flown.holder.items[1:] == mission[1]
     assert not any("verified" in text for text in flown.said)
 
@@ -161,7 +165,9 @@ def test_a_refused_mission_is_said_and_the_old_one_stays(inputs, mission, lines)
 def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
     flown = Flying(inputs, mission, spoils=20).fly(lines)
     assert not any("verified" in text for text in flown.said)
-    assert any("is unknown" in text for text in flown.said)
+    assert any("mission unknown" in text for text in flown.said)
+    shown = [message.fields["text"] for message in flown.sent if message.kind == "STATUSTEXT"]
+    assert "eadp: mission unknown after an upload: see to it" in [text[:48] for text in shown]  # the pilot knows, too
 
 
 def test_the_item_is_the_same_after_an_upload(inputs, mission, lines):
@@ -170,6 +176,52 @@ def test_the_item_is_the_same_after_an_upload(inputs, mission, lines):
     flown.fly(lines, current=True)
     assert any("uploaded and verified" in text for text in flown.said)
     assert flown.holder.current == 3
+
+
+def test_a_mission_that_comes_later_is_read_at_arming(inputs, mission, lines):
+    flown = Flying(inputs, mission)
+    there, flown.holder.items = flown.holder.items, flown.holder.items[:3]
+    flown._give(flown.autopilot.heartbeat(armed=False, active=False))
+    assert any("another mission" in text for text in flown.said)
+    flown.holder.items = there
+    flown.fly(lines)
+    assert any("holds the mission of --items" in text for text in flown.said)
+    assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_the_mission_is_read_again_when_the_autopilot_is_back(inputs, mission):
+    flown = Flying(inputs, mission)
+    for start_s in (0.0, 100.0):
+        flown.now_s = start_s
+        flown._give(flown.autopilot.heartbeat(armed=True, active=True))
+        assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 1 + (start_s > 0)
+        flown.flight.tick(start_s + 20.0)
+    intervals = [message for message in flown.holder.kinds if message == "COMMAND_LONG"]
+    assert len(intervals) == 16
+
+
+def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(inputs, mission, lines, tmp_path):
+    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.texts, {})
+    log = ReplanLog(path, kept)
+    first = Flying(inputs, mission, log).fly(lines)
+    log.close()
+    assert any("uploaded and verified" in text for text in first.said)
+    log = ReplanLog(path, kept)
+    again = Flying(inputs, mission, log)
+    again.holder = first.holder
+    again._give(again.autopilot.heartbeat(armed=True, active=True))
+    log.close()
+    assert any("holds the mission of --items" in text for text in again.said)
+    before, now = (
+        [(each.item.command, each.item.parameters[4:6], *each[1:]) for each in flown.flight._lines.items]
+        for flown in (first, again)
+    )
+    assert now == before
+    # without the log it is another mission
+    forgets = Flying(inputs, mission)
+    forgets.holder = first.holder
+    forgets._give(forgets.autopilot.heartbeat(armed=True, active=True))
+    assert any("another mission" in text for text in forgets.said)
 
 
 def test_it_needs_the_map(inputs):
