@@ -23,6 +23,7 @@ import itertools
 import json
 import re
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -37,6 +38,7 @@ from pathlib import Path
 from typing import Any
 
 import atheris
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]):
     import numpy as np
@@ -49,10 +51,15 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.energy.model_file import energy_yaml, parse_energy
     from eadp.io.field.reader import read_field
     from eadp.io.flight.inputs import Files, load_flight
+    from eadp.io.link.flight import LinkFlight
+    from eadp.io.link.mavlink import Codec, tlog_messages
+    from eadp.io.link.messages import WANTED
+    from eadp.io.link.recorded import MAGICS, log_values
     from eadp.io.log import autopilot_process, messages
     from eadp.io.log.csv_log import read_csv_log
     from eadp.io.log.formats import read_power_log
     from eadp.io.log.power_log import Columns
+    from eadp.io.mission.items import parse_items
     from eadp.io.mission.reader import PlanReader, is_mission
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.writer import plan_text
@@ -75,6 +82,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.validation.check import check_plan
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "tests/support"))
 SLOW_S, HANG_S, MEMORY_MB = 2.0, 60, 2048
 """CPU time of an input that is a finding; time at which the run ends; memory of the whole process."""
 LIBRARY_S, LIBRARY_BYTES = 1.0, 400_000_000
@@ -249,6 +257,70 @@ class Telemetry:
                 log.close()
 
 
+class Link:
+    """A flight over a link that may upload and return: the bytes as the fields of messages, and as frames."""
+
+    def __init__(self) -> None:
+        self._inputs: Any = None
+        self._items, self._heartbeat = "", b""
+
+    def flight(self) -> LinkFlight:
+        """A new flight of the survey, which answers to the mission protocol."""
+        if self._inputs is None:
+            first, mark, rest = Path(PLAN).read_text().partition("%:")
+            placed = SCRATCH.with_name("placed.plan")
+            placed.write_text(f"{first}%: origin 55.37 10.43\n{mark}{rest}")
+            self._inputs = load_flight(str(placed), scenario_path=SCENARIO, overrides={"planner.name": "static"})
+            mission = SCRATCH.with_name("placed.waypoints")
+            command = [sys.executable, "-m", "eadp", "export", str(placed), "--to", "ardupilot", "-o", str(mission)]
+            subprocess.run(command, check=True, capture_output=True)
+            self._items = f"{mission}.items.json"
+            autopilot = importlib.import_module("mavlink_vehicle").Autopilot()
+            self._heartbeat = autopilot.heartbeat(armed=True, active=True)
+        out = Codec(frozenset())
+        return LinkFlight(
+            self._inputs, "link", self._items, None, None, json_line, str, out.encoded, upload=True, return_home=True
+        )
+
+    def __call__(self, data: bytes) -> None:
+        """Take messages of 48 bytes each: the kind, the component, the time that goes by, and the payload."""
+        flight, codec, now_s = self.flight(), Codec(WANTED), 0.0
+        frames = [framed(data[i : i + 48]) for i in range(0, min(len(data), 4800), 48)]
+        for frame, step in zip([self._heartbeat, *frames, data], [0, *data[2::48], 1], strict=False):
+            now_s += step / 100
+            for message in codec.decoded(frame):
+                flight.take(message, now_s)
+            flight.tick(now_s)
+
+
+LINK = Link()
+
+
+def framed(data: bytes) -> bytes:
+    """A frame of a message with a payload: its checksum is right."""
+    kinds = sorted(number for number, each in dialect.mavlink_map.items() if each.msgname in WANTED)
+    kind = dialect.mavlink_map[kinds[data[0] % len(kinds)]]
+    component = 1 if len(data) < 2 or data[1] < 224 else data[1]
+    payload = (data[3:] or b"\0")[: kind.unpacker.size]
+    head = bytes([len(payload), 0, 0, 0, 1, component, *kind.id.to_bytes(3, "little")])
+    return b"\xfd" + head + payload + struct.pack("<H", dialect.x25crc(head + payload + bytes([kind.crc_extra])).crc)
+
+
+def tlog(data: bytes) -> None:
+    """Replay a telemetry log, and an autopilot's own where the bytes start as one."""
+    flight = LINK.flight()
+    form = next((form for magic, form in MAGICS.items() if data.startswith(magic)), None)
+    if form is not None:
+        for values in log_values(scratch(data), form):
+            flight.update(values)
+    for message in tlog_messages(data, WANTED):
+        flight.take(message)
+
+
+def items(data: bytes) -> None:
+    parse_items(text_of(data), ("c1",))
+
+
 def results(data: bytes) -> None:
     """Read what is there, then go on with the sweep."""
     run = Run(0, "fuzz", {"plan": "p"}, {"seed": 1})
@@ -298,6 +370,25 @@ def replan_logs() -> list[bytes]:
     return ["\n".join(['{"kind": "start"}', *(f'{{"kind": "telemetry", {line[1:]}' for line in lines), ""]).encode()]
 
 
+def link_frames() -> list[bytes]:
+    vehicle = importlib.import_module("mavlink_vehicle")
+    found = vehicle.frames(vehicle.recorded(str(ROOT / "scenarios/example-telemetry.jsonl"))[:20], vehicle.Autopilot())
+    return [b"".join(frame for _, parts in found for frame in parts), bytes(range(256)) * 8]
+
+
+def telemetry_logs() -> list[bytes]:
+    sys.path.append(str(ROOT / "tests/io/link"))
+    tests, vehicle = importlib.import_module("test_recorded"), importlib.import_module("mavlink_vehicle")
+    lines = vehicle.recorded(str(ROOT / "scenarios/example-telemetry.jsonl"))[:20]
+    own = [tests.ulog(tests.px4(lines)), tests.dataflash(tests.ardupilot(lines))]
+    return [vehicle.tlog(vehicle.frames(lines, vehicle.Autopilot())), *own]
+
+
+def item_maps() -> list[bytes]:
+    LINK.flight()
+    return [Path(LINK._items).read_bytes()]
+
+
 def results_files() -> list[bytes]:
     with closing(Results(scratch(b""))) as made:
         made.store([(Run(i, f"k{i}", {"plan": "p"}, {"seed": i}), Result(None, "no", 1.0)) for i in range(5)])
@@ -319,6 +410,9 @@ TARGETS = {
     "ulog": Target(autopilot_log, ("*.ulg",), made=lambda: [autopilot_logs().ulog(), autopilot_logs().ulog(2)]),
     "dataflash": Target(autopilot_log, ("*.bin",), made=dataflash_logs),
     "telemetry": Target(Telemetry(), ("scenarios/*.jsonl",), made=replan_logs),
+    "link": Target(LINK, made=link_frames),
+    "tlog": Target(tlog, made=telemetry_logs, max_bytes=40_000),
+    "items": Target(items, made=item_maps),
     "results": Target(results, made=results_files, max_bytes=100_000),
 }
 
@@ -413,6 +507,7 @@ def main() -> None:
             (seeds / f"seed{i}-{j}").write_bytes(part)
     enable(False)
     load_flight(PLAN, scenario_path=SCENARIO, files=KNOWN)
+    LINK.flight()
     messages.subprocess.run = in_process  # type: ignore[attr-defined]
     sys.dont_write_bytecode = True
     tempfile.tempdir = str(SCRATCH.parent)

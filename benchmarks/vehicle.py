@@ -4,12 +4,14 @@ usage: python benchmarks/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--
 
 The aeroplane, its battery and its air are benchmarks/plant.py, which knows nothing of eadp's models; the autopilot here
 knows waypoints, loiters, changes of speed and the return, and MAVLink's mission protocol. It starts in the air, at the
-first waypoint of the mission, a file of `eadp export --to ardupilot`. Its detector runs at the rate that it is sent as
-NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
+first waypoint of the mission, a file of `eadp export --to ardupilot`. Its detector is a number: it runs at the rate
+that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 
 - `--speed` is how many times as fast as the clock it flies.
 - `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
 - `--drop S SHARE`: a loss of charge, after so many seconds.
+- `--rates FILE`: a detector that runs, `benchmarks/detector.py`, which watches the file of `eadp replan --publish`; the
+  rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest rate.
 
 Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
 """
@@ -22,7 +24,9 @@ import json
 import math
 import random
 import socket
+import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -78,6 +82,26 @@ class Wire:
                 frames.append(self._socket.recv(4096))
             except OSError:
                 return [frame for frame in frames if self._rng.random() >= self._loss]
+
+
+class Detector:
+    """A process that detects, and says which rate it reaches."""
+
+    def __init__(self, *options: str, rate: float) -> None:
+        command = [sys.executable, str(ROOT / "benchmarks/detector.py"), "--rate", str(rate), *options]
+        self.rate = rate
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.rate = float(line)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
 
 
 class Pilot:
@@ -194,10 +218,14 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         *((p["at"][0], p["power_w"]) for p in yaml.safe_load(PROFILE.read_text())["points"]), strict=True
     )
     pack, fps, dropped = Lipo(options.capacity, OHM_AH / options.capacity), float(levels[-1]), False
+    runs = None
+    if options.rates:
+        runs = Detector(*(() if options.deaf else ("--rates", options.rates)), rate=fps)
     parser, begun, step, counts = dialect.MAVLink(None), time.monotonic(), 0, {"commands": 0, "fps": 0}
     parser.robust_parsing = True
     while not (pilot.done or pack.empty):
         now_s = 100 + plane.time_s
+        fps = fps if runs is None else runs.rate
         bank = pilot.bank_rad(plane)
         plane.control(bank)
         watts = float(battery_w(plane.shaft_w) + sum_w(fps, levels, levels_w))
@@ -219,7 +247,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
             for frame in (message.get_msgbuf() for message in parser.parse_buffer(data) or ()):
                 message = dialect.MAVLink(None).decode(bytearray(frame))
                 kind = message.get_type()
-                if kind == "NAMED_VALUE_FLOAT" and message.name == "fps" and not options.deaf:
+                if kind == "NAMED_VALUE_FLOAT" and message.name == "fps" and not options.deaf and runs is None:
                     counts["fps"] += message.value != fps
                     fps = float(message.value)
                 elif kind == "COMMAND_LONG":
@@ -236,6 +264,8 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         ahead_s = plane.time_s / options.speed - (time.monotonic() - begun)
         if ahead_s > 0.005:
             time.sleep(ahead_s)
+    if runs is not None:
+        runs.close()
     for _ in range(20):
         wire.send(autopilot.heartbeat(armed=False, active=False))
         wire.send(position(autopilot, 100 + plane.time_s, plane, origin, landed=True))
@@ -276,6 +306,7 @@ def main() -> None:
     parser.add_argument("--delay", type=float, default=0.0)
     parser.add_argument("--drop", type=float, nargs=2)
     parser.add_argument("--deaf", action="store_true")
+    parser.add_argument("--rates")
     parser.add_argument("--seed", type=int, default=0)
     print(json.dumps(fly(parser.parse_args())))
 

@@ -1,0 +1,543 @@
+"""Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency, processor and memory.
+
+usage: python benchmarks/link.py [--flights 20] [--speed 1] [--jobs 20] [--write]
+
+- **Flights**: `benchmarks/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as fast as
+  the clock.
+  Every message is lost with 5 %, either way, and comes up to 0.05 s late, so that messages overtake one another. Beside
+  it the same aeroplane, pack, gusts and losses of charge along the plan itself, by JSON lines once a second through the
+  re-planner of `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages
+  and parameters that their lines of telemetry report.
+- **Latency and processor**: `eadp replan --mavlink` gets a recorded flight at 5 positions a second, alone, amid 50 Hz
+  of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
+  a position to receiving the decision about it.
+- **Memory**: a flight of a day, simulated, by messages in and out, without a socket.
+- **Computations**: `benchmarks/detector.py`, a process that works, measured by `eadp profile --measure`, then told its
+  rate by `eadp replan --publish` while the vehicle flies; and one that does not obey. Where the computer has no sensor,
+  the detector's meter stands for one.
+
+Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import os
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measured import add_option, head, line, recorded
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests/support"))
+
+import mavlink_vehicle  # noqa: E402
+from mavlink_vehicle import ORIGIN, Autopilot  # noqa: E402
+from plant import SAMPLE_S, Dryden, Lipo, PlanFlight, battery_w  # noqa: E402
+from twin import LEVELS, LEVELS_W, OHM_AH, OWNER, PER_LINE, PROFILE, ends, plans  # noqa: E402
+
+from eadp.core.geometry.geodesy import to_local_m  # noqa: E402
+from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
+from eadp.io.link.flight import LinkFlight  # noqa: E402
+from eadp.io.link.mavlink import Codec  # noqa: E402
+from eadp.io.link.messages import WANTED  # noqa: E402
+from eadp.io.telemetry.replan import Replanner  # noqa: E402
+from eadp.models.plan.trace import default_start  # noqa: E402
+from eadp.planning.base import Decision, Observation, SolverReport  # noqa: E402
+from eadp.planning.state.flight_state import FlightState  # noqa: E402
+from eadp.simulation.loop import Outcome  # noqa: E402
+from eadp.simulation.loop import fly as simulate  # noqa: E402
+from eadp.simulation.metrics import ParameterLog  # noqa: E402
+
+LOSS, DELAY_S, SEED, FIRST_PORT = 0.05, 0.05, 33, 15_100
+CAPACITIES_AH = {"survey": (0.6, 1.2), "meadow": (0.75, 1.1), "slanted": (0.65, 0.95), "corner": (1.1, 1.9)}
+EADP = [sys.executable, "-m", "eadp"]
+VEHICLE = [sys.executable, str(ROOT / "benchmarks/vehicle.py")]
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A flight: its plan, air and pack, and a loss of charge: when [s], and which share."""
+
+    index: int
+    place: str
+    folder: Path
+    wind_mps: tuple[float, float]
+    capacity_ah: float
+    drop: tuple[float, float] | None
+
+    def file(self, name: str) -> Path:
+        """A file of this flight."""
+        return self.folder / f"{self.index}-{name}"
+
+    @property
+    def plan(self) -> str:
+        """The plan, with a place on the earth."""
+        return str(self.folder / f"{self.place}.plan")
+
+    @property
+    def waypoints(self) -> str:
+        """The mission at the parameters of the forecast before take-off."""
+        return str(self.file("mission.waypoints"))
+
+    @property
+    def inputs(self) -> FlightInputs:
+        """As the owner states them."""
+        return load_flight(self.plan, scenario_path=str(self.file("scenario.yaml")))
+
+
+def missions(count: int, folder: Path) -> list[Mission]:
+    """Random missions, their plans and scenarios."""
+    rng, made = np.random.default_rng(SEED), []
+    (folder / "made").mkdir()
+    for name, file in plans(folder / "made").items():
+        first, mark, rest = Path(file).read_text().partition("%:")
+        placed = "" if "%: origin" in mark + rest else f"%: origin {ORIGIN[0]} {ORIGIN[1]}\n"
+        (folder / f"{name}.plan").write_text(first + placed + mark + rest)
+    for index, place in zip(range(count), itertools.cycle(CAPACITIES_AH)):
+        speed, course = rng.uniform(0, 6), rng.uniform(0, 2 * math.pi)
+        drop = (round(rng.uniform(60, 250), 1), round(rng.uniform(0.04, 0.1), 3)) if index % 3 == 2 else None
+        wind = round(speed * math.cos(course), 2), round(speed * math.sin(course), 2)
+        mission = Mission(index, place, folder, wind, round(rng.uniform(*CAPACITIES_AH[place]), 3), drop)
+        battery = {"capacity_ah": mission.capacity_ah, "resistance_ohm": round(OHM_AH / mission.capacity_ah, 4)}
+        scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
+        mission.file("scenario.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05}))
+        export = [*EADP, "export", mission.plan, "--to", "ardupilot", "--altitude", "100", "-o", mission.waypoints]
+        export += ["--scenario", str(mission.file("scenario.yaml"))]
+        subprocess.run(export, check=True, capture_output=True)
+        made.append(mission)
+    return made
+
+
+# --- flights
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What came of a flight."""
+
+    completed: bool
+    soc: float
+    u: float
+    uploads: int = 0
+
+
+def listens(port: int) -> bool:
+    """Whether a UDP port is open on this computer."""
+    return any(f":{port:04X} " in row for row in Path("/proc/net/udp").read_text().splitlines())
+
+
+def replan(mission: Mission, port: int, *options: str) -> subprocess.Popen[bytes]:
+    """`eadp replan` on a port; returns when it listens."""
+    log = mission.file("log.jsonl")
+    log.unlink(missing_ok=True)
+    command = [*EADP, "replan", mission.plan, "--scenario", str(mission.file("scenario.yaml")), "--upload"]
+    command += ["--items", f"{mission.waypoints}.items.json", "--log", str(log), *options]
+    with mission.file("out.jsonl").open("wb") as out, mission.file("said.txt").open("wb") as said:
+        process = subprocess.Popen([*command, "--mavlink", f"udpin:127.0.0.1:{port}"], stdout=out, stderr=said)
+    while not listens(port):
+        if process.poll() is not None:
+            sys.exit(mission.file("said.txt").read_text())
+        time.sleep(0.05)
+    return process
+
+
+def vehicle(mission: Mission, port: int, speed: float, *options: str) -> dict[str, Any]:
+    """The vehicle on its mission, to its end."""
+    command = [*VEHICLE, mission.waypoints, "--to", f"127.0.0.1:{port}"]
+    command += ["--speed", str(speed), "--capacity", str(mission.capacity_ah), "--seed", str(mission.index)]
+    command += ["--wind", *map(str, mission.wind_mps)]
+    command += ["--drop", *map(str, mission.drop)] if mission.drop else []
+    done = subprocess.run([*command, *options], check=True, capture_output=True, text=True)
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+def over_link(mission: Mission, speed: float) -> Flown:
+    """A flight over MAVLink."""
+    port = FIRST_PORT + mission.index
+    process = replan(mission, port)
+    try:
+        end = vehicle(mission, port, speed, "--loss", str(LOSS), "--delay", str(DELAY_S))
+        process.wait(30)
+    finally:
+        process.kill()
+    rows = map(json.loads, mission.file("log.jsonl").read_text().splitlines())
+    lines = [json.dumps(row).encode() for row in rows if row.pop("kind") == "telemetry"]
+    uploads = mission.file("said.txt").read_text().count("uploaded and verified")
+    return Flown(end["completed"], end["soc"], quality(mission.inputs, lines), uploads)
+
+
+def over_lines(mission: Mission) -> Flown:
+    """The same flight along the plan, over JSON lines."""
+    inputs, decisions, lines = mission.inputs, list[dict[str, Any]](), list[bytes]()
+    plan = inputs.mission.plan
+    highest = ends(plan, 0)[1], ends(plan, 1)[1]
+    start, _ = default_start(plan, highest)
+    gusts = Dryden(math.hypot(*mission.wind_mps), mission.index, 7200.0)
+    flight, pack = (
+        PlanFlight(plan, highest, start, mission.wind_mps, gusts),
+        Lipo(mission.capacity_ah, OHM_AH / mission.capacity_ah),
+    )
+    replanner, consumed = Replanner(inputs, "lines", None, decisions.append, str), 0.0
+    for k, sample in enumerate(flight.samples()):
+        dropped = mission.drop is not None and sample.time_s - SAMPLE_S < mission.drop[0] <= sample.time_s
+        lost = mission.drop[1] if mission.drop is not None and dropped else 0.0
+        power_w = float(battery_w(sample.shaft_w) + np.interp(sample.parameters[1], LEVELS, LEVELS_W))
+        pack.step(power_w, SAMPLE_S, lost)
+        consumed += float(pack.current_a) * SAMPLE_S / 3600 + lost * mission.capacity_ah
+        if pack.empty:
+            break
+        if (k + 1) % PER_LINE == 0:
+            lines.append(json.dumps({
+                "time_s": round(sample.time_s, 3), "x_m": round(sample.x_m, 2), "y_m": round(sample.y_m, 2),
+                "power_w": round(power_w, 2), "current_consumed_ah": round(consumed, 3),
+                "velocity_mps": [round(sample.east_mps, 2), round(sample.north_mps, 2)],
+                "heading_deg": round(sample.heading_deg, 1) % 360, "airspeed_mps": round(sample.airspeed_mps, 2),
+                "parameters": dict(zip(plan.names, sample.parameters, strict=True)),
+            }).encode())  # fmt: skip
+            count = len(decisions)
+            replanner.take(len(lines), lines[-1])
+            if len(decisions) > count:
+                flight.decide([decisions[-1]["parameters"][name] for name in plan.names])
+    done = flight.executor.complete and not pack.empty
+    return Flown(done, float(pack.soc), quality(inputs, lines))
+
+
+def quality(inputs: FlightInputs, lines: Iterable[bytes]) -> float:
+    """U of the stages and parameters that lines of telemetry report."""
+    replanner, log, before = Replanner(inputs, "log", None, str, str), None, (0, ())
+    for number, raw in enumerate(lines, 1):
+        replanner.take(number, raw)
+        flight, said = replanner._flight, json.loads(raw)
+        if not flight._started or flight._pilot is None:
+            continue
+        executor, time_s = flight._tracker.executor, said["time_s"] - flight._origin_s
+        now = executor.stages_started, executor.parameters
+        if log is None:
+            log = ParameterLog(inputs.mission.plan, executor.cursor, executor.joined_m)
+        elif now != before:
+            log.change(time_s, executor.cursor, executor.joined_m if now[0] != before[0] else None)
+        before = now
+    assert log is not None
+    origin = inputs.mission.plan.site.origin_deg
+    assert origin is not None
+    at = to_local_m(said["lat_deg"], said["lon_deg"], origin) if "lat_deg" in said else (said["x_m"], said["y_m"])
+    log.close(time_s, None if executor.complete else (at, inputs.mission.cruise_mps))
+    return log.quality({}) or 0.0
+
+
+def flights(found: list[Mission], speed: float, jobs: int) -> None:
+    """All flights, both ways, as a table."""
+    with ThreadPoolExecutor(jobs) as pool:
+        linked = list(pool.map(lambda mission: over_link(mission, speed), found))
+    own = ("MAVLink: completed", "SoC", "U", "uploads")
+    print(head("#", "place", "wind [m/s]", "Ah", "loss", *own, "JSON lines: completed", "SoC", "U", "U apart"))
+    apart, both = [], []
+    for mission, one in zip(found, linked, strict=True):
+        other = over_lines(mission)
+        loss = "-" if mission.drop is None else f"{mission.drop[1]:.1%}@{mission.drop[0]:.0f}"
+        cells = [mission.index, mission.place, f"{math.hypot(*mission.wind_mps):.1f}", mission.capacity_ah, loss]
+        cells += ["yes" if one.completed else "no", f"{one.soc:.3f}", f"{one.u:.3f}", one.uploads]
+        cells += ["yes" if other.completed else "no", f"{other.soc:.3f}", f"{other.u:.3f}", f"{one.u - other.u:+.3f}"]
+        print(line(*cells), flush=True)
+        apart.append(one.u - other.u)
+        both.append((one.completed, other.completed))
+    size = np.abs(apart)
+    print(
+        f"completed: over MAVLink {sum(a for a, _ in both)} of {len(both)}, over JSON lines {sum(b for _, b in both)}"
+    )
+    within = f"U apart by at most 0.02: {int((size <= 0.02).sum())} of {len(both)}"
+    print(f"{within}; mean {np.mean(apart):+.4f}, median size {np.median(size):.4f}, most {size.max():.3f}")
+
+
+# --- latency and processor
+
+
+def load(folder: Path, seconds: float) -> None:
+    """Latency and processor time, alone and amid floods."""
+    latency = ("latency, median [ms]", "99th percentile [ms]", "decisions")
+    print(head("beside 5 positions a second", "messages a second", "share of a core", *latency))
+    for port, (name, rate) in enumerate((("nothing", 0), ("50 Hz of ten kinds", 500), ("another sender", 1e6)), 15_000):
+        print(line(name, *loaded(folder, port, rate, seconds)), flush=True)
+
+
+def loaded(folder: Path, port: int, rate: float, seconds: float) -> list[str]:
+    """One row: what `eadp replan` does with a recorded flight at 5 Hz, amid so many other messages a second."""
+    command = [*EADP, "replan", str(folder / "survey.plan"), "--scenario", str(ROOT / "scenarios/survey.yaml")]
+    command += ["--mavlink", f"udpin:127.0.0.1:{port}"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not listens(port):
+        time.sleep(0.05)
+    lines = mavlink_vehicle.recorded(str(ROOT / "scenarios/example-telemetry.jsonl"))
+    times = [each["time_s"] for each in lines]
+    steps = [
+        {key: float(np.interp(times[0] + k / 5, times, [each[key] for each in lines])) for key in ("x_m", "y_m", "soc")}
+        | {key: lines[k // 5][key] for key in ("power_w", "velocity_mps", "heading_deg")}
+        for k in range(int(5 * seconds))
+    ]
+    ours, codec = Autopilot(), Codec(frozenset({"NAMED_VALUE_FLOAT"}))
+    # the flood is of the autopilot's own messages where there are ten kinds, else of another system
+    others = kinds(Autopilot() if rate < 1e4 else Autopilot(system=7), rate < 1e4)
+    sent_s, delays, count, answered = {}, [], 0, set()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port_out:
+        port_out.bind(("127.0.0.1", 0))
+        port_out.setblocking(False)
+        begun, cpu = time.monotonic(), cpu_s(process.pid)
+        step = 0
+        while (now := time.monotonic() - begun) < seconds:
+            if now >= step / 5 and step < len(steps):
+                each, at_s = steps[step], 100 + step / 5
+                frames = [ours.heartbeat(armed=True, active=True)] if step % 5 == 0 else []
+                frames += [ours.battery(14.8, each["power_w"] / 14.8, None, each["soc"])]
+                frames += [ours.position(at_s, each["x_m"], each["y_m"], each["velocity_mps"], each["heading_deg"])]
+                for frame in frames:
+                    port_out.sendto(frame, ("127.0.0.1", port))
+                sent_s[round(at_s * 1000)] = time.monotonic()
+                step, count = step + 1, count + len(frames)
+            until = begun + now + 0.001
+            flood = 0
+            while rate and (count < rate * now or rate > 1e4) and time.monotonic() < until and flood < 100:
+                port_out.sendto(next(others), ("127.0.0.1", port))
+                flood, count = flood + 1, count + 1
+            try:
+                data = port_out.recv(4096)
+            except OSError:
+                time.sleep(0.0002 if rate < 1e4 else 0)
+                continue
+            for message in codec.decoded(data):
+                stamp = message.fields["time_boot_ms"]
+                if stamp not in answered and stamp in sent_s:
+                    answered.add(stamp)
+                    delays.append(1e3 * (time.monotonic() - sent_s[stamp]))
+        share = (cpu_s(process.pid) - cpu) / seconds
+    process.terminate()
+    process.wait()
+    figures = np.percentile(delays, [50, 99]) if delays else (math.nan, math.nan)
+    return [f"{count / seconds:,.0f}", f"{share:.1%}", *(f"{figure:.1f}" for figure in figures), str(len(delays))]
+
+
+def kinds(autopilot: Autopilot, wanted: bool) -> Iterable[bytes]:
+    """Messages for a flood."""
+    frame = autopilot.frame
+    made = [
+        frame("attitude", 0, 0, 0, 0, 0, 0, 0),
+        frame("raw_imu", 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        frame("nav_controller_output", 0, 0, 0, 0, 0, 0, 0, 0),
+        frame("servo_output_raw", 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        frame("vfr_hud", 12.0, 12.0, 90, 50, 100.0, 0.0),
+        frame("wind", 180.0, 5.0, 0.0),
+        frame("sys_status", 0, 0, 0, 0, 14800, 100, 90, 0, 0, 0, 0, 0, 0),
+        frame("mission_current", 3),
+        frame("named_value_float", 0, b"other", 1.0),
+        frame("battery_status", 1, 0, 1, 0, [3700] * 10, 100, 10, -1, 90),
+    ]
+    return itertools.cycle(made if wanted else [frame("global_position_int", 5, 1, 1, 0, 0, 0, 0, 0, 0)])
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+# --- memory
+
+
+DAY_PLAN = """%: origin 55.37 10.43
+%: computations fps
+%: paths spacing [m] = 3000 - 2*sqrt(1960000 + c1)
+%: trigger-radius 40
+
+init:
+n = 4
+left  = -2300, 3000 - 2*sqrt(1960000 + c1)
+mid   = -800,  3000 - 2*sqrt(1960000 + c1)
+right = 700,   3000 - 2*sqrt(1960000 + c1)
+top   = 2920,  (1500 - sqrt(1960000 + c1))/5
+turn  = 220,   (1500 - sqrt(1960000 + c1))/5
+low   = -220,  (1500 - sqrt(1960000 + c1))/5
+
+path:
+0.00002; 90; (x - left - sqrt(1960000 + c1))^2 + (y - top)^2 - 1960000 - c1
+left, top
+[-400000, 0]
+[2, 10]
+0.005; 270; x - left
+left, low
+[-400000, 0]
+[2, 10]
+0.00002; 90; (x - mid)^2 + (y - turn)^2 - 1500^2
+right, low
+[-400000, 0]
+[2, 10]
+0.005; 90; x - right
+right, top
+[-400000, 0]
+[2, 10]
+
+trig:
+17000, 3220
+"""
+"""The published survey, twenty times as large."""
+
+
+class Linked:
+    """Stands for a planner in the simulation: an observation a second goes out as messages, decisions come back."""
+
+    period_s = None
+    reading_every_s = math.inf
+    next_update_s = 1.0
+    ingest = None
+
+    def __init__(self, inputs: FlightInputs) -> None:
+        self.inputs, self.report, self.rows, self.count = inputs, SolverReport(), list[tuple[float, float, int]](), 0
+        self._decisions, self._autopilot, self._codec = list[dict[str, Any]](), Autopilot(), Codec(WANTED)
+        self._out = Codec(frozenset())
+        self._flight = LinkFlight(
+            inputs, "link", None, None, None, self._decided, lambda _: None, lambda *m: self._out.encoded(*m)
+        )
+        self._decision = Decision(inputs.mission.parameters)
+
+    def estimates(self, times_s: Any) -> Any:
+        """None: those of the other end are its own."""
+        return [0.0 for _ in times_s], []
+
+    def flight_state(self) -> FlightState:
+        """The simulation's own, which nobody asks."""
+        return FlightState(self.inputs.mission)
+
+    def _decided(self, decision: dict[str, Any]) -> None:
+        self.count += 1
+        self._decision = Decision(tuple(decision["parameters"].values()))
+
+    def update(self, o: Observation) -> Decision:
+        """Send messages, and take the last decision."""
+        if o.time_s < self.next_update_s - 1e-6:
+            return self._decision
+        self.next_update_s = o.time_s + 1.0
+        pilot, power_w = self._autopilot, o.power_w or 0.0
+        course = 90 - math.degrees(o.heading_rad or 0.0)
+        for frame in (
+            pilot.heartbeat(armed=True, active=True),
+            pilot.battery(16.0, power_w / 16.0, None, o.soc),
+            pilot.frame("named_value_float", round(o.time_s * 1000), b"fps", o.parameters[1]),
+            pilot.position(o.time_s, o.x_m, o.y_m, list(o.velocity_mps or (0.0, 0.0)), course % 360),
+        ):
+            for message in self._codec.decoded(frame):
+                self._flight.take(message, o.time_s)
+        self._flight.tick(o.time_s)
+        if not self.rows or o.time_s >= self.rows[-1][0] + 3600:
+            self.rows.append((o.time_s, resident_mb(), self.count))
+        return self._decision
+
+
+def resident_mb() -> float:
+    """Memory of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def day(folder: Path, hours: float) -> None:
+    """A flight of hours, in a process of its own."""
+    (folder / "day.plan").write_text(DAY_PLAN)
+    battery = {"capacity_ah": 12.5 * hours, "resistance_ohm": 0.001}
+    scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
+    (folder / "day.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2}))
+    inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
+    linked, begun = Linked(inputs), time.process_time()
+    for _ in simulate(inputs.world, linked, Outcome()):
+        pass
+    print(json.dumps({"rows": linked.rows, "cpu_s": time.process_time() - begun}))
+
+
+def memory(folder: Path, hours: float) -> None:
+    """The memory of a flight of a day, by the hour."""
+    command = [sys.executable, __file__, "--day", str(folder), "--hours", str(hours)]
+    found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    rows = found["rows"]
+    print(head("hours flown", "memory [MB]", "decisions"))
+    for time_s, mb, count in rows[:: max(1, len(rows) // 8)] + rows[-1:]:
+        print(line(f"{time_s / 3600:.0f}", f"{mb:.1f}", count))
+    hours_flown, used = np.array([[row[0] / 3600, row[1]] for row in rows[1:]]).T
+    slope = np.polyfit(hours_flown, used, 1)[0] if len(used) > 1 else math.nan
+    print(f"growth after the first hour: {1000 * slope:.1f} kB an hour; from {used[0]:.1f} to {used[-1]:.1f} MB")
+
+
+# --- computations
+
+
+def computing(mission: Mission, speed: float) -> None:
+    """A detector that runs: its power, then a flight in which it obeys, and one in which it does not."""
+    folder = mission.folder / "sys"
+    chip = folder / "class/hwmon/hwmon0"
+    chip.mkdir(parents=True)
+    (chip / "name").write_text("detector\n")
+    (chip / "power1_input").write_text("2000000\n")
+    detector = [sys.executable, str(ROOT / "benchmarks/detector.py"), "--meter", str(folder), "--rate", "{fps}"]
+    measure = ["--measure", "--sysfs", str(folder), "--config", "fps=2,4,6,8,10", "--accuracy", "3%", "--longest", "40"]
+    measured = mission.folder / "detector.csv"
+    subprocess.run([*EADP, "profile", *measure, "-o", str(measured), "--", *detector], check=True, capture_output=True)
+    watts = {}
+    for row in measured.read_text().splitlines():
+        if re.match(r"[0-9]", row):
+            rate, power = map(float, row.split(","))
+            watts.setdefault(rate, []).append(power)
+    print(head("fps", *(f"{rate:g}" for rate in watts)))
+    print(line("power by `eadp profile --measure` [W]", *(f"{np.mean(each):.2f}" for each in watts.values())))
+    rate = ("changes of the rate decided", "rate reached is within 1 of it [% of the lines]")
+    print(head("detector", *rate, "completed", "SoC", "SoC forecast half-way"))
+    for port, (name, options) in enumerate((("obeys", ()), ("does not", ("--deaf",))), 15_050):
+        rates = str(mission.file("rates.json"))
+        process = replan(mission, port, "--publish", rates)
+        end = vehicle(mission, port, speed, "--rates", rates, *options)
+        process.wait(30)
+        rows = [json.loads(row) for row in mission.file("out.jsonl").read_text().splitlines()]
+        asked = np.array([row["parameters"]["c2"] for row in rows])
+        reached = np.array([row["in_force"]["c2"] for row in rows])
+        near = 100 * np.mean(np.abs(reached - asked) <= 1)
+        half = rows[len(rows) // 2]["soc_end_forecast"]
+        changes = int(np.count_nonzero(np.diff(asked)))
+        cells = [name, changes, f"{near:.0f}"]
+        print(line(*cells, "yes" if end["completed"] else "no", f"{end['soc']:.3f}", f"{half:.3f}"), flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=20)
+    parser.add_argument("--speed", type=float, default=1.0)
+    parser.add_argument("--jobs", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--day", help=argparse.SUPPRESS)
+    add_option(parser, "link")
+    options = parser.parse_args()
+    if options.day:
+        day(Path(options.day), options.hours)
+        return
+    with recorded("link", write=options.write), tempfile.TemporaryDirectory() as name:
+        found = missions(max(options.flights, 1), Path(name))
+        print("## Flights")
+        flights(found[: options.flights], options.speed, options.jobs)
+        print("## Latency and processor")
+        load(Path(name), options.seconds)
+        print("## Memory")
+        memory(Path(name), options.hours)
+        print("## Computations")
+        computing(found[0], 4.0)
+
+
+if __name__ == "__main__":
+    main()
