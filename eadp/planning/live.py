@@ -353,6 +353,9 @@ class _Pilot:
         try:
             self.state.observe(observation if measured else observation._replace(soc=math.nan))
             self.decision = self.planner.update(observation._replace(state=self.state))
+            # nobody asks for the figures of each re-planning in a flight that may last
+            self.planner.report.gaps.clear()
+            self.planner.report.solve_ms.clear()
         except Exception as error:  # in flight, a failure of the planner must not stop the advice
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
             if what != self._failure:

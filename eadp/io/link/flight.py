@@ -22,7 +22,7 @@ from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.telemetry.replan import Emit, Replanner, Warn
-from eadp.planning.live import KEPT
+from eadp.planning.live import KEPT, TAKE_OFF
 
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
@@ -97,6 +97,7 @@ class LinkFlight:
         self._warned: set[str] = set()
         self._plan = plan
         self._decided_path: tuple[float, ...] | None = None
+        self._planned = False
         self._system, self._component = system, 0
         self._heard_s: float | None = None
         self._sent_s = -1e9
@@ -237,7 +238,8 @@ class LinkFlight:
     def _decided(self, line: dict[str, Any]) -> None:
         """Send a decision, and print it."""
         self._emit(line)
-        if not self._returns:
+        self._planned |= line["reason"] not in (TAKE_OFF, KEPT)
+        if self._planned and not self._returns:  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._plan.names[: self._plan.path_count]])
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}

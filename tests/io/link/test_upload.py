@@ -134,6 +134,19 @@ def test_the_rest_is_replaced_and_verified(inputs, mission, lines):
     assert all(item[2][6] == 60 for item in after if item[0] == 16)
 
 
+def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tmp_path):
+    """The mission is that of the forecast, and the parameters of take-off are others."""
+    path = tmp_path / "survey.waypoints"
+    eadp("export", plan, "--to", "ardupilot", "--altitude", "60", "--set", "spacing=20", "-o", path)
+    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
+    items = [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+    flown = Flying(inputs, (path, items)).fly(lines[:3])
+    assert flown.decisions[0]["parameters"]["c1"] == 0 == flown.decisions[-1]["parameters"]["c1"]
+    assert not flown.decisions[-1]["reason"].startswith("spacing")
+    assert flown.holder.writes == []
+    assert any("holds the mission" in text for text in flown.said)
+
+
 def test_another_mission_is_left_alone(inputs, mission, lines):
     path, items = mission
     moved = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in items]

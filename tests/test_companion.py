@@ -1,0 +1,114 @@
+"""The ROS 2 node of docs/companion.md, run against stand-ins for rclpy and its messages, with a real `eadp replan`."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from eadp.core.geometry.geodesy import to_geodetic_deg
+
+ROOT = Path(__file__).resolve().parents[1]
+ORIGIN = (55.37, 10.43)
+LINES = [json.loads(line) for line in (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:40]]
+
+
+class Message(SimpleNamespace):
+    """Stands for a message of ROS."""
+
+
+class Publisher:
+    """Keeps what is published, and says when so many have come."""
+
+    def __init__(self):
+        self.got, self.count, self.complete = [], 0, threading.Event()
+
+    def publish(self, message):
+        self.got.append(json.loads(message.data))
+        if len(self.got) == self.count:
+            self.complete.set()
+
+
+class Node:
+    """Stands for rclpy's node."""
+
+    def __init__(self, name):
+        self.topics, self.publisher = {}, Publisher()
+
+    def create_publisher(self, kind, topic, depth):
+        assert (kind, topic, depth) == (MESSAGES["String"], "eadp/decision", 10)
+        return self.publisher
+
+    def create_subscription(self, kind, topic, take, qos):
+        assert qos == "best effort"
+        self.topics[kind] = take
+
+
+def kind(name, **values):
+    return type(name, (Message,), values)
+
+
+MESSAGES = {
+    name: kind(name) for name in ("TwistStamped", "BatteryState", "NavSatFix", "String")
+} | {"ExtendedState": kind("ExtendedState", LANDED_STATE_IN_AIR=2)}  # fmt: skip
+
+
+def modules(spin):
+    """The modules that the node imports."""
+    ros = {name: ModuleType(name) for name in ("rclpy", "rclpy.node", "rclpy.qos")}
+    ros["rclpy"].init, ros["rclpy"].spin = lambda: None, spin
+    ros["rclpy.node"].Node = Node
+    ros["rclpy.qos"].qos_profile_sensor_data = "best effort"
+    for package in ("geometry_msgs", "mavros_msgs", "sensor_msgs", "std_msgs"):
+        ros[package], ros[f"{package}.msg"] = ModuleType(package), ModuleType(f"{package}.msg")
+        vars(ros[f"{package}.msg"]).update(MESSAGES)
+    return ros
+
+
+def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
+    head, mark, rest = (ROOT / "plans/survey.plan").read_text().partition("%:")
+    (tmp_path / "survey.plan").write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n{mark}{rest}")
+    (source,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/companion.md").read_text(), re.S)
+    names = {"/opt/eadp/bin/eadp": "-m", "/etc/eadp/survey.plan": str(tmp_path / "survey.plan")}
+    names["/etc/eadp/scenario.yaml"] = str(ROOT / "scenarios/survey.yaml")
+    for name, own in names.items():
+        assert name in source
+        source = source.replace(f'"{name}"', f'"{sys.executable}", "-m", "eadp"' if own == "-m" else f'"{own}"')
+    nodes, before = [], {*threading.enumerate()}
+
+    def spin(node):
+        nodes.append(node)
+        node.publisher.count = len(LINES)
+
+        def send(name, **values):
+            node.topics[MESSAGES[name]](MESSAGES[name](**values))
+
+        for line in LINES:
+            send("ExtendedState", landed_state=2)
+            send("BatteryState", voltage=12.0, current=-line["power_w"] / 12, percentage=line["soc"])
+            x, y = line["velocity_mps"]
+            send("TwistStamped", twist=Message(linear=Message(x=x, y=y)))
+            latitude, longitude = to_geodetic_deg(line["x_m"], line["y_m"], ORIGIN)
+            for late_ns in (0, 50_000_000):  # the second one is sooner than the node needs
+                stamp = Message(sec=1_700_000_000 + int(line["time_s"]), nanosec=late_ns)
+                place = {"header": Message(stamp=stamp), "latitude": latitude, "longitude": longitude}
+                send("NavSatFix", status=Message(status=0), **place)
+        assert node.publisher.complete.wait(60)
+        node.process.stdin.close()
+        assert node.process.wait(60) in (0, 1)
+        for thread in {*threading.enumerate()} - before:
+            thread.join(60)
+        node.process.stdout.close()
+
+    for name, module in modules(spin).items():
+        monkeypatch.setitem(sys.modules, name, module)
+    exec(compile(source, "docs/companion.md", "exec"), {"__name__": "node"})
+    (node,) = nodes
+    assert len(node.publisher.got) == len(LINES)
+    assert node.publisher.got[-1]["parameters"]["c1"] < 0
+    assert node.known["soc"] == pytest.approx(LINES[-1]["soc"])

@@ -1,0 +1,66 @@
+"""The tutorial's flight in two terminals, by its own command lines: the aeroplane in JSBSim beside `eadp replan`."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pymavlink")
+pytest.importorskip("jsbsim", reason="the aeroplane flies in JSBSim: pip install 'eadp[bench]'")
+
+from common.console import Console
+
+ROOT = Path(__file__).resolve().parents[1]
+TUTORIAL = (ROOT / "docs/tutorial.md").read_text()
+
+
+def command(start, port):
+    """The tutorial's command that starts so, on a free port and twice as fast."""
+    section = TUTORIAL[TUTORIAL.index("## 7.") :].replace("\\\n", " ")
+    (line,) = re.findall(rf"^{re.escape(start)}.*", section, re.M)
+    words = shlex.split(line.split(" > ")[0].replace("14550", str(port)).replace("--speed 10", "--speed 20"))
+    return [sys.executable, "-m", *words] if words[0] == "eadp" else [sys.executable, str(ROOT / words[1]), *words[2:]]
+
+
+def test_the_flight_of_the_tutorial(tmp_path):
+    console = Console(tmp_path)
+    console.write_files(TUTORIAL)
+    (cover,) = re.findall(r"^\$ (eadp cover plans/meadow.geojson --wind.*)", TUTORIAL.replace("\\\n", " "), re.M)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def run(words, **options):
+        return subprocess.run(words, cwd=console.folder, capture_output=True, text=True, check=True, **options)
+
+    run([sys.executable, "-m", *shlex.split(cover)])
+    run(command("eadp export", port))
+    out, err = tmp_path / "out.jsonl", tmp_path / "err.txt"
+    with (
+        out.open("w") as stdout,
+        err.open("w") as stderr,
+        subprocess.Popen(command("eadp replan", port), cwd=console.folder, stdout=stdout, stderr=stderr) as planner,
+    ):
+        while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+            assert planner.poll() is None
+            time.sleep(0.05)
+        vehicle = run([*command("python benchmarks/vehicle.py", port), "--to", f"127.0.0.1:{port}"], timeout=300)
+        planner.wait(60)
+    said = err.read_text()
+    assert planner.returncode == 0, said
+    assert json.loads(vehicle.stdout)["completed"]
+    assert "eadp: spacing" in vehicle.stderr
+    assert "holds the mission of --items" in said
+    assert "uploaded and verified" in said
+    run([sys.executable, "-m", "eadp", "report", "my-field/live.jsonl", "-o", "my-field/live.html"])
+    again = [word for word in command("eadp replan", port) if word not in ("--log", "my-field/live.jsonl", "--upload")]
+    again[again.index("--mavlink") : again.index("--mavlink") + 2] = ["--replay", "my-field/live.jsonl"]
+    assert run(again).stdout == out.read_text()
