@@ -21,7 +21,7 @@ from eadp.io.report.flight import (
 from eadp.io.report.result_folder import json_lines
 from eadp.io.report.thinning import changes, thinned
 from eadp.io.report.words import log_words
-from eadp.io.telemetry.log import APPLIED, SCHEMA, START, TELEMETRY
+from eadp.io.telemetry.log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
 from eadp.io.text.streams import Text
 
 GAP_S, GAP_INTERVALS = 10.0, 10.0
@@ -41,7 +41,7 @@ def log_data(text: Text) -> dict[str, Any]:
     head, *lines = json_lines(text)
     if head.get("kind") != START or head.get("schema") != SCHEMA:
         raise InputError.at(text.name, 1, 1, "is no log of eadp replan", f"a log of {SCHEMA}")
-    first_s, telemetry, decisions = _split([line for line in lines if line.get("kind") != APPLIED])
+    first_s, telemetry, decisions = _split([line for line in lines if line.get("kind") not in (APPLIED, MISSION)])
     if not telemetry:
         raise InputError.at(text.name, 1, 1, "has no telemetry", "a log with lines of telemetry")
     times = [row["time_s"] for row in decisions]

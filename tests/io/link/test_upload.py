@@ -213,7 +213,7 @@ def test_the_mission_is_read_again_when_the_autopilot_is_back(inputs, mission):
     assert len(intervals) == 16
 
 
-def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(inputs, mission, lines, tmp_path):
+def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(eadp, inputs, mission, lines, tmp_path):
     path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.texts, {})
     log = ReplanLog(path, kept)
     first = Flying(inputs, mission, log).fly(lines)
@@ -230,6 +230,7 @@ def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(inputs, missi
         for flown in (first, again)
     )
     assert now == before
+    assert eadp("report", path, "-o", tmp_path / "page.html").code == 0
     # without the log it is another mission
     forgets = Flying(inputs, mission)
     forgets.holder = first.holder
