@@ -353,7 +353,7 @@ class _Pilot:
         try:
             self.state.observe(observation if measured else observation._replace(soc=math.nan))
             self.decision = self.planner.update(observation._replace(state=self.state))
-            # nobody asks for the figures of each re-planning in a flight that may last
+            # in flight the figures of each re-planning are asked for by no one, and a flight may last
             self.planner.report.gaps.clear()
             self.planner.report.solve_ms.clear()
         except Exception as error:  # in flight, a failure of the planner must not stop the advice
