@@ -5,9 +5,9 @@ usage: python benchmarks/link.py [--flights 20] [--speed 1] [--jobs 20] [--write
 - **Flights**: `benchmarks/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as fast as
   the clock.
   Every message is lost with 5 %, either way, and comes up to 0.05 s late, so that messages overtake one another. Beside
-  it the same aeroplane, pack, gusts and losses of charge along the plan itself, by JSON lines once a second through the
-  re-planner of `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages
-  and parameters that their lines of telemetry report.
+  it the same vehicle, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
+  `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters
+  that their lines of telemetry report.
 - **Latency and processor**: `eadp replan --mavlink` gets a recorded flight at 5 positions a second, alone, amid 50 Hz
   of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
   a position to receiving the decision about it.
@@ -46,17 +46,20 @@ sys.path.append(str(ROOT / "tests/support"))
 
 import mavlink_vehicle  # noqa: E402
 from mavlink_vehicle import ORIGIN, Autopilot  # noqa: E402
-from plant import SAMPLE_S, Dryden, Lipo, PlanFlight, battery_w  # noqa: E402
-from twin import LEVELS, LEVELS_W, OHM_AH, OWNER, PER_LINE, PROFILE, ends, plans  # noqa: E402
+from twin import OHM_AH, OWNER, PROFILE, plans  # noqa: E402
+from vehicle import SECOND_STEPS, Vehicle  # noqa: E402
 
 from eadp.core.geometry.geodesy import to_local_m  # noqa: E402
 from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.io.link.flight import LinkFlight  # noqa: E402
 from eadp.io.link.mavlink import Codec  # noqa: E402
 from eadp.io.link.messages import WANTED  # noqa: E402
+from eadp.io.link.mission import PROTOCOL  # noqa: E402
+from eadp.io.link.upload import HeldMission  # noqa: E402
+from eadp.io.mission.items import read_items  # noqa: E402
 from eadp.io.telemetry.replan import Replanner  # noqa: E402
-from eadp.models.plan.trace import default_start  # noqa: E402
 from eadp.planning.base import Decision, Observation, SolverReport  # noqa: E402
+from eadp.planning.live import KEPT, TAKE_OFF  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402
 from eadp.simulation.loop import Outcome  # noqa: E402
 from eadp.simulation.loop import fly as simulate  # noqa: E402
@@ -181,40 +184,81 @@ def over_link(mission: Mission, speed: float) -> Flown:
     return Flown(end["completed"], end["soc"], quality(mission.inputs, lines), uploads)
 
 
-def over_lines(mission: Mission) -> Flown:
-    """The same flight along the plan, over JSON lines."""
-    inputs, decisions, lines = mission.inputs, list[dict[str, Any]](), list[bytes]()
-    plan = inputs.mission.plan
-    highest = ends(plan, 0)[1], ends(plan, 1)[1]
-    start, _ = default_start(plan, highest)
-    gusts = Dryden(math.hypot(*mission.wind_mps), mission.index, 7200.0)
-    flight, pack = (
-        PlanFlight(plan, highest, start, mission.wind_mps, gusts),
-        Lipo(mission.capacity_ah, OHM_AH / mission.capacity_ah),
-    )
-    replanner, consumed = Replanner(inputs, "lines", None, decisions.append, str), 0.0
-    for k, sample in enumerate(flight.samples()):
-        dropped = mission.drop is not None and sample.time_s - SAMPLE_S < mission.drop[0] <= sample.time_s
-        lost = mission.drop[1] if mission.drop is not None and dropped else 0.0
-        power_w = float(battery_w(sample.shaft_w) + np.interp(sample.parameters[1], LEVELS, LEVELS_W))
-        pack.step(power_w, SAMPLE_S, lost)
-        consumed += float(pack.current_a) * SAMPLE_S / 3600 + lost * mission.capacity_ah
-        if pack.empty:
-            break
-        if (k + 1) % PER_LINE == 0:
-            lines.append(json.dumps({
-                "time_s": round(sample.time_s, 3), "x_m": round(sample.x_m, 2), "y_m": round(sample.y_m, 2),
-                "power_w": round(power_w, 2), "current_consumed_ah": round(consumed, 3),
-                "velocity_mps": [round(sample.east_mps, 2), round(sample.north_mps, 2)],
-                "heading_deg": round(sample.heading_deg, 1) % 360, "airspeed_mps": round(sample.airspeed_mps, 2),
-                "parameters": dict(zip(plan.names, sample.parameters, strict=True)),
-            }).encode())  # fmt: skip
-            count = len(decisions)
-            replanner.take(len(lines), lines[-1])
-            if len(decisions) > count:
-                flight.decide([decisions[-1]["parameters"][name] for name in plan.names])
-    done = flight.executor.complete and not pack.empty
-    return Flown(done, float(pack.soc), quality(inputs, lines))
+class Bridge:
+    """The reference: what `eadp replan` decides by JSON lines is flown at once, and nothing is lost or late.
+
+    A line a second tells what the aeroplane measures, the item that it flies to, and the parameters in force; other
+    path parameters replace the rest of the mission before the next step.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.inputs = mission.inputs
+        self.plan = self.inputs.mission.plan
+        self.vehicle = Vehicle(
+            Path(mission.waypoints), mission.wind_mps, mission.capacity_ah, mission.index, mission.drop
+        )
+        self.names = self.plan.names[: self.plan.path_count]
+        self.items = read_items(f"{mission.waypoints}.items.json", self.names)
+        self.lines, self.decisions = list[bytes](), list[dict[str, Any]]()
+        self.replanner = Replanner(self.inputs, "lines", None, self.decisions.append, str)
+        self._frames: list[tuple[str, dict[str, Any]]] = []
+        self._held = HeldMission(
+            self.plan, self.inputs.mission.cruise_mps, self.items, self._give, print, str, self._changed
+        )
+        self._codec, self._answers = Codec(frozenset()), Codec(PROTOCOL)
+        self._held.read(0.0, ardupilot=True)
+        self._exchange(0.0)
+
+    def _give(self, kind: str, fields: Any) -> None:
+        self._frames.append((kind, dict(fields)))
+
+    def _changed(self, items: Any) -> None:
+        self.items = items
+
+    def _exchange(self, now_s: float) -> None:
+        """Exchange messages of the mission protocol until there are none."""
+        while self._frames:
+            kind, fields = self._frames.pop(0)
+            frame = self._codec.encoded(1, kind, {"target_system": 1, "target_component": 1, **fields})
+            for answer in self.vehicle.holder.answer(frame):
+                for message in self._answers.decoded(answer):
+                    self._held.take(message.kind, message.fields, now_s)
+
+    def fly(self) -> Flown:
+        """The flight."""
+        vehicle, step, planned = self.vehicle, 0, False
+        while vehicle.flies:
+            vehicle.step()
+            step += 1
+            if step % SECOND_STEPS:
+                continue
+            self.lines.append(json.dumps(self._line()).encode())
+            count = len(self.decisions)
+            self.replanner.take(len(self.lines), self.lines[-1])
+            if len(self.decisions) == count:
+                continue
+            decided = self.decisions[-1]
+            vehicle.fps = decided["parameters"][self.plan.names[-1]]
+            planned |= decided["reason"] not in (TAKE_OFF, KEPT)
+            if planned:
+                path = tuple([decided["parameters"][name] for name in self.names])
+                self._held.update(vehicle.plane.time_s, vehicle.holder.current, path, self.replanner.rest)
+                self._exchange(vehicle.plane.time_s)
+        return Flown(vehicle.completed, float(vehicle.pack.soc), quality(self.inputs, self.lines))
+
+    def _line(self) -> dict[str, Any]:
+        vehicle, plane = self.vehicle, self.vehicle.plane
+        item = self.items[min(vehicle.holder.current, len(self.items)) - 1]
+        stage = {"stages_started": item.first} if item.first == item.last else {}
+        return stage | {
+            "flies_mission": True,
+            "time_s": round(plane.time_s, 3), "x_m": round(plane.x_m, 2), "y_m": round(plane.y_m, 2),
+            "power_w": round(vehicle.power_w, 2), "current_consumed_ah": round(vehicle.consumed_ah, 3),
+            "velocity_mps": [round(plane.east_mps, 2), round(plane.north_mps, 2)],
+            "heading_deg": round(90 - math.degrees(plane.heading_rad), 1) % 360,
+            "airspeed_mps": round(plane.airspeed_mps, 2),
+            "parameters": dict(zip(self.names, item.parameters, strict=True)) | {self.plan.names[-1]: vehicle.fps},
+        }  # fmt: skip
 
 
 def quality(inputs: FlightInputs, lines: Iterable[bytes]) -> float:
@@ -248,7 +292,7 @@ def flights(found: list[Mission], speed: float, jobs: int) -> None:
     print(head("#", "place", "wind [m/s]", "Ah", "loss", *own, "JSON lines: completed", "SoC", "U", "U apart"))
     apart, both = [], []
     for mission, one in zip(found, linked, strict=True):
-        other = over_lines(mission)
+        other = Bridge(mission).fly()
         loss = "-" if mission.drop is None else f"{mission.drop[1]:.1%}@{mission.drop[0]:.0f}"
         cells = [mission.index, mission.place, f"{math.hypot(*mission.wind_mps):.1f}", mission.capacity_ah, loss]
         cells += ["yes" if one.completed else "no", f"{one.soc:.3f}", f"{one.u:.3f}", one.uploads]

@@ -32,13 +32,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "tests/support")]
 
 from mavlink_vehicle import Autopilot, MissionHolder, dialect  # noqa: E402
 from plant import CONTROL_S, GRAVITY_MPS2, Aeroplane, Dryden, Lipo, _turn_rad, _wrapped, battery_w  # noqa: E402
+from twin import LEVELS, LEVELS_W, OHM_AH  # noqa: E402
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
 
@@ -46,9 +46,8 @@ WAYPOINT, LOITER_TURNS, RETURN, TAKEOFF, CHANGE_SPEED = 16, 18, 20, 22, 178
 BANK_RAD, HOME_M, SET_INTERVAL = math.radians(35), 60.0, 511
 TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
 """Steps of CONTROL_S between messages."""
-PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
-OHM_AH, DETECTOR = 0.06, 192
-"""Resistance of a pack times its capacity; the component that runs the detector."""
+DETECTOR = 192
+"""The component that runs the detector."""
 
 
 class Wire:
@@ -202,54 +201,91 @@ def rows_of(path: Path) -> list[tuple[int, int, tuple[float, ...]]]:
     return [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
 
 
+class Vehicle:
+    """The aeroplane, its pack and its pilot on the mission that it holds, from the first waypoint on.
+
+    Parameters
+    ----------
+    mission : Path
+        A file of `eadp export --to ardupilot`.
+    wind_mps, capacity_ah, seed
+        Air, pack, and the gusts' numbers.
+    drop : (float, float), optional
+        A loss of charge: when [s], and which share.
+    """
+
+    def __init__(
+        self,
+        mission: Path,
+        wind_mps: tuple[float, float],
+        capacity_ah: float,
+        seed: int,
+        drop: tuple[float, float] | None = None,
+    ) -> None:
+        home, *items = rows_of(mission)
+        self.origin_deg = home[2][4], home[2][5]
+        self.holder = MissionHolder(items)
+        self.holder.items[0] = home
+        self.pilot = Pilot(self.holder, self.origin_deg)
+        points = [self.pilot.place(item) for item in items if item[0] == WAYPOINT]
+        course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
+        self.plane = Aeroplane(points[0], course, wind_mps, Dryden(math.hypot(*wind_mps), seed, 7200.0))
+        self.pack, self._drop = Lipo(capacity_ah, OHM_AH / capacity_ah), drop
+        self.fps, self.power_w, self.consumed_ah = float(LEVELS[-1]), 0.0, 0.0
+
+    @property
+    def flies(self) -> bool:
+        """Whether it is neither home nor out of charge."""
+        return not (self.pilot.done or self.pack.empty)
+
+    @property
+    def completed(self) -> bool:
+        """Whether it is home with charge."""
+        return self.pilot.done and not self.pack.empty
+
+    def step(self) -> None:
+        """Fly for CONTROL_S."""
+        self.plane.control(self.pilot.bank_rad(self.plane))
+        self.power_w = float(battery_w(self.plane.shaft_w) + np.interp(self.fps, LEVELS, LEVELS_W))
+        lost = 0.0
+        if self._drop is not None and self.plane.time_s >= self._drop[0]:
+            lost, self._drop = self._drop[1], None
+        before = float(self.pack.soc)
+        self.pack.step(self.power_w, CONTROL_S, lost)
+        self.consumed_ah += (before - float(self.pack.soc)) * self.pack.capacity_ah
+
+
 def fly(options: argparse.Namespace) -> dict[str, Any]:
-    """A flight, from the first waypoint until it is home or out of charge; what came of it."""
-    home, *items = rows_of(Path(options.mission))
-    origin = (home[2][4], home[2][5])
-    holder, detector = MissionHolder(items), Autopilot(component=DETECTOR)
-    holder.items[0] = home
+    """A flight over a link, from the first waypoint until it is home or out of charge; what came of it."""
+    vehicle = Vehicle(Path(options.mission), tuple(options.wind), options.capacity, options.seed, options.drop)
+    holder, detector = vehicle.holder, Autopilot(component=DETECTOR)
     autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
-    pilot = Pilot(holder, origin)
-    points = [pilot.place(item) for item in items if item[0] == WAYPOINT]
-    gusts = Dryden(math.hypot(*options.wind), options.seed, 7200.0)
-    course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
-    plane = Aeroplane(points[0], course, tuple(options.wind), gusts)
-    levels, levels_w = zip(
-        *((p["at"][0], p["power_w"]) for p in yaml.safe_load(PROFILE.read_text())["points"]), strict=True
-    )
-    pack, fps, dropped = Lipo(options.capacity, OHM_AH / options.capacity), float(levels[-1]), False
+    plane, pack, pilot = vehicle.plane, vehicle.pack, vehicle.pilot
     runs = None
     if options.rates:
-        runs = Detector(*(() if options.deaf else ("--rates", options.rates)), rate=fps)
+        runs = Detector(*(() if options.deaf else ("--rates", options.rates)), rate=vehicle.fps)
     parser, begun, step, counts = dialect.MAVLink(None), time.monotonic(), 0, {"commands": 0, "fps": 0}
     parser.robust_parsing = True
-    while not (pilot.done or pack.empty):
+    while vehicle.flies:
         now_s = 100 + plane.time_s
-        fps = fps if runs is None else runs.rate
-        bank = pilot.bank_rad(plane)
-        plane.control(bank)
-        watts = float(battery_w(plane.shaft_w) + sum_w(fps, levels, levels_w))
-        drop = 0.0
-        if options.drop and not dropped and plane.time_s >= options.drop[0]:
-            drop, dropped = options.drop[1], True
-        pack.step(watts, CONTROL_S, drop)
+        vehicle.fps = vehicle.fps if runs is None else runs.rate
+        vehicle.step()
         if step % SECOND_STEPS == 0:
             wire.send(autopilot.heartbeat(armed=True, active=True))
             wire.send(autopilot.frame("mission_current", holder.current))
-            wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", fps))
+            wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", vehicle.fps))
         if step % BATTERY_STEPS == 0:
-            consumed = float(pack.consumed_ah) + (options.drop[1] * options.capacity if dropped else 0.0)
-            wire.send(autopilot.battery(float(pack.voltage_v), float(pack.current_a), consumed, float(pack.soc)))
+            wire.send(autopilot.battery(pack.voltage_v, pack.current_a, vehicle.consumed_ah, pack.soc))
         if step % TELEMETRY_STEPS == 0:
             wire.send(autopilot.frame("vfr_hud", plane.airspeed_mps, 0.0, 0, 50, plane.altitude_m, plane.climb_mps))
-            wire.send(position(autopilot, now_s, plane, origin))
+            wire.send(position(autopilot, now_s, plane, vehicle.origin_deg))
         for data in wire.receive():
             for frame in (message.get_msgbuf() for message in parser.parse_buffer(data) or ()):
                 message = dialect.MAVLink(None).decode(bytearray(frame))
                 kind = message.get_type()
                 if kind == "NAMED_VALUE_FLOAT" and message.name == "fps" and not options.deaf and runs is None:
-                    counts["fps"] += message.value != fps
-                    fps = float(message.value)
+                    counts["fps"] += message.value != vehicle.fps
+                    vehicle.fps = float(message.value)
                 elif kind == "COMMAND_LONG":
                     counts["commands"] += message.command != SET_INTERVAL
                     pilot.returns |= message.command == RETURN
@@ -268,21 +304,16 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         runs.close()
     for _ in range(20):
         wire.send(autopilot.heartbeat(armed=False, active=False))
-        wire.send(position(autopilot, 100 + plane.time_s, plane, origin, landed=True))
+        wire.send(position(autopilot, 100 + plane.time_s, plane, vehicle.origin_deg, landed=True))
         time.sleep(0.05)
         wire.flush()
     return {
-        "completed": pilot.done and not pack.empty,
+        "completed": vehicle.completed,
         "time_s": round(plane.time_s, 1),
         "soc": round(float(pack.soc), 4),
         "items_written": len(holder.writes),
         **counts,
     }
-
-
-def sum_w(fps: float, levels: tuple[float, ...], levels_w: tuple[float, ...]) -> float:
-    """Power of the detector at a rate [W]."""
-    return float(np.interp(fps, levels, levels_w))
 
 
 def position(

@@ -78,6 +78,8 @@ class Observation(NamedTuple):
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
     airspeed_mps : float or None
         Measured airspeed [m/s].
+    flies_mission : bool
+        Whether an autopilot flies a mission laid out before, so that its end is certain.
     state : FlightState or None
         What is known of the flight, this observation included.
     """
@@ -95,6 +97,7 @@ class Observation(NamedTuple):
     heading_rad: float | None = None
     through_gap: bool = False
     airspeed_mps: float | None = None
+    flies_mission: bool = False
     state: FlightState | None = None
 
     @property

@@ -57,6 +57,8 @@ class Sample(NamedTuple):
         Codes of what is wrong with it.
     airspeed_mps : float or None
         Airspeed [m/s].
+    flies_mission : bool
+        Whether an autopilot flies a mission laid out before, so that its end is certain.
     """
 
     time_s: float
@@ -72,6 +74,7 @@ class Sample(NamedTuple):
     stages_started: int | None = None
     warnings: tuple[str, ...] = ()
     airspeed_mps: float | None = None
+    flies_mission: bool = False
 
     @property
     def position_m(self) -> Point | None:

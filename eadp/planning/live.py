@@ -159,6 +159,7 @@ class LiveFlight:
     def _advice_at(self, sample: Sample, time_s: float, velocity: Point | None) -> Advice | None:
         """Track the plan, update the planner, and return advice if any is due."""
         tracker, before, to = self._tracker, self._decision, _sighting(sample, time_s, velocity)
+        tracker.flies_mission = sample.flies_mission
         known_soc = self._pilot.state.soc if self._pilot is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)

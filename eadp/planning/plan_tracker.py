@@ -68,6 +68,8 @@ class PlanTracker:
         Whether the plan cannot be followed any more, for good; `locator.lost` is until the flight is found again.
     located : (float, (float, float))
         Time of the last known position [s], and that position [m].
+    flies_mission : bool
+        Whether an autopilot flies a mission laid out before, so that its end is certain.
     """
 
     def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
@@ -80,7 +82,7 @@ class PlanTracker:
         self.acquisition: Acquisition | None = None
         self._continuation: Continuation | None = None
         self._past_stage: int | None = None
-        self.lost = self.complete = False
+        self.lost = self.complete = self.flies_mission = False
 
     @property
     def executor(self) -> PlanExecutor:
@@ -103,7 +105,8 @@ class PlanTracker:
         executor = self.executor
         joined_m, started = executor.joined_m, executor.stages_started
         gap = self.locator.through_gap
-        return Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
+        at = Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
+        return at._replace(flies_mission=self.flies_mission)
 
     # --- stage and lap
 

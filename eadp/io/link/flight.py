@@ -153,9 +153,12 @@ class LinkFlight:
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
+        mission = self._mission if self._uploads else None
+        if mission is not None:
+            self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         self.update(values)
-        if self._uploads and self._mission is not None and self._decided_path is not None:
-            self._mission.update(now_s, self._lines.item, self._decided_path, self._replanner.rest)
+        if mission is not None and self._decided_path is not None:
+            mission.update(now_s, self._lines.item, self._decided_path, self._replanner.rest)
 
     def lost(self, damaged: int, refused: int) -> None:
         """Say that so many frames were no messages, and so many not signed."""

@@ -51,6 +51,8 @@ class LineMaker:
     ----------
     items : list of MappedItem or None
         As given; another list takes its place where the mission is another.
+    decided : tuple of float or None
+        Path parameters decided that the mission has, or gets: items of others, before them, are no refusal.
     flown : bool
         Whether the aircraft has been in the air.
     """
@@ -65,6 +67,7 @@ class LineMaker:
         self._ground: dict[str, Any] | None = None
         self._home_is_item = False
         self._gauged = self.flown = False
+        self.decided: tuple[float, ...] | None = None
         self._reached = -1
         self._speed_mps = 0.0
 
@@ -136,10 +139,13 @@ class LineMaker:
                 line[key] = value
         item = self._item()
         parameters = {name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)}
+        if self.items is not None:
+            line["flies_mission"] = True
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first
-            parameters |= dict(zip(self._plan.names, item.parameters, strict=False))
+            if self.decided in (None, item.parameters):
+                parameters |= dict(zip(self._plan.names, item.parameters, strict=False))
         if parameters:
             line["parameters"] = parameters
         return line

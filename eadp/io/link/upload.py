@@ -110,6 +110,10 @@ class HeldMission:
         self._say(what)
         self._changed(None)
 
+    def gets(self, decided: tuple[float, ...] | None) -> bool:
+        """Whether the mission has the path parameters decided, or they are on their way."""
+        return self._held is not None and (self._client.busy or decided == self._asked)
+
     # --- writing
 
     def update(

@@ -77,6 +77,9 @@ class TelemetryLine(BaseModel):
     stages_started: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="the number of stages started over the whole flight, the first included"
     )
+    flies_mission: bool | None = Field(
+        default=None, description="true where an autopilot flies a mission laid out before, so that its end is certain"
+    )
 
 
 KEYS = tuple(TelemetryLine.model_fields)
@@ -241,6 +244,7 @@ class TelemetryReader:
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
+        values["flies_mission"] = bool(line.flies_mission)
         return Sample(**values, heading_rad=heading, parameters=line.parameters or {}), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:

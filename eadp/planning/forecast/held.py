@@ -22,8 +22,8 @@ NAVIGATION_STDS = 2.5
 
 
 def margin_m(known: Known) -> float:
-    """By how much the end of the plan has to be passed to be certain [m]."""
-    return max(MARGIN_M, NAVIGATION_STDS * known.reach_std_m)
+    """By how much the end of the plan has to be passed to be certain [m]; 0 where it is."""
+    return max(MARGIN_M, NAVIGATION_STDS * known.reach_std_m) if known.reach_std_m > 0 else 0.0
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,8 @@ class Places:
     def enter(self, known: Known) -> None:
         """Go on from a stage: the routes known are those from its start."""
         cursor = known.cursor
-        stage = known.stages_started, cursor.waiting[: len(self._boxes)], cursor.parameters[: len(self._boxes)]
+        path = len(self._boxes)
+        stage = known.stages_started, cursor.waiting[:path], cursor.parameters[:path], known.reach_std_m > 0
         if stage != self._stage:
             self._stage = stage
             self._routes.clear()

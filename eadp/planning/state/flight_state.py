@@ -127,7 +127,7 @@ class FlightState:
             self._start_stage(o)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
-        place.cursor, place.stages_started = o.cursor, o.stages_started
+        place.cursor, place.stages_started, place.flies_mission = o.cursor, o.stages_started, o.flies_mission
         self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
         if o.wind_mps is not None:
             self._measured_wind = o.wind_mps, o.time_s + MEASURED_WIND_S
@@ -251,7 +251,7 @@ class FlightState:
             TimeKnown(times.ratio, times.variance, times.noise_s),
             MotionKnown(self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w),
             ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed),
-            place.reach_std_m,
+            0.0 if place.flies_mission else place.reach_std_m,
             self._climb.climb if self._climb is not None else None,
             self._ground.until(time_s),
         )
@@ -272,6 +272,8 @@ class _Place:
         Its mean tan² φ.
     through_gap : bool
         Whether its start or end may be unknown.
+    flies_mission : bool
+        As of the last observation.
     reach_std_m : float
         Standard deviation of the cross-track error [m].
     """
@@ -282,7 +284,7 @@ class _Place:
         self.stages_started = 1
         self.route: Route | None = None
         self.since_s = self.slope = 0.0
-        self.through_gap = False
+        self.through_gap = self.flies_mission = False
         self.reach_std_m = NAVIGATION_M[0]
         self._located_s = 0.0
         self._predictor = RoutePredictor()

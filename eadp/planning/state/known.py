@@ -75,7 +75,7 @@ class Known(NamedTuple):
     wind, time, motion, charge
         Estimates.
     reach_std_m : float
-        Standard deviation of how far the aircraft reaches beside its path [m].
+        Standard deviation of how far the aircraft reaches beside its path [m]; 0 where the end is certain.
     climb : Climb or None
         Altitude and climbs, where the plan commands them.
     flown : FlownGround

@@ -219,7 +219,7 @@ def test_lines_of_a_stream_and_one_that_is_too_long():
 def test_the_schema_names_what_is_required():
     schema = json_schema()
     assert schema["required"] == ["time_s"]
-    more = {"lat_deg", "lon_deg", "current_consumed_ah", "airspeed_mps", "stage", "stages_started", "wind_mps"}
+    more = {"lat_deg", "lon_deg", "current_consumed_ah", "airspeed_mps", "stage", "stages_started", "flies_mission", "wind_mps"}
     assert {*GOOD, *more, "velocity_mps", "heading_deg", "parameters"} == set(schema["properties"])
 
 
