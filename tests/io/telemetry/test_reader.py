@@ -32,7 +32,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert sample[5:] == (None, None, None, None, {}, None, (), None)
+    assert sample[5:] == (None, None, None, None, {}, None, (), None, False)
 
 
 def test_all_keys():
@@ -219,7 +219,16 @@ def test_lines_of_a_stream_and_one_that_is_too_long():
 def test_the_schema_names_what_is_required():
     schema = json_schema()
     assert schema["required"] == ["time_s"]
-    more = {"lat_deg", "lon_deg", "current_consumed_ah", "airspeed_mps", "stage", "stages_started", "flies_mission", "wind_mps"}
+    more = {
+        "lat_deg",
+        "lon_deg",
+        "current_consumed_ah",
+        "airspeed_mps",
+        "stage",
+        "stages_started",
+        "flies_mission",
+        "wind_mps",
+    }
     assert {*GOOD, *more, "velocity_mps", "heading_deg", "parameters"} == set(schema["properties"])
 
 
