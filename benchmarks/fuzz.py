@@ -51,7 +51,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.energy.model_file import energy_yaml, parse_energy
     from eadp.io.field.reader import read_field
     from eadp.io.flight.inputs import Files, load_flight
-    from eadp.io.link.flight import LinkFlight
+    from eadp.io.link.flight import LinkFlight, LinkOptions
     from eadp.io.link.mavlink import Codec, tlog_messages
     from eadp.io.link.messages import WANTED
     from eadp.io.link.recorded import MAGICS, log_values
@@ -267,9 +267,7 @@ class Link:
     def flight(self) -> LinkFlight:
         """A new flight of the survey, which answers to the mission protocol."""
         if self._inputs is None:
-            first, mark, rest = Path(PLAN).read_text().partition("%:")
-            placed = SCRATCH.with_name("placed.plan")
-            placed.write_text(f"{first}%: origin 55.37 10.43\n{mark}{rest}")
+            placed = importlib.import_module("common.plans").placed_survey(SCRATCH.parent)
             self._inputs = load_flight(str(placed), scenario_path=SCENARIO, overrides={"planner.name": "static"})
             mission = SCRATCH.with_name("placed.waypoints")
             command = [sys.executable, "-m", "eadp", "export", str(placed), "--to", "ardupilot", "-o", str(mission)]
@@ -279,7 +277,13 @@ class Link:
             self._heartbeat = autopilot.heartbeat(armed=True, active=True)
         out = Codec(frozenset())
         return LinkFlight(
-            self._inputs, "link", self._items, None, None, json_line, str, out.encoded, upload=True, return_home=True
+            self._inputs,
+            "link",
+            LinkOptions(self._items, upload=True, return_home=True),
+            None,
+            json_line,
+            str,
+            out.encoded,
         )
 
     def __call__(self, data: bytes) -> None:

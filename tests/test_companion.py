@@ -10,11 +10,11 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from common.plans import ORIGIN, placed_survey
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 
 ROOT = Path(__file__).resolve().parents[1]
-ORIGIN = (55.37, 10.43)
 LINES = [json.loads(line) for line in (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:40]]
 
 
@@ -71,8 +71,7 @@ def modules(spin):
 
 
 def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
-    head, mark, rest = (ROOT / "plans/survey.plan").read_text().partition("%:")
-    (tmp_path / "survey.plan").write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n{mark}{rest}")
+    placed_survey(tmp_path)
     (source,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/companion.md").read_text(), re.S)
     names = {"/opt/eadp/bin/eadp": "-m", "/etc/eadp/survey.plan": str(tmp_path / "survey.plan")}
     names["/etc/eadp/scenario.yaml"] = str(ROOT / "scenarios/survey.yaml")

@@ -76,9 +76,10 @@ def command(
     aircraft and planner; its simulated world is unused.
 
     A line in has time_s, x_m, y_m, power_w and soc; lat_deg and lon_deg in place of x_m and y_m, current_consumed_ah
-    in place of soc; stage, stages_started, wind_mps, velocity_mps, airspeed_mps, heading_deg and parameters are
-    optional. A line out has time_s, stage, parameters, soc_end_forecast, completes_probability, reason, warnings and
-    more. An invalid value gives a warning and counts as null; an invalid line is skipped.
+    in place of soc; stage, stages_started, flies_mission (the autopilot flies a list of items), wind_mps,
+    velocity_mps, airspeed_mps, heading_deg and parameters are optional. A line out has time_s, stage, parameters,
+    soc_end_forecast, completes_probability, reason, warnings and more. An invalid value gives a warning and counts as
+    null; an invalid line is skipped.
 
     With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
     NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return, and nothing written
@@ -144,14 +145,11 @@ def command(
             doors.append(hook)
             stack.callback(hook.close)
         if linked:
-            from eadp.io.link.flight import fly, replay_flight
+            from eadp.io.link.flight import LinkOptions, fly, replay_flight
 
-            flown = (inputs, items, system, kept, emit, lambda fault: warn([fault]))
-            completes = (
-                fly(mavlink, return_home, upload, signing_key, *flown)
-                if mavlink is not None
-                else replay_flight(replay or "", *flown)
-            )
+            options = LinkOptions(items, system, upload, return_home, signing_key)
+            flown = fly if mavlink is not None else replay_flight
+            completes = flown(mavlink or replay or "", inputs, options, kept, emit, lambda fault: warn([fault]))
             return 0 if completes else 1
         name = "<stdin>" if telemetry == "-" else telemetry
         completes = replan(inputs, stream, name, kept, emit, lambda fault: warn([fault]))

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from common.plans import ORIGIN
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 
-ORIGIN = (55.37, 10.43)
 CAPACITY_AH, VOLTS = 0.3, 14.8
 
 
@@ -32,7 +32,9 @@ class Autopilot:
 
     def heartbeat(self, *, armed: bool, active: bool) -> bytes:
         """Its state."""
-        return self.frame("heartbeat", 1, self.kind, 128 * armed + 8 * (not self.piloted), 0, 4 if active else 3, 3)
+        mission = 10 if self.kind == 3 else 4 << 24 | 4 << 16
+        mode = 0 if self.piloted else mission
+        return self.frame("heartbeat", 1, self.kind, 128 * armed + 8, mode, 4 if active else 3, 3)
 
     def battery(self, volts: float, amps: float, consumed_ah: float | None, remaining: float | None) -> bytes:
         """Battery 0."""
@@ -145,14 +147,16 @@ class MissionHolder:
                 return [self._frame("mission_request_int", self._due[0])]
             self.current = 1 if self.resets else self.current
             return [self._frame("mission_ack", 0)]
-        if kind == "MISSION_ITEM_INT":  # again: what was asked for, or the end, is lost
-            return [self._frame("mission_request_int", self._due[0]) if self._due else self._frame("mission_ack", 0)]
+        if kind == "MISSION_ITEM_INT" and self._due:  # again: what was asked for is lost; as ArduPilot
+            return [self._frame("mission_ack", 13), self._frame("mission_request_int", self._due[0])]
+        if kind == "MISSION_ITEM_INT":
+            return [self._frame("mission_ack", 1)]
         if kind == "MISSION_SET_CURRENT":
             self.current = message.seq
         return []
 
     def _store(self, message: Any) -> None:
-        scale = 1e7 if message.frame in (0, 3, 5, 6) else 1.0
+        scale = 1e7 if message.frame in (0, 3, 5, 6, 10, 11) else 1.0
         numbers = (message.param1, message.param2, message.param3, message.param4)
         place = (message.x / scale + (0.001 if message.seq == self.spoils else 0.0), message.y / scale, message.z)
         self.writes.append(message.seq)
@@ -160,8 +164,12 @@ class MissionHolder:
 
     def _item(self, number: int) -> bytes:
         command, frame, (p1, p2, p3, p4, x, y, z) = self.items[number]
-        scale = 1e7 if frame in (0, 3, 5, 6) else 1.0
-        fields = (255, 191, number, frame, command, 0, 1, p1, p2, p3, p4, round(x * scale), round(y * scale), z)
+        if command in (20, 178, 206):  # as ArduPilot, which keeps no frame without a position, and whole radii
+            frame = 0
+        elif command == 18:
+            p3 = math.trunc(p3)
+        scale = 1e7 if frame in (0, 3, 5, 6, 10, 11) else 1.0
+        fields = (1, 191, number, frame, command, 0, 1, p1, p2, p3, p4, round(x * scale), round(y * scale), z)
         return self.autopilot.frame("mission_item_int", *fields)
 
     def _frame(self, name: str, *fields: Any) -> bytes:

@@ -7,13 +7,14 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from eadp.errors import Fault, InputError
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.link.lines import LineMaker
 from eadp.io.link.mavlink import COMPONENT, Link, Message, read_key, require_pymavlink, tlog_messages
-from eadp.io.link.messages import NO_AUTOPILOT, WANTED, values_of
+from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL
 from eadp.io.link.recorded import MAGICS, log_values
 from eadp.io.link.upload import HeldMission
@@ -22,7 +23,7 @@ from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.telemetry.replan import Emit, Replanner, Warn
-from eadp.planning.live import KEPT, TAKE_OFF
+from eadp.planning.live import KEPT
 
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
@@ -42,6 +43,31 @@ _NUMBERS = re.compile(r"[-+.\d]+")
 Send = Callable[[int, str, Mapping[str, Any]], None]
 
 
+@dataclass(frozen=True)
+class LinkOptions:
+    """What a link may do.
+
+    Attributes
+    ----------
+    items : str, optional
+        Path of the map of the mission's items.
+    system : int, optional
+        The autopilot's number; the first one heard for None.
+    upload : bool
+        Whether to replace the rest of the autopilot's mission where other path parameters are decided.
+    return_home : bool
+        Whether to command a return where the planner decides on it; else it only says so.
+    signing_key : str, optional
+        Path of the key that signs messages.
+    """
+
+    items: str | None = None
+    system: int | None = None
+    upload: bool = False
+    return_home: bool = False
+    signing_key: str | None = None
+
+
 class LinkFlight:
     """The planner on an autopilot's messages.
 
@@ -50,18 +76,11 @@ class LinkFlight:
     inputs : FlightInputs
     name : str
         Name of the link in messages.
-    items : str or None
-        Path of the map of the mission's items.
-    system : int or None
-        The autopilot's number; the first one heard for None.
+    options : LinkOptions
     log, emit, warn
         As those of `replan`.
     send : function, optional
         Takes the system, the name and the fields of a message to send.
-    return_home : bool, optional
-        Whether to command a return where the planner decides on it; else it only says so.
-    upload : bool, optional
-        Whether to replace the rest of the autopilot's mission where other path parameters are decided.
 
     Raises
     ------
@@ -73,15 +92,11 @@ class LinkFlight:
         self,
         inputs: FlightInputs,
         name: str,
-        items: str | None,
-        system: int | None,
+        options: LinkOptions,
         log: ReplanLog | None,
         emit: Emit,
         warn: Warn,
         send: Send | None = None,
-        *,
-        return_home: bool = False,
-        upload: bool = False,
     ) -> None:
         plan = inputs.mission.plan
         if plan.site.origin_deg is None:
@@ -90,21 +105,21 @@ class LinkFlight:
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
         path_names = plan.names[: plan.path_count]
-        mapped = None if items is None else read_items(items, path_names)
-        if upload and mapped is None:
+        mapped = None if options.items is None else read_items(options.items, path_names)
+        if options.upload and mapped is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         self._name, self._warn, self._emit, self._send, self._log = name, warn, emit, send, log
         self._warned: set[str] = set()
         self._plan = plan
         self._decided_path: tuple[float, ...] | None = None
-        self._planned = False
-        self._system, self._component = system, 0
+        self._system, self._component = options.system, 0
         self._heard_s: float | None = None
         self._sent_s = -1e9
         self._lost = False
-        self._may_return, self._returns, self._commands = return_home, False, 0
+        self._may_return, self._returns, self._commands = options.return_home, False, 0
         self._count, self._text, self._armed = 0, "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
+        self._replanner.restore()
         if mapped is not None and log is not None and log.items is not None:
             mapped = parse_items(log.items, path_names)
         self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
@@ -113,7 +128,7 @@ class LinkFlight:
             self._mission = HeldMission(
                 plan, inputs.mission.cruise_mps, mapped, self._to_autopilot, self._tell, self._note, self._map
             )
-        self._uploads = upload
+        self._uploads = options.upload
 
     @property
     def over(self) -> bool:
@@ -136,7 +151,12 @@ class LinkFlight:
         if not self._is_ours(message, now_s):
             return
         if message.kind in PROTOCOL:
-            if self._mission is not None and message.fields["target_component"] == COMPONENT:
+            to = (
+                message.fields["target_system"],
+                message.fields["target_component"],
+                message.fields.get("mission_type", 0),
+            )
+            if self._mission is not None and to == (self._system, COMPONENT, 0):
                 self._mission.take(message.kind, message.fields, now_s)
             return
         try:
@@ -158,7 +178,7 @@ class LinkFlight:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         self.update(values)
         if mission is not None and self._decided_path is not None:
-            mission.update(now_s, self._lines.item, self._decided_path, self._replanner.rest)
+            mission.update(now_s, lambda: self._lines.item, self._decided_path, self._replanner.rest)
 
     def lost(self, damaged: int, refused: int) -> None:
         """Say that so many frames were no messages, and so many not signed."""
@@ -192,7 +212,7 @@ class LinkFlight:
     def _is_ours(self, message: Message, now_s: float) -> bool:
         """Whether a message is of the autopilot, or of another computer of its aircraft that reports what it runs."""
         beats = message.kind == "HEARTBEAT"
-        if beats and message.fields["autopilot"] == NO_AUTOPILOT:
+        if beats and (message.fields["autopilot"] == NO_AUTOPILOT or message.fields["type"] in NOT_AIRCRAFT):
             return False
         if self._system in (None, message.system) and beats and self._component in (0, message.component):
             if not self._component:
@@ -241,8 +261,7 @@ class LinkFlight:
     def _decided(self, line: dict[str, Any]) -> None:
         """Send a decision, and print it."""
         self._emit(line)
-        self._planned |= line["reason"] not in (TAKE_OFF, KEPT)
-        if self._planned and not self._returns:  # before the first plan the parameters are those of take-off
+        if self._replanner.planned and not self._returns:  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._plan.names[: self._plan.path_count]])
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
@@ -295,16 +314,7 @@ def _ascii(text: str) -> str:
 
 
 def fly(
-    address: str,
-    return_home: bool,
-    upload: bool,
-    signing_key: str | None,
-    inputs: FlightInputs,
-    items: str | None,
-    system: int | None,
-    log: ReplanLog | None,
-    emit: Emit,
-    warn: Warn,
+    address: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn
 ) -> bool:
     """Re-plan a flight over a link until the aircraft is disarmed; see `LinkFlight`.
 
@@ -319,13 +329,14 @@ def fly(
         If the address cannot be opened, or the key not be read.
     """
     require_pymavlink("--mavlink", address)
-    key = None if signing_key is None else read_key(signing_key)
+    key = None if options.signing_key is None else read_key(options.signing_key)
     opened: list[Link] = []
 
     def send(*message: Any) -> None:
-        opened[0].send(*message)
+        for link in opened:
+            link.send(*message)
 
-    flight = LinkFlight(inputs, address, items, system, log, emit, warn, send, return_home=return_home, upload=upload)
+    flight = LinkFlight(inputs, address, options, log, emit, warn, send)
     link = Link(address, WANTED, key)
     opened.append(link)
     try:
@@ -340,13 +351,7 @@ def fly(
 
 
 def replay_flight(
-    path: str,
-    inputs: FlightInputs,
-    items: str | None,
-    system: int | None,
-    log: ReplanLog | None,
-    emit: Emit,
-    warn: Warn,
+    path: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn
 ) -> bool:
     """Re-plan a flight again, of a log of `eadp replan`, a telemetry log, or an autopilot's own; as `fly`.
 
@@ -359,13 +364,14 @@ def replay_flight(
         head = stream.readline(10_000)
         if _kind(head) == START:
             replanner = Replanner(inputs, path, log, emit, warn)
+            replanner.restore()
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:
                     line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
                     replanner.take(number + 1, json_line(line).encode())
             used, completes = replanner.used, replanner.completes
         else:
-            flight = LinkFlight(inputs, path, items, system, log, emit, warn)
+            flight = LinkFlight(inputs, path, options, log, emit, warn)
             form = next((form for magic, form in MAGICS.items() if head.startswith(magic)), None)
             if form is None:
                 require_pymavlink("--replay", path)

@@ -114,8 +114,8 @@ class LineMaker:
 
     @property
     def flies_by_itself(self) -> bool:
-        """Whether the autopilot flies, and not the pilot."""
-        return self._value("automatic", ages=False) is not False
+        """Whether the autopilot flies its mission, and not the pilot."""
+        return bool(self._value("automatic", ages=False))
 
     @property
     def item(self) -> int | None:
@@ -154,7 +154,9 @@ class LineMaker:
         """The charge drawn, which has finer steps, before the share that remains."""
         consumed = self._value("consumed_ah")
         self._gauged |= consumed is not None
-        return {"current_consumed_ah": consumed} if self._gauged else {"soc": self._value("remaining")}
+        return (
+            {"current_consumed_ah": consumed} if self._gauged else {"soc": self._value("remaining", "status_remaining")}
+        )
 
     def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
         """Warn where the voltage is not that of the charge: another battery, or one that was not full."""

@@ -17,12 +17,15 @@ Fields = Mapping[str, Any]
 
 UNKNOWN_16, UNKNOWN = 65535, -1
 IN_AIR, ON_GROUND = (2, 3, 4), 1
-ARMED, AUTOMATIC = 128, 8
-"""Flags of a heartbeat: motors are armed; the autopilot flies by itself (GUIDED_ENABLED, in a mission, too)."""
+ARMED = 128
+"""Flag of a heartbeat: motors are armed."""
 ACTIVE = (4, 5, 6)
 """States of a system that flies: active, critical, emergency."""
-ARDUPILOT = 3
-NO_AUTOPILOT = 8
+ARDUPILOT, PX4 = 3, 12
+NO_AUTOPILOT, NOT_AIRCRAFT = 8, (6, 18, 26, 27, 30)
+"""The autopilot of what is none, and types that are none: ground station, computer, gimbal, ADS-B, camera."""
+COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 35), 3, 10, (4, 4)
+"""ArduPilot's types of copters, its modes AUTO, and PX4's main and sub-mode AUTO, MISSION."""
 
 
 def _position(fields: Fields) -> Values:
@@ -38,11 +41,12 @@ def _position(fields: Fields) -> Values:
 def _battery(fields: Fields) -> Values:
     if fields["id"]:
         return {}
-    cells = [cell for cell in fields["voltages"] if cell != UNKNOWN_16]
+    cells = [cell for cell in (*fields["voltages"], *fields.get("voltages_ext", ())) if cell != UNKNOWN_16]
+    amps, consumed = fields["current_battery"], fields["current_consumed"]
     return {
         "voltage_v": sum(cells) / 1e3 if cells and sum(cells) else None,
-        "current_a": None if fields["current_battery"] == UNKNOWN else fields["current_battery"] / 100,
-        "consumed_ah": None if fields["current_consumed"] <= UNKNOWN else fields["current_consumed"] / 1e3,
+        "current_a": None if amps < 0 else amps / 100,
+        "consumed_ah": None if consumed < 0 or amps < 0 else consumed / 1e3,  # 0 where nothing measures the current
         "remaining": None if fields["battery_remaining"] == UNKNOWN else fields["battery_remaining"] / 100,
     }
 
@@ -51,8 +55,8 @@ def _status(fields: Fields) -> Values:
     volts, amps, share = fields["voltage_battery"], fields["current_battery"], fields["battery_remaining"]
     return {
         "status_voltage_v": None if volts in (0, UNKNOWN_16) else volts / 1e3,
-        "status_current_a": None if amps == UNKNOWN else amps / 100,
-        "remaining": None if share == UNKNOWN else share / 100,
+        "status_current_a": None if amps < 0 else amps / 100,
+        "status_remaining": None if share == UNKNOWN else share / 100,
     }
 
 
@@ -66,10 +70,19 @@ def _wind(fields: Fields) -> Values:
 def _heartbeat(fields: Fields) -> Values:
     return {
         "armed": bool(fields["base_mode"] & ARMED),
-        "automatic": bool(fields["base_mode"] & AUTOMATIC),
+        "automatic": _flies_mission(fields),
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
     }
+
+
+def _flies_mission(fields: Fields) -> bool:
+    """Whether the autopilot flies a mission by itself; False for an autopilot of unknown modes."""
+    mode = fields["custom_mode"]
+    if fields["autopilot"] == PX4:
+        return (mode >> 16 & 255, mode >> 24 & 255) == PX4_MISSION
+    mission = COPTER_MISSION if fields["type"] in COPTERS else PLANE_MISSION
+    return bool(fields["autopilot"] == ARDUPILOT and mode == mission)
 
 
 def _landed(fields: Fields) -> Values:

@@ -1,7 +1,7 @@
 """The mission that an autopilot holds: read, and replaced, by MAVLink's mission protocol.
 
 Source: mavlink.io, "Mission Protocol": a request is repeated after 1.5 s, one of an item after 0.25 s, five
-times.
+times. ArduPilot answers an item that comes twice with an error, and goes on receiving.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from eadp.io.link.mavlink import is_number
 from eadp.io.mission.draft import FRAMES, ITEMS_LIMIT, MissionItem
 
 RETRY_S, ITEM_RETRY_S, MAX_TRIES = 1.5, 0.25, 6
-ACCEPTED = 0
+ACCEPTED, INVALID_SEQUENCE = 0, 13
 SCALE = 1e7
 """Positions are sent in units of 1e-7 degrees."""
 
@@ -71,7 +71,7 @@ class MissionClient:
             if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 if fields["seq"] in self._sent:
                     self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
-            elif kind == "MISSION_ACK":
+            elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
                 self._end_upload(accepted=fields["type"] == ACCEPTED)
 
     def tick(self, now_s: float) -> None:
@@ -110,7 +110,7 @@ class MissionClient:
 
     def _send(self, now_s: float) -> None:
         kind, fields = self._request
-        self._due_s = now_s + (ITEM_RETRY_S if "seq" in fields else RETRY_S)
+        self._due_s = now_s + (ITEM_RETRY_S if kind == "MISSION_REQUEST_INT" else RETRY_S)
         self._give(kind, fields)
 
     def _end_download(self, items: list[MissionItem] | None) -> None:

@@ -1,7 +1,8 @@
 """The mission in flight: whether the autopilot holds the one that the map is of, and the rest of it replaced.
 
 Items up to the stage being flown stay as they are, so that the autopilot's item stays the same one: a new path
-parameter waits for a later stage. A mission counts as uploaded once the autopilot has given it back.
+parameter waits for a later stage. The mission is read before each upload, and one that somebody has changed is left
+alone. A mission counts as uploaded once the autopilot has given it back.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ AGAIN_S = 10.0
 """Time after which an upload that failed is tried again [s]."""
 SINGLE = 1e-6
 """Relative error of numbers that were sent in single precision."""
+WHOLE_M = 10.0
+"""ArduPilot keeps the radius of a loiter in whole metres, above 255 m in tens [m]."""
 
 
 class HeldMission:
@@ -91,7 +94,7 @@ class HeldMission:
             number, until_s = self._resume
             if now_s > until_s:
                 self._resume = None
-            elif item is not None and item < number:
+            elif item is not None and item <= self._home < number:  # to any other one a pilot may have gone back
                 self._give("MISSION_SET_CURRENT", {"seq": number})
 
     def _check(self, held: list[MissionItem] | None) -> None:
@@ -117,10 +120,39 @@ class HeldMission:
     # --- writing
 
     def update(
-        self, now_s: float, item: int | None, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]
+        self,
+        now_s: float,
+        item: Callable[[], int | None],
+        decided: tuple[float, ...],
+        rest: Callable[[], PlannedLegs | None],
     ) -> None:
-        """Replace the rest of the mission where other path parameters are decided; `rest` gives what is left to fly."""
+        """Replace the rest of the mission where other path parameters are decided.
+
+        `item` gives the item that is flown to, and `rest` what is left to fly.
+        """
         if self._held is None or self._client.busy or decided == self._asked or now_s - self._failed_s < AGAIN_S:
+            return
+        if (why := self._altitude_fault(self._held)) is not None:
+            self._failed_s = now_s
+            self._say(f"{why}; no upload")
+            return
+        self._client.download(now_s, lambda held: self._replace(held, item, decided, rest))
+
+    def _replace(
+        self,
+        held: list[MissionItem] | None,
+        item: Callable[[], int | None],
+        decided: tuple[float, ...],
+        rest: Callable[[], PlannedLegs | None],
+    ) -> None:
+        """Upload, if the autopilot holds what it held."""
+        assert self._held is not None
+        if held is None:
+            self._failed_s = self._now_s
+            self._say("mission cannot be read; no upload")
+            return
+        if not _equal(held, self._held):
+            self._lose("another mission is held than before: the stage is found by the position")
             return
         try:
             planned = rest()
@@ -129,7 +161,7 @@ class HeldMission:
             self._say(f"the rest cannot be laid out; no upload: {error}")
             made = None
         if made is None:
-            self._failed_s = now_s
+            self._failed_s = self._now_s
             return
         kept, new = made
         mission = [*self._items[:kept], *new]
@@ -137,13 +169,23 @@ class HeldMission:
         partial = self._ardupilot and len(items) == len(self._held) and bool(new)
 
         def verify(accepted: bool) -> None:
-            if item is not None:
-                self._resume = item, self._now_s + SETTLED_S
+            if (number := item()) is not None:
+                self._resume = number, self._now_s + SETTLED_S
             self._client.download(
                 self._now_s, lambda held: self._verify(held, items, mission, decided, accepted=accepted)
             )
 
-        self._client.upload(now_s, items, self._home + kept, verify, partial=partial)
+        self._client.upload(self._now_s, items, self._home + kept, verify, partial=partial)
+
+    def _altitude_fault(self, held: list[MissionItem]) -> str | None:
+        """Why the altitudes of the mission cannot be kept: new items are above home, at the altitude of the others."""
+        placed = [item for item in held[self._home :] if item.frame in d.FRAMES and any(item.parameters[4:6])]
+        if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
+            return "altitudes of the mission are not above home"
+        own = all(stage.altitude_m is None for stage in self._plan.stages)
+        if own and len({round(item.parameters[6], 1) for item in placed}) > 1:
+            return "altitudes of the mission are not those of the plan"
+        return None
 
     def _replaced(self, planned: PlannedLegs) -> tuple[int, list[MappedItem]] | None:
         """How many items stay, and those that follow."""
@@ -200,15 +242,22 @@ class HeldMission:
             )
 
 
-def _equal(one: Sequence[MissionItem], other: Sequence[MissionItem]) -> bool:
-    """Whether two missions are the same in all numbers, but home, which the autopilot sets."""
-    if not same_items(one[1:], other[1:]):
-        return False
+def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
+    """Whether the mission held is the one written, in all numbers but home, which the autopilot sets."""
+    return same_items(written[1:], held[1:]) and all(map(_is_same, held[1:], written[1:]))
+
+
+def _is_same(held: MissionItem, written: MissionItem) -> bool:
+    """Whether an item is the one written, as an autopilot keeps it: one without a position has any frame."""
+    numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
+    if written.command == d.LOITER_TURNS:
+        radius, kept = numbers.pop(2)
+        if not abs(radius - kept) < (WHOLE_M if abs(kept) > 255 else 1.0):
+            return False
+    if written.frame in d.FRAMES:
+        if d.FRAMES.get(held.frame) != d.FRAMES[written.frame]:
+            return False
+        numbers.append((held.parameters[6], written.parameters[6]))
     return all(
-        d.FRAMES.get(a.frame, a.frame) == d.FRAMES.get(b.frame, b.frame)
-        and all(
-            math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y))
-            for x, y in zip((*a.parameters[:4], a.parameters[6]), (*b.parameters[:4], b.parameters[6]), strict=True)
-        )
-        for a, b in zip(one[1:], other[1:], strict=True)
+        math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y)) for x, y in numbers
     )

@@ -13,7 +13,7 @@ from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telem
 from eadp.models.plan.route import PlannedLegs
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import Notice, OutlierGate, Sample
-from eadp.planning.live import Advice, LiveFlight
+from eadp.planning.live import KEPT, TAKE_OFF, Advice, LiveFlight
 from eadp.planning.registry import make_planner
 
 Emit = Callable[[dict[str, Any]], None]
@@ -46,6 +46,7 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
         At a line that is no entry of a log.
     """
     flight = Replanner(inputs, name, log, emit, warn)
+    flight.restore()
     for number, raw in numbered_lines(stream, name):
         flight.take(number, raw)
     if not flight.used:
@@ -76,6 +77,8 @@ class Replanner:
     ----------
     used : bool
         Whether any line could be used.
+    planned : bool
+        Whether there was a plan after that of take-off.
     """
 
     def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
@@ -91,9 +94,7 @@ class Replanner:
         self._log, self._emit, self._warn = log, emit, warn
         self._logged: set[tuple[float | None, ...]] = set()
         self._logged_to_s = 0.0
-        self._skipped = self.used = False
-        if log is not None:
-            self._restore(log)
+        self._skipped = self.used = self.planned = False
 
     @property
     def completes(self) -> bool:
@@ -132,6 +133,7 @@ class Replanner:
         accepted, notice = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
         advice = advice and advice._replace(time_s=sample.time_s)
+        self.planned |= advice is not None and advice.reason not in (TAKE_OFF, KEPT)
         return advice, notices if notice is None else (notice, *notices)
 
     def _decide(self, advice: Advice) -> None:
@@ -140,10 +142,12 @@ class Replanner:
         if self._log is not None:  # emitted first: after a kill between the two it is repeated, not lost
             self._log.decision(line)
 
-    def _restore(self, log: ReplanLog) -> None:
-        """Replay a log; emit the last decision if it is missing."""
+    def restore(self) -> None:
+        """Replay the log, if there is one; emit the last decision if it is missing."""
+        if self._log is None:
+            return
         pending: Advice | None = None
-        for sample in log.entries(self._mission):
+        for sample in self._log.entries(self._mission):
             if sample is None:
                 pending = None
                 continue

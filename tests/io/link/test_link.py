@@ -10,19 +10,19 @@ import struct
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("pymavlink")
 
-from mavlink_vehicle import ORIGIN, Autopilot, frames, is_near, recorded, tlog
+from common.plans import placed_survey
+from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.io.link import mavlink
-from eadp.io.link.flight import LinkFlight
+from eadp.io.link.flight import LinkFlight, LinkOptions
 from eadp.io.link.lines import STALE_S, LineMaker
 from eadp.io.link.mavlink import READING_SHARE, Codec, Link, Message, read_key, tlog_messages
 from eadp.io.link.messages import WANTED, values_of
@@ -35,11 +35,7 @@ SCENARIO = "scenarios/survey.yaml"
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     """The survey, with a place on the earth."""
-    path = tmp_path_factory.mktemp("plan") / "survey.plan"
-    body = Path("plans/survey.plan").read_text()
-    head, _, rest = body.partition("%:")
-    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
-    return path
+    return placed_survey(tmp_path_factory.mktemp("plan"))
 
 
 @pytest.fixture(scope="module")
@@ -55,18 +51,16 @@ def lines():
 class Flown:
     """A flight over a link without a socket: its decisions, warnings, and what it sends."""
 
-    def __init__(self, inputs, items=None, system=None, **options):
+    def __init__(self, inputs, **options):
         self.decisions, self.faults, self.sent = [], [], []
         self.flight = LinkFlight(
             inputs,
             "link",
-            items,
-            system,
+            LinkOptions(**options),
             None,
             self.decisions.append,
             self.faults.append,
             lambda *m: self.sent.append(m),
-            **options,
         )
 
     def take(self, data: bytes) -> None:
@@ -124,9 +118,21 @@ def test_a_line_has_what_the_messages_say(inputs, lines):
         (
             "SYS_STATUS",
             {"voltage_battery": 65535, "current_battery": -1, "battery_remaining": -1},
-            {"status_voltage_v": None, "status_current_a": None, "remaining": None},
+            {"status_voltage_v": None, "status_current_a": None, "status_remaining": None},
         ),
         ("BATTERY_STATUS", {"id": 1}, {}),
+        (  # twelve cells; nothing measures the current, and none is drawn, it says
+            "BATTERY_STATUS",
+            {
+                "id": 0,
+                "voltages": [4000] * 10,
+                "voltages_ext": [4000, 4000, 0, 0],
+                "current_battery": -100,
+                "current_consumed": 0,
+                "battery_remaining": 80,
+            },
+            {"voltage_v": 48.0, "current_a": None, "consumed_ah": None, "remaining": 0.8},
+        ),
     ],
 )
 def test_what_is_unknown_is_none(kind, fields, expected):
@@ -134,6 +140,29 @@ def test_what_is_unknown_is_none(kind, fields, expected):
     assert found.keys() == expected.keys()
     for key, value in expected.items():
         assert found[key] == pytest.approx(value, abs=1e-9) if value is not None else found[key] is None
+
+
+def heartbeat(autopilot, mode=0, kind=1):
+    fields = {"base_mode": 128 + 8, "custom_mode": mode, "system_status": 4, "type": kind, "autopilot": autopilot}
+    return values_of("HEARTBEAT", fields)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "mission", "other"),
+    [(3, 1, 10, 5), (3, 2, 3, 5), (3, 19, 10, 3), (12, 1, 4 << 24 | 4 << 16, 3 << 16), (0, 1, None, 10)],
+)
+def test_whether_a_mission_is_flown_is_told_by_the_mode(autopilot, kind, mission, other):
+    """GUIDED_ENABLED does not tell it: PX4 sets it in position mode, ArduCopter in loiter."""
+    assert mission is None or heartbeat(autopilot, mission, kind)["automatic"]
+    assert not heartbeat(autopilot, other, kind)["automatic"]
+
+
+def test_a_share_that_another_message_does_not_know_stays(inputs):
+    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker.update({"armed": True, "active": True, "remaining": 0.8})
+    maker.update({"status_remaining": None})
+    (line,) = maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    assert line["soc"] == 0.8
 
 
 def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
@@ -165,7 +194,7 @@ def test_items_give_the_stage(eadp, plan, inputs, tmp_path, autopilot, shift):
     assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
     items = read_items(f"{mission}.items.json", ("c1",))
     maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, lambda _: None)
-    maker.update(values_of("HEARTBEAT", {"base_mode": 128, "system_status": 4, "autopilot": autopilot}))
+    maker.update(heartbeat(autopilot))
     for index, each in enumerate(items):
         maker.update({"item": index + shift})
         (line,) = maker.update({"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
@@ -179,7 +208,7 @@ def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path
     items = read_items(f"{mission}.items.json", ("c1",))
     said = []
     maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, said.append)
-    maker.update(values_of("HEARTBEAT", {"base_mode": 128, "system_status": 4, "autopilot": 12}))
+    maker.update(heartbeat(12))
 
     def after(kind, number):
         maker.update(values_of(kind, {"seq": number}))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 import struct
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("pymavlink")
 pytest.importorskip("pyulog")
 
-from mavlink_vehicle import ORIGIN, VOLTS, Autopilot, frames, is_near, recorded, tlog
+from common.plans import ORIGIN, placed_survey
+from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight.inputs import load_flight
@@ -69,10 +69,7 @@ def dataflash(tables):
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     """The survey, with a place on the earth."""
-    path = tmp_path_factory.mktemp("plan") / "survey.plan"
-    head, _, rest = Path("plans/survey.plan").read_text().partition("%:")
-    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
-    return path
+    return placed_survey(tmp_path_factory.mktemp("plan"))
 
 
 @pytest.fixture(scope="module")

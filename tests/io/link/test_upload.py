@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import math
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("pymavlink")
 
-from mavlink_vehicle import ORIGIN, Autopilot, MissionHolder, frames, recorded
+from common.plans import ORIGIN, placed_survey
+from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
+from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
-from eadp.io.link.flight import LinkFlight
+from eadp.io.link.flight import LinkFlight, LinkOptions
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
+from eadp.io.link.upload import _equal
+from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import read_items
 from eadp.io.mission.reader import PlanReader
 from eadp.io.telemetry.log import ReplanLog, hash_of
@@ -28,10 +32,7 @@ SCENARIO = "scenarios/survey.yaml"
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
-    path = tmp_path_factory.mktemp("plan") / "survey.plan"
-    head, _, rest = Path("plans/survey.plan").read_text().partition("%:")
-    path.write_text(f"{head}%: origin {ORIGIN[0]} {ORIGIN[1]}\n%:{rest}")
-    return path
+    return placed_survey(tmp_path_factory.mktemp("plan"))
 
 
 @pytest.fixture(scope="module")
@@ -40,27 +41,12 @@ def inputs(plan):
 
 
 @pytest.fixture(scope="module")
-def mission(eadp_of_module, plan, tmp_path_factory):
+def mission(plan, tmp_path_factory):
     """The mission of c1 = 0, and its items as an autopilot holds them."""
     path = tmp_path_factory.mktemp("mission") / "survey.waypoints"
-    eadp_of_module("export", plan, "--to", "ardupilot", "--altitude", "60", "-o", path)
+    assert main(["export", str(plan), "--to", "ardupilot", "--altitude", "60", "-o", str(path)]) == 0
     rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
     return path, [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
-
-
-@pytest.fixture(scope="module")
-def eadp_of_module():
-    from eadp.__main__ import run
-
-    def call(*arguments):
-        import sys
-        from unittest import mock
-
-        with mock.patch.object(sys, "argv", ["eadp", *map(str, arguments)]), pytest.raises(SystemExit) as ended:
-            run()
-        assert not ended.value.code
-
-    return call
 
 
 class Flying:
@@ -71,10 +57,8 @@ class Flying:
         self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
         self._codec, self._queue, self.sent = Codec(frozenset()), [], []
         self.autopilot = Autopilot()
-        name = f"{self.path}.items.json"
-        self.flight = LinkFlight(
-            inputs, "link", name, None, log, self.decisions.append, self.faults.append, self._send, upload=True
-        )
+        options = LinkOptions(f"{self.path}.items.json", upload=True)
+        self.flight = LinkFlight(inputs, "link", options, log, self.decisions.append, self.faults.append, self._send)
 
     def _send(self, *message):
         self._queue.append(self._codec.encoded(*message))
@@ -147,6 +131,20 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
     assert any("holds the mission" in text for text in flown.said)
 
 
+@pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")])
+def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
+    """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
+    path = tmp_path / "log.jsonl"
+    log = ReplanLog(str(path), hash_of(inputs.texts, {}))
+    flown = Flying(inputs, mission, log, refuses=refuses).fly(lines, current=True)
+    log.close()
+    assert flown.decisions[-1]["parameters"]["c1"] < 0
+    rows = [row for row in map(json.loads, path.read_text().splitlines()) if row["kind"] == "telemetry"]
+    in_force = [row.get("parameters", {}).get("c1") for row in rows]
+    assert in_force[2] == 0.0, "before the first plan"
+    assert in_force[-1] == (0.0 if refuses else None)
+
+
 def test_another_mission_is_left_alone(inputs, mission, lines):
     path, items = mission
     moved = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in items]
@@ -160,6 +158,110 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
 def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
     flown = Flying(inputs, mission, lost=lost).fly(lines)
     assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_a_request_that_is_lost_does_not_end_an_upload(inputs, mission, lines):
+    """ArduPilot answers the item that comes again with an error, and goes on."""
+
+    class Lossy(MissionHolder):
+        left = 1
+
+        def answer(self, frame):
+            answers = super().answer(frame)
+            if self.left and self._due and self._due[0] == 30:
+                self.left = 0
+                return []
+            return answers
+
+    flown = Flying(inputs, mission)
+    flown.holder = Lossy(mission[1])
+    flown.fly(lines)
+    assert not flown.holder.left
+    assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_commands_come_back_as_ardupilot_keeps_them(eadp, inputs, plan, lines, tmp_path):
+    """A return, pictures and loiters: without a frame, and with whole radii."""
+    path = tmp_path / "m.waypoints"
+    eadp("export", plan, "--to", "ardupilot", "--home", "55.37,10.43", "--trigger-distance", "20", "-o", path)
+    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
+    items = [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+    assert {20, 206} < {command for command, _, _ in items}
+    flown = Flying(inputs, (path, items)).fly(lines)
+    assert any("uploaded and verified" in text for text in flown.said)
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "kept_m", "same"),
+    [(88.18, 88.0, True), (88.18, 87.0, False), (1234.0, 1230.0, True), (-40.5, -40.0, True), (40.5, -40.0, False)],
+)
+def test_a_loiter_has_a_whole_radius(radius_m, kept_m, same):
+    written, held = (
+        [MissionItem(16, 0, (0.0,) * 7), MissionItem(18, 3, (1.0, 0.0, radius, 1.0, 55.0, 10.0, 60.0))]
+        for radius in (radius_m, kept_m)
+    )
+    assert _equal(held, written) == same
+
+
+def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, mission, lines):
+    land = (21, 3, (0.0, 0.0, 0.0, 0.0, 55.375, 10.44, 0.0))
+
+    class Changed(Flying):
+        def _give(self, frame):
+            if self.now_s > 102 and not self.holder.writes:
+                self.holder.items[10:] = [land]
+            super()._give(frame)
+
+    flown = Changed(inputs, mission).fly(lines)
+    assert any("another mission is held than before" in text for text in flown.said)
+    assert flown.holder.items[10:] == [land]
+    assert flown.holder.writes == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda number, frame, altitude: (0, altitude + 500), "not above home"),
+        (lambda number, frame, altitude: (10, altitude), "not above home"),
+        (lambda number, frame, altitude: (frame, altitude + 40 * (number > 60)), "not those of the plan"),
+    ],
+)
+def test_altitudes_that_cannot_be_kept_are_no_upload(inputs, mission, lines, change, said):
+    path, items = mission
+    given = []
+    for number, (command, frame, (*numbers, altitude)) in enumerate(items):
+        new, height = change(number, frame, altitude)
+        given.append((command, new, (*numbers, height)))
+    flown = Flying(inputs, (path, given)).fly(lines)
+    assert any(said in text for text in flown.said)
+    assert flown.holder.writes == []
+
+
+def test_acks_of_others_end_no_upload(inputs, mission, lines):
+    """That of a fence, and that for a ground station."""
+
+    class Between(MissionHolder):
+        def answer(self, frame):
+            fields = [(1, 191, 1, 1), (255, 190, 1, 0), (255, 191, 1, 0)]
+            return [*(self.autopilot.frame("mission_ack", *each) for each in fields), *super().answer(frame)]
+
+    flown = Flying(inputs, mission)
+    flown.holder = Between(mission[1])
+    flown.fly(lines)
+    assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
+    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.texts, {})
+    log = ReplanLog(path, kept)
+    first = Flying(inputs, mission, log, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines[:12])
+    log.close()
+    assert first.decisions[-1]["parameters"]["c1"] < 0
+    log = ReplanLog(path, kept)
+    again = Flying(inputs, mission, log).fly(lines[12:20])
+    log.close()
+    assert {answer["parameters"]["c1"] for answer in again.decisions} == {first.decisions[-1]["parameters"]["c1"]}
+    assert any("uploaded and verified" in text for text in again.said)
 
 
 def test_an_autopilot_that_does_not_answer_is_said(inputs, mission):
@@ -240,7 +342,7 @@ def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(eadp, inputs,
 
 def test_it_needs_the_map(inputs):
     with pytest.raises(InputError, match="--upload"):
-        LinkFlight(inputs, "link", None, None, None, print, print, lambda *_: None, upload=True)
+        LinkFlight(inputs, "link", LinkOptions(upload=True), None, print, print)
 
 
 def test_waypoints_that_are_written_lie_on_the_new_lines(inputs, mission, lines):

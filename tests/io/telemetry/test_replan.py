@@ -59,6 +59,15 @@ def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, di
     assert {code for answer in disturbed.answers for code in answer["warnings"]} == CODES.get(disturbance.name, set())
 
 
+def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
+    """Whether one more lap is flown is in doubt at 6 s where the aircraft follows the plan itself."""
+    of_items = flown(short_survey(), Disturbance("items", 0.0, through(lambda line: line | {"flies_mission": True})))
+    doubtful, certain = ({a["time_s"]: a for a in flight.answers}[6.0] for flight in (undisturbed, of_items))
+    assert certain["energy_std_wh"] < 0.8 * doubtful["energy_std_wh"]
+    assert of_items.outcome.completed
+    assert of_items.warnings == []
+
+
 def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
     def rising(line):
         return line | {"soc": 0.8 + line["time_s"] / 1e4, "power_w": 1e5 if line["time_s"] == 100 else line["power_w"]}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from common.forecasts import CALM, survey_inputs
 
-from eadp.models.plan.route import MARGIN_M
+from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Ending, TrackingPlanner
 from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
 from eadp.simulation.loop import Outcome, fly
@@ -210,3 +210,23 @@ def test_the_margin_of_ends_is_that_of_the_navigation():
     _, known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
     for std_m in (0.1, 1.0, 7.0):
         assert margin_m(known._replace(reach_std_m=std_m)) == max(MARGIN_M, NAVIGATION_STDS * std_m)
+
+
+def test_the_end_of_a_mission_that_was_laid_out_is_certain():
+    """Without it, whether one more lap is flown is in doubt near a step of the staircase."""
+    inputs = survey_inputs("static")
+    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (0.0, 0.0), 0.0)
+    certain = known._replace(reach_std_m=0.0)
+    assert margin_m(certain) == 0.0
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    doubted = 0
+    for c1 in np.linspace(-1000.0, 0.0, 21):
+        some, one = (
+            RoutePredictor().route(k.cursor.decide((c1, 2.0)), k.joined_m, margin_m(k)) for k in (known, certain)
+        )
+        assert not one.ends
+        doubted += len(some.ends)
+        if some.ends:
+            wide, narrow = (held.at(k, (c1, 2.0)).remaining_std_s for k in (known, certain))
+            assert narrow < wide
+    assert doubted

@@ -1,5 +1,25 @@
 """Plan texts."""
 
+from pathlib import Path
+
+from common import ROOT
+
+ORIGIN = (55.37, 10.43)
+"""A place on the earth [°]."""
+
+
+def placed(text: str) -> str:
+    """A plan with a place on the earth: its own, or that."""
+    return text if "%: origin" in text else f"%: origin {ORIGIN[0]} {ORIGIN[1]}\n{text}"
+
+
+def placed_survey(folder: Path) -> Path:
+    """The shipped survey with a place on the earth, in a folder."""
+    path = folder / "survey.plan"
+    path.write_text(placed((ROOT / "plans/survey.plan").read_text()))
+    return path
+
+
 PARTS = """\
 %: trigger-radius 1
 path:
