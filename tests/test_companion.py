@@ -9,7 +9,6 @@ import threading
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-import pytest
 from common.plans import ORIGIN, placed_survey
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
@@ -38,7 +37,11 @@ class Node:
     """Stands for rclpy's node."""
 
     def __init__(self, name):
-        self.topics, self.publisher = {}, Publisher()
+        self.topics, self.publisher, self.timers = {}, Publisher(), []
+
+    def create_timer(self, period_s, call):
+        assert period_s == 0.2
+        self.timers.append(call)
 
     def create_publisher(self, kind, topic, depth):
         assert (kind, topic, depth) == (MESSAGES["String"], "eadp/decision", 10)
@@ -60,9 +63,8 @@ MESSAGES = {
 
 def modules(spin):
     """The modules that the node imports."""
-    ros = {name: ModuleType(name) for name in ("rclpy", "rclpy.node", "rclpy.qos")}
-    ros["rclpy"].init, ros["rclpy"].spin = lambda: None, spin
-    ros["rclpy.node"].Node = Node
+    ros = {name: ModuleType(name) for name in ("rclpy", "rclpy.qos")}
+    ros["rclpy"].init, ros["rclpy"].spin, ros["rclpy"].create_node = lambda: None, spin, Node
     ros["rclpy.qos"].qos_profile_sensor_data = "best effort"
     for package in ("geometry_msgs", "mavros_msgs", "sensor_msgs", "std_msgs"):
         ros[package], ros[f"{package}.msg"] = ModuleType(package), ModuleType(f"{package}.msg")
@@ -78,36 +80,45 @@ def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
     for name, own in names.items():
         assert name in source
         source = source.replace(f'"{name}"', f'"{sys.executable}", "-m", "eadp"' if own == "-m" else f'"{own}"')
-    nodes, before = [], {*threading.enumerate()}
+    before, names_of_node = {*threading.enumerate()}, {"__name__": "node"}
 
     def spin(node):
-        nodes.append(node)
         node.publisher.count = len(LINES)
 
         def send(name, **values):
             node.topics[MESSAGES[name]](MESSAGES[name](**values))
 
+        (tell,) = node.timers
         for line in LINES:
-            send("ExtendedState", landed_state=2)
             send("BatteryState", voltage=12.0, current=-line["power_w"] / 12, percentage=line["soc"])
             x, y = line["velocity_mps"]
             send("TwistStamped", twist=Message(linear=Message(x=x, y=y)))
             latitude, longitude = to_geodetic_deg(line["x_m"], line["y_m"], ORIGIN)
-            for late_ns in (0, 50_000_000):  # the second one is sooner than the node needs
-                stamp = Message(sec=1_700_000_000 + int(line["time_s"]), nanosec=late_ns)
-                place = {"header": Message(stamp=stamp), "latitude": latitude, "longitude": longitude}
+            stamp = Message(sec=1_700_000_000 + int(line["time_s"]), nanosec=0)
+            place = {"header": Message(stamp=stamp), "latitude": latitude, "longitude": longitude}
+            if line is LINES[0]:
+                tell()  # not all is known
+                send("ExtendedState", landed_state=1)
                 send("NavSatFix", status=Message(status=0), **place)
+                tell()  # on the ground
+                send("ExtendedState", landed_state=2)
+                send("NavSatFix", status=Message(status=-1), **place)
+                tell()  # no position
+            send("NavSatFix", status=Message(status=0), **place)
+            tell()
+            tell()  # nothing new
         assert node.publisher.complete.wait(60)
-        node.process.stdin.close()
-        assert node.process.wait(60) in (0, 1)
+        process = names_of_node["process"]
+        process.stdin.close()
+        assert process.wait(60) in (0, 1)
         for thread in {*threading.enumerate()} - before:
             thread.join(60)
-        node.process.stdout.close()
+        process.stdout.close()
 
     for name, module in modules(spin).items():
         monkeypatch.setitem(sys.modules, name, module)
-    exec(compile(source, "docs/companion.md", "exec"), {"__name__": "node"})
-    (node,) = nodes
-    assert len(node.publisher.got) == len(LINES)
-    assert node.publisher.got[-1]["parameters"]["c1"] < 0
-    assert node.known["soc"] == pytest.approx(LINES[-1]["soc"])
+    exec(compile(source, "docs/companion.md", "exec"), names_of_node)
+    published = names_of_node["node"].publisher.got
+    assert len(published) == len(LINES)
+    assert published[-1]["parameters"]["c1"] < 0
+    assert published[-1]["soc_end_forecast"] is not None
