@@ -31,12 +31,21 @@ WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 ONBOARD, INVALID = 18, 8
 NOTICE, WARNING, CRITICAL = 5, 4, 2
 RETURN, ACCEPTED, MAX_COMMANDS = 20, 0, 10
-"""The command to return to launch, the answer that it is accepted, and how often it is given at most."""
+"""The command to return to launch, the answer that it is accepted, and how often a command is given at most."""
 TEXT_CHARACTERS, NAME_CHARACTERS = 50, 10
-SET_INTERVAL, INTERVALS_US = 511, {33: 200_000, 74: 500_000, 147: 500_000, 168: 1_000_000, 231: 1_000_000,
-                                   245: 1_000_000, 2: 1_000_000, 42: 1_000_000}  # fmt: skip
-"""The command that asks for a message at an interval, and the messages by number: position, speeds, battery, wind of
-both autopilots, state in the air, time, item [µs]."""
+SET_INTERVAL = 511
+"""The command that asks for a message at an interval."""
+INTERVALS = {
+    "GLOBAL_POSITION_INT": (33, 200_000),
+    "VFR_HUD": (74, 500_000),
+    "BATTERY_STATUS": (147, 500_000),
+    "WIND": (168, 1_000_000),
+    "WIND_COV": (231, 1_000_000),
+    "EXTENDED_SYS_STATE": (245, 1_000_000),
+    "SYSTEM_TIME": (2, 1_000_000),
+    "MISSION_CURRENT": (42, 1_000_000),
+}
+"""The messages that are asked for: their numbers and intervals [µs]."""
 
 _NUMBERS = re.compile(r"[-+.\d]+")
 
@@ -117,6 +126,8 @@ class LinkFlight:
         self._sent_s = -1e9
         self._lost = False
         self._may_return, self._returns, self._commands = options.return_home, False, 0
+        self._missing: set[str] = set()
+        self._requests = 0
         self._count, self._text, self._armed = 0, "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
@@ -150,6 +161,7 @@ class LinkFlight:
         first, lost = not self._component, self._lost
         if not self._is_ours(message, now_s):
             return
+        self._missing.discard(message.kind)
         if message.kind in PROTOCOL:
             to = (
                 message.fields["target_system"],
@@ -166,10 +178,13 @@ class LinkFlight:
             return
         if message.kind == "HEARTBEAT":
             if (first or lost) or (values["armed"] and not self._armed):
+                self._missing, self._requests = set(INTERVALS), 0
                 self._ask()
                 if self._mission is not None:
                     self._mission.read(now_s, ardupilot=values["home_is_item"])
             self._armed = values["armed"]
+        if message.kind == "MISSION_CURRENT" and self._mission is not None:
+            self._mission.count(values["item_count"], now_s)
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
@@ -202,6 +217,7 @@ class LinkFlight:
             self._sent_s = now_s
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
+            self._ask()
             if self._returns and self._may_return and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
@@ -231,9 +247,10 @@ class LinkFlight:
         return message.component == self._component
 
     def _ask(self) -> None:
-        """Ask for the messages that are read, at the rates that are needed."""
-        for number, interval_us in INTERVALS_US.items():
-            self._command(SET_INTERVAL, (number, interval_us, 0, 0, 0, 0, 0))
+        """Ask for the messages that are read, at the rates that are needed: again those that have not come."""
+        self._requests += 1
+        for kind in sorted(self._missing) if self._requests <= MAX_COMMANDS else ():
+            self._command(SET_INTERVAL, (*INTERVALS[kind], 0, 0, 0, 0, 0))
 
     def _return(self) -> None:
         """Command the autopilot to return; until it accepts, once with each heartbeat, `MAX_COMMANDS` times at most."""

@@ -67,6 +67,11 @@ def _wind(fields: Fields) -> Values:
     return {"wind_mps": [-speed * math.sin(comes_from), -speed * math.cos(comes_from)]}
 
 
+def _item(fields: Fields) -> Values:
+    count = fields.get("total", 0)
+    return {"item": fields["seq"], "item_count": None if count == 0 else count}
+
+
 def _heartbeat(fields: Fields) -> Values:
     return {
         "armed": bool(fields["base_mode"] & ARMED),
@@ -108,7 +113,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "WIND": _wind,
     "WIND_COV": lambda fields: {"wind_mps": [fields["wind_y"], fields["wind_x"]]},
     "SYSTEM_TIME": lambda fields: {"time_s": fields["time_boot_ms"] / 1e3},
-    "MISSION_CURRENT": lambda fields: {"item": fields["seq"]},
+    "MISSION_CURRENT": _item,
     "MISSION_ITEM_REACHED": lambda fields: {"reached": fields["seq"]},
     "HEARTBEAT": _heartbeat,
     "EXTENDED_SYS_STATE": _landed,

@@ -67,6 +67,7 @@ class HeldMission:
         """As read from the autopilot, home included where it has one."""
         self._home = 0
         self._ardupilot = False
+        self._count: int | None = None
         self._asked: tuple[float, ...] = items[-1].parameters if items else ()
         self._failed_s = -math.inf
         self._now_s = 0.0
@@ -80,6 +81,14 @@ class HeldMission:
             return
         self._ardupilot, self._home = ardupilot, int(ardupilot)
         self._client.download(now_s, self._check)
+
+    def count(self, items: int | None, now_s: float) -> None:
+        """Read the mission again where the autopilot has another number of items than before."""
+        if items == self._count or self._client.busy:
+            return
+        if self._count is not None:
+            self.read(now_s, ardupilot=self._ardupilot)
+        self._count = items
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
         """Take a message of the mission protocol."""
@@ -229,7 +238,7 @@ class HeldMission:
     ) -> None:
         """Count an upload as done where the autopilot gives the mission back."""
         if held is not None and _equal(held, items):
-            self._held, self._items, self._asked = held, mission, decided
+            self._held, self._items, self._asked, self._count = held, mission, decided, None
             self._changed(mission)
             self._note(f"the rest of the mission is uploaded and verified: {len(mission)} items")
         elif held is not None and self._held is not None and _equal(held, self._held):

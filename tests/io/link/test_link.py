@@ -22,7 +22,7 @@ from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 from eadp.errors import InputError
 from eadp.io.flight.inputs import load_flight
 from eadp.io.link import mavlink
-from eadp.io.link.flight import LinkFlight, LinkOptions
+from eadp.io.link.flight import INTERVALS, LinkFlight, LinkOptions
 from eadp.io.link.lines import STALE_S, LineMaker
 from eadp.io.link.mavlink import READING_SHARE, Codec, Link, Message, read_key, tlog_messages
 from eadp.io.link.messages import WANTED, values_of
@@ -266,6 +266,28 @@ def test_it_commands_nothing_but_rates_of_messages(flown):
     commands = {fields["command"] for _, kind, fields in flown.sent if kind == "COMMAND_LONG"}
     assert commands == {511}
     assert {kind for _, kind, _ in flown.sent} <= {"COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "HEARTBEAT"}
+
+
+def test_messages_that_do_not_come_are_asked_for_again(inputs, lines):
+    """A request may be lost; a message that the autopilot does not have is asked for ten times."""
+    other, autopilot = Flown(inputs), Autopilot()
+    other.take(autopilot.heartbeat(armed=False, active=False))
+    asked = []
+    for second in range(20):
+        asked.append({fields["param1"] for _, kind, fields in other.sent if kind == "COMMAND_LONG"})
+        other.sent.clear()
+        if second >= 3:
+            other.take(autopilot.battery(14.8, 1.0, None, 0.9))
+        if second >= 5:
+            other.take(autopilot.position(float(second), 0.0, 0.0, [0.0, 0.0], 0.0))
+        other.flight.tick(float(second))
+    assert asked[0] == {number for number, _ in INTERVALS.values()}
+    assert [147 in numbers for numbers in asked].index(False) == 4
+    assert [33 in numbers for numbers in asked].index(False) == 6
+    assert [168 in numbers for numbers in asked].index(False) == 10
+    assert not any(asked[10:])
+    other.take(autopilot.heartbeat(armed=True, active=True))
+    assert {147, 33, 168} <= {fields["param1"] for _, kind, fields in other.sent if kind == "COMMAND_LONG"}
 
 
 def test_all_that_is_sent_can_be_encoded(flown):

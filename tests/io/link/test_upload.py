@@ -52,12 +52,12 @@ def mission(plan, tmp_path_factory):
 class Flying:
     """A recorded flight with an autopilot that holds a mission; time goes on by the messages."""
 
-    def __init__(self, inputs, mission, log=None, **given):
+    def __init__(self, inputs, mission, log=None, upload=True, **given):
         self.path, items = mission
         self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
         self._codec, self._queue, self.sent = Codec(frozenset()), [], []
         self.autopilot = Autopilot()
-        options = LinkOptions(f"{self.path}.items.json", upload=True)
+        options = LinkOptions(f"{self.path}.items.json", upload=upload)
         self.flight = LinkFlight(inputs, "link", options, log, self.decisions.append, self.faults.append, self._send)
 
     def _send(self, *message):
@@ -78,11 +78,16 @@ class Flying:
             for frame in parts[:-1]:
                 self._give(frame)
             if current:
-                self._give(self.holder.autopilot.frame("mission_current", self.holder.current))
+                self._give(self.holder.autopilot.frame("mission_current", self.holder.current, self.total))
             self._give(parts[-1])
             self.flight.tick(self.now_s)
             self._give(b"")
         return self
+
+    @property
+    def total(self):
+        """The number of items, as the autopilot reports it."""
+        return len(self.holder.items) - 1
 
     @property
     def said(self):
@@ -218,6 +223,30 @@ def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, missio
     assert flown.holder.writes == []
 
 
+@pytest.mark.parametrize("counts", [True, False])
+def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts):
+    """Without an upload, too: old autopilots report 0 items, and it is noticed at the next arming."""
+
+    class Changed(Flying):
+        total = property(lambda self: counts * (len(self.holder.items) - 1))
+
+        def _give(self, frame):
+            if self.now_s > 110:
+                del self.holder.items[10:]
+            super()._give(frame)
+
+    flown = Changed(inputs, mission, upload=False).fly(lines, current=True)
+    assert any("another mission" in text for text in flown.said) == counts
+    assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + counts  # at first, at arming, and at the change
+
+
+def test_an_upload_of_our_own_is_not_read_again(inputs, mission, lines):
+    flown = Flying(inputs, mission).fly(lines, current=True)
+    uploads = sum("verified" in text for text in flown.said)
+    assert uploads
+    assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + 2 * uploads
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -308,11 +337,12 @@ def test_the_mission_is_read_again_when_the_autopilot_is_back(inputs, mission):
     flown = Flying(inputs, mission)
     for start_s in (0.0, 100.0):
         flown.now_s = start_s
+        before = flown.holder.kinds.count("COMMAND_LONG")
         flown._give(flown.autopilot.heartbeat(armed=True, active=True))
+        assert flown.holder.kinds.count("COMMAND_LONG") == before + 8
         assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 1 + (start_s > 0)
         flown.flight.tick(start_s + 20.0)
-    intervals = [message for message in flown.holder.kinds if message == "COMMAND_LONG"]
-    assert len(intervals) == 16
+        flown._give(b"")
 
 
 def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(eadp, inputs, mission, lines, tmp_path):
