@@ -54,6 +54,11 @@ def _plain_code():
     compiled.enable(False)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of whole flights and pages come first, so that no worker is left alone with them at the end."""
+    items.sort(key=lambda item: item.path.parent != ROOT / "tests")
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository's root."""
