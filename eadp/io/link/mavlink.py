@@ -196,12 +196,15 @@ class Link:
         """Messages that have come, waiting for the first for a time [s]."""
         time.sleep(max(0.0, self._pause_to_s - time.monotonic()))
         messages: list[Message] = []
+        begun_s, ends_s, came = time.thread_time(), time.monotonic() + timeout_s, False
         with contextlib.redirect_stdout(sys.stderr), contextlib.suppress(OSError):
-            begun_s = time.thread_time()
             self._port.select(timeout_s)
-            while (spent_s := time.thread_time() - begun_s) < BATCH_S and (data := self._port.recv(CHUNK_BYTES)):
+            while time.thread_time() - begun_s < BATCH_S and (data := self._port.recv(CHUNK_BYTES)):
+                came = True
                 messages += self._codec.decoded(bytes(data))
-            self._pause_to_s = time.monotonic() + spent_s / READING_SHARE
+        pause_s = (time.thread_time() - begun_s) / READING_SHARE
+        # a device that is gone, or closed by its peer, fails at once, and does not wait
+        self._pause_to_s = max(time.monotonic() + pause_s, 0.0 if came else ends_s)
         return messages
 
     def send(self, system: int, kind: str, values: Mapping[str, Any]) -> None:

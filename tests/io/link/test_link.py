@@ -478,6 +478,25 @@ def test_reading_takes_a_small_share_of_the_time_however_much_is_sent(monkeypatc
     assert count > 500
 
 
+@pytest.mark.parametrize("fault", [OSError(5, "Input/output error"), None], ids=["a device that is gone", "its end"])
+def test_a_port_that_fails_at_once_is_tried_in_time(monkeypatch, fault):
+    """A serial device that is pulled out, or a connection that the peer has closed: nothing waits for it."""
+
+    class Dead(Endless):
+        def recv(self, size):
+            self.now_s, self.spent_s = self.now_s + 1e-4, self.spent_s + 1e-4
+            if fault is not None:
+                raise fault
+            return b""
+
+    port = Dead(monkeypatch)
+    link = Link.__new__(Link)
+    link._port, link._codec, link._pause_to_s = port, Codec(WANTED), 0.0
+    assert [link.receive(0.2) for _ in range(100)] == [[]] * 100
+    assert port.now_s == pytest.approx(99 * 0.2, abs=0.1)
+    assert port.spent_s < 0.02 * port.now_s
+
+
 # --- signatures
 
 KEY = hashlib.sha256(b"open sesame").digest()
