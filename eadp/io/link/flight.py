@@ -13,8 +13,8 @@ from typing import Any
 from eadp.errors import Fault, InputError
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.link.lines import LineMaker
-from eadp.io.link.mavlink import COMPONENT, Link, Message, read_key, require_pymavlink, tlog_messages
-from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, WANTED, values_of
+from eadp.io.link.mavlink import COMPONENT, SHARE, Budget, Link, Message, read_key, require_pymavlink, tlog_messages
+from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL
 from eadp.io.link.recorded import MAGICS, log_values
 from eadp.io.link.upload import HeldMission
@@ -176,31 +176,37 @@ class LinkFlight:
         except (ArithmeticError, LookupError, TypeError, ValueError):
             self._say(f"{message.kind} that makes no sense; ignored")
             return
+        mission, begins = self._mission, False
         if message.kind == "HEARTBEAT":
-            if (first or lost) or (values["armed"] and not self._armed):
-                self._missing, self._requests = set(INTERVALS), 0
-                self._ask()
-                if self._mission is not None:
-                    self._mission.read(now_s, ardupilot=values["home_is_item"])
+            begins = first or lost or (values["armed"] and not self._armed)
             self._armed = values["armed"]
-        if message.kind == "MISSION_CURRENT" and self._mission is not None:
-            self._mission.count(values["item_count"], now_s)
+            if mission is not None:
+                mission.ardupilot = values["home_is_item"]
+        if mission is not None and message.kind == "MISSION_CURRENT":
+            mission.count(values["item_count"], now_s)
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
-        mission = self._mission if self._uploads else None
-        if mission is not None:
+        if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
+        restarts = self._lines.restarts
         self.update(values)
-        if mission is not None and self._decided_path is not None:
-            mission.update(now_s, lambda: self._lines.item, self._decided_path, self._replanner.rest)
+        if begins or self._lines.restarts > restarts:
+            self._missing, self._requests = set(INTERVALS), 0
+            self._ask()
+            if mission is not None:
+                mission.read(now_s)
+        if mission is not None and self._uploads and self._decided_path is not None:
+            mission.update(now_s, self._decided_path, self._replanner.rest)
 
-    def lost(self, damaged: int, refused: int) -> None:
-        """Say that so many frames were no messages, and so many not signed."""
+    def lost(self, damaged: int, refused: int, left_out: int) -> None:
+        """Say that so many frames were no messages, so many not signed, and so many positions too many."""
         if damaged:
             self._say("damaged frames are ignored")
         if refused:
             self._say("messages without the signature of --signing-key are ignored")
+        if left_out:
+            self._say(f"more positions than {SHARE:.0%} of a core can take: some are left out")
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message says, and re-plan with the lines that are due."""
@@ -218,7 +224,7 @@ class LinkFlight:
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
             self._ask()
-            if self._returns and self._may_return and self._lines.flies_by_itself:
+            if self._returns and self._may_return and not self._lost and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
             self._mission.tick(now_s, self._lines.item)
@@ -236,10 +242,10 @@ class LinkFlight:
             self._system = message.system
             self._component, self._heard_s = message.component, now_s
             if self._lost:
-                self._lost = False
+                self._lost, self._commands = False, 0
                 self._note("the autopilot's heartbeats are back")
         if message.system != self._system or not self._component:
-            if self._component:
+            if self._system not in (None, message.system):
                 self._say(f"messages of system {message.system} are ignored")
             return False
         if message.kind == "NAMED_VALUE_FLOAT":  # not our own, which a router may send back
@@ -257,7 +263,7 @@ class LinkFlight:
         self._commands += 1
         if self._commands > MAX_COMMANDS:
             self._may_return = False
-            self._say(f"the autopilot does not accept the command to return, given {MAX_COMMANDS} times")
+            self._tell(f"return not accepted by the autopilot, commanded {MAX_COMMANDS} times")
             return
         self._command(RETURN, (0.0,) * 7, self._commands - 1)
 
@@ -354,13 +360,16 @@ def fly(
             link.send(*message)
 
     flight = LinkFlight(inputs, address, options, log, emit, warn, send)
-    link = Link(address, WANTED, key)
+    link, budget, left_out = Link(address, WANTED, key), Budget(), 0
     opened.append(link)
     try:
         while not flight.over:
             for message in link.receive(WAIT_S):
-                flight.take(message, time.monotonic())
-            flight.lost(link.damaged, link.refused)
+                if message.kind in TIMED and budget.is_spent():
+                    left_out += 1
+                else:
+                    flight.take(message, time.monotonic())
+            flight.lost(link.damaged, link.refused, left_out)
             flight.tick(time.monotonic())
     finally:
         link.close()

@@ -55,6 +55,8 @@ class LineMaker:
         Path parameters decided that the mission has, or gets: items of others, before them, are no refusal.
     flown : bool
         Whether the aircraft has been in the air.
+    restarts : int
+        How often the autopilot's time started again.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class LineMaker:
         self._ground: dict[str, Any] | None = None
         self._home_is_item = False
         self._gauged = self.flown = False
+        self.restarts = 0
         self.decided: tuple[float, ...] | None = None
         self._reached = -1
         self._speed_mps = 0.0
@@ -90,6 +93,7 @@ class LineMaker:
         # an autopilot that starts again counts from 0; messages that overtake one another are no new start
         restarted = self._now_s == -math.inf or time_s < self._now_s - STALE_S
         if restarted:
+            self.restarts += self._now_s > -math.inf
             self._known = {key: (time_s, value) for key, (_, value) in self._known.items()}
         elif time_s < self._now_s:
             return []
@@ -187,7 +191,8 @@ class LineMaker:
             return None
         index = number - 1 if self._home_is_item else number
         if not 0 <= index < len(self.items):
-            self._warn(f"the mission has no item {number} of those of --items: the stage is found by the position")
+            if self._flies():  # on the ground ArduPilot flies to item 0
+                self._warn(f"the mission has no item {number} of those of --items: the stage is found by the position")
             return None
         return self.items[index]
 

@@ -38,6 +38,10 @@ CHUNK_BYTES = 2048
 """Most of a datagram that is read: a frame has 280 bytes at most, and a datagram as many as fit the link."""
 READING_SHARE, BATCH_S = 0.02, 1e-3
 """Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
+SHARE, SAVED_S = 0.05, 0.5
+"""Most of a core's time that all takes, and what may be saved up for a decision that takes longer [s]."""
+MAX_SENDERS = 8
+"""Most addresses that are written to: whoever sends to a port that listens is one."""
 TLOG_HEAD = 8
 """Bytes of the time before each frame of a telemetry log."""
 
@@ -149,6 +153,20 @@ def require_pymavlink(option: str, value: str) -> None:
         raise InputError.at(option, 1, 1, "pymavlink is missing", "pip install 'eadp[mavlink]'", value)
 
 
+class Budget:
+    """Time of this thread on the processor: a share of the time that passes, saved up to a limit."""
+
+    def __init__(self) -> None:
+        self._left_s, self._looked_s, self._worked_s = SAVED_S, time.monotonic(), time.thread_time()
+
+    def is_spent(self) -> bool:
+        """Whether more was spent than there was."""
+        passed_s, spent_s = time.monotonic() - self._looked_s, time.thread_time() - self._worked_s
+        self._left_s = min(self._left_s + SHARE * passed_s, SAVED_S) - spent_s
+        self._looked_s, self._worked_s = self._looked_s + passed_s, self._worked_s + spent_s
+        return self._left_s < 0
+
+
 class Link:
     """An open address.
 
@@ -172,6 +190,7 @@ class Link:
         require_pymavlink("--mavlink", address)
         self._codec = Codec(wanted, stream=not address.startswith("udp"), key=key)
         self._pause_to_s = 0.0
+        self._senders: set[Any] = set()
         given = _checked(address)
         from pymavlink import mavutil
 
@@ -201,11 +220,20 @@ class Link:
             self._port.select(timeout_s)
             while time.thread_time() - begun_s < BATCH_S and (data := self._port.recv(CHUNK_BYTES)):
                 came = True
+                self._limit_senders()
                 messages += self._codec.decoded(bytes(data))
         pause_s = (time.thread_time() - begun_s) / READING_SHARE
         # a device that is gone, or closed by its peer, fails at once, and does not wait
         self._pause_to_s = max(time.monotonic() + pause_s, 0.0 if came else ends_s)
         return messages
+
+    def _limit_senders(self) -> None:
+        """Write to no more addresses than some, the first ones."""
+        senders: set[Any] = getattr(self._port, "clients", set())
+        if len(senders) > MAX_SENDERS:
+            senders &= self._senders
+        else:
+            self._senders = set(senders)
 
     def send(self, system: int, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message as a component of a system."""

@@ -22,8 +22,9 @@ ARMED = 128
 ACTIVE = (4, 5, 6)
 """States of a system that flies: active, critical, emergency."""
 ARDUPILOT, PX4 = 3, 12
-NO_AUTOPILOT, NOT_AIRCRAFT = 8, (6, 18, 26, 27, 30)
-"""The autopilot of what is none, and types that are none: ground station, computer, gimbal, ADS-B, camera."""
+NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
+"""The autopilot of what is none, and types that are none: antenna tracker, ground station, computer, gimbal, ADS-B,
+camera."""
 COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 35), 3, 10, (4, 4)
 """ArduPilot's types of copters, its modes AUTO, and PX4's main and sub-mode AUTO, MISSION."""
 
@@ -121,6 +122,9 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "COMMAND_ACK": _answer,
 }
 """The messages that are read, and what each says."""
+
+TIMED = ("GLOBAL_POSITION_INT", "SYSTEM_TIME")
+"""The messages that have a time, and so make lines."""
 
 WANTED = frozenset(READERS) | PROTOCOL
 

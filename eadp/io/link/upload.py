@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
@@ -25,11 +25,20 @@ from eadp.models.plan.route import PlannedLegs
 SETTLED_S = 5.0
 """Time in which an autopilot goes back to the item that it flew to, after an upload [s]."""
 AGAIN_S = 10.0
-"""Time after which an upload that failed is tried again [s]."""
+"""Time after which a transfer that failed is tried again [s]."""
 SINGLE = 1e-6
 """Relative error of numbers that were sent in single precision."""
 WHOLE_M = 10.0
 """ArduPilot keeps the radius of a loiter in whole metres, above 255 m in tens [m]."""
+
+
+class _Upload(NamedTuple):
+    """An upload that is not verified yet: its items, home included, their map, and the path parameters decided."""
+
+    items: list[MissionItem]
+    mission: list[MappedItem]
+    decided: tuple[float, ...]
+    partial: bool
 
 
 class HeldMission:
@@ -48,6 +57,11 @@ class HeldMission:
         Take a warning, and what happened.
     changed : function
         Takes the map that holds from now on; None where the mission is unknown.
+
+    Attributes
+    ----------
+    ardupilot : bool
+        Whether the autopilot is ArduPilot, whose item 0 is home.
     """
 
     def __init__(
@@ -63,31 +77,37 @@ class HeldMission:
         self._plan, self._airspeed_mps, self._items = plan, airspeed_mps, list(items)
         self._give, self._say, self._note, self._changed = give, say, note, changed
         self._client = MissionClient(give)
+        self.ardupilot = False
         self._held: list[MissionItem] | None = None
         """As read from the autopilot, home included where it has one."""
-        self._home = 0
-        self._ardupilot = False
+        self._upload: _Upload | None = None
+        self._takes_parts = True
+        self._asked: tuple[float, ...] | None = None
         self._count: int | None = None
-        self._asked: tuple[float, ...] = items[-1].parameters if items else ()
         self._failed_s = -math.inf
+        self._unread = False
         self._now_s = 0.0
+        self._item: int | None = None
+        """The item that was flown to last; an autopilot that goes back to its first one has lost it."""
         self._resume: tuple[int, float] | None = None
+
+    @property
+    def _home(self) -> int:
+        return int(self.ardupilot)
 
     # --- reading
 
-    def read(self, now_s: float, *, ardupilot: bool) -> None:
+    def read(self, now_s: float) -> None:
         """Read the autopilot's mission, and see whether it is that of the map."""
-        if self._client.busy:
-            return
-        self._ardupilot, self._home = ardupilot, int(ardupilot)
-        self._client.download(now_s, self._check)
+        if not self._client.busy:
+            self._client.download(now_s, self._judge)
 
     def count(self, items: int | None, now_s: float) -> None:
         """Read the mission again where the autopilot has another number of items than before."""
         if items == self._count or self._client.busy:
             return
         if self._count is not None:
-            self.read(now_s, ardupilot=self._ardupilot)
+            self.read(now_s)
         self._count = items
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
@@ -99,6 +119,10 @@ class HeldMission:
         """Repeat what is not answered; and go back to the item that was flown to, where an upload has reset it."""
         self._now_s = now_s
         self._client.tick(now_s)
+        if self._unread and now_s - self._failed_s >= AGAIN_S:
+            self.read(now_s)
+        if item is not None and item > self._home:
+            self._item = item
         if self._resume is not None:
             number, until_s = self._resume
             if now_s > until_s:
@@ -106,11 +130,24 @@ class HeldMission:
             elif item is not None and item <= self._home < number:  # to any other one a pilot may have gone back
                 self._give("MISSION_SET_CURRENT", {"seq": number})
 
-    def _check(self, held: list[MissionItem] | None) -> None:
+    def _judge(self, held: list[MissionItem] | None) -> None:
+        """See which mission the autopilot holds: the one uploaded, the one before, or another."""
+        upload, self._unread = self._upload, held is None
         if held is None:
-            self._say("mission cannot be read; taken as that of --items")
+            self._failed_s = self._now_s
+            self._say("mission cannot be read: read again each 10 s, and taken as that of before")
             return
-        if same_items([each.item for each in self._items], held[self._home :]):
+        self._upload = None
+        if upload is not None and self._equal(held, upload.items):
+            self._held, self._items, self._asked, self._count = held, upload.mission, upload.decided, None
+            self._changed(upload.mission)
+            self._note(f"the rest of the mission is uploaded and verified: {len(upload.mission)} items")
+        elif upload is not None and self._held is not None and self._equal(held, self._held):
+            self._failed_s, self._takes_parts = self._now_s, self._takes_parts and not upload.partial
+            self._say("new mission refused; the old one is kept")
+        elif upload is not None:
+            self._lose("mission unknown after an upload: see to it")
+        elif same_items([each.item for each in self._items], held[self._home :]):
             self._held = held
             self._changed(self._items)
             self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
@@ -124,44 +161,36 @@ class HeldMission:
 
     def gets(self, decided: tuple[float, ...] | None) -> bool:
         """Whether the mission has the path parameters decided, or they are on their way."""
-        return self._held is not None and (self._client.busy or decided == self._asked)
+        return self._held is not None and (self._client.busy or self._upload is not None or self._has(decided))
+
+    def _has(self, decided: tuple[float, ...] | None) -> bool:
+        """Whether these were uploaded, or the items of the stages ahead have them; the last, where none is flown to."""
+        if self._asked is not None:
+            return decided == self._asked
+        index = -1 if self._item is None else self._item - self._home
+        if not 0 <= index < len(self._items):
+            return decided == self._items[-1].parameters if self._items else True
+        return all(each.parameters == decided for each in self._items if each.first > self._items[index].first)
 
     # --- writing
 
-    def update(
-        self,
-        now_s: float,
-        item: Callable[[], int | None],
-        decided: tuple[float, ...],
-        rest: Callable[[], PlannedLegs | None],
-    ) -> None:
-        """Replace the rest of the mission where other path parameters are decided.
-
-        `item` gives the item that is flown to, and `rest` what is left to fly.
-        """
-        if self._held is None or self._client.busy or decided == self._asked or now_s - self._failed_s < AGAIN_S:
+    def update(self, now_s: float, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]) -> None:
+        """Replace the rest of the mission where other path parameters are decided; `rest` gives what is left to fly."""
+        if self._held is None or self._unread or self.gets(decided) or now_s - self._failed_s < AGAIN_S:
             return
         if (why := self._altitude_fault(self._held)) is not None:
             self._failed_s = now_s
             self._say(f"{why}; no upload")
             return
-        self._client.download(now_s, lambda held: self._replace(held, item, decided, rest))
+        self._client.download(now_s, lambda held: self._replace(held, decided, rest))
 
     def _replace(
-        self,
-        held: list[MissionItem] | None,
-        item: Callable[[], int | None],
-        decided: tuple[float, ...],
-        rest: Callable[[], PlannedLegs | None],
+        self, held: list[MissionItem] | None, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]
     ) -> None:
         """Upload, if the autopilot holds what it held."""
         assert self._held is not None
-        if held is None:
-            self._failed_s = self._now_s
-            self._say("mission cannot be read; no upload")
-            return
-        if not _equal(held, self._held):
-            self._lose("another mission is held than before: the stage is found by the position")
+        if held is None or not self._equal(held, self._held):
+            self._judge(held)
             return
         try:
             planned = rest()
@@ -173,16 +202,14 @@ class HeldMission:
             self._failed_s = self._now_s
             return
         kept, new = made
-        mission = [*self._items[:kept], *new]
         items = [*self._held[: self._home + kept], *(each.item for each in new)]
-        partial = self._ardupilot and len(items) == len(self._held) and bool(new)
+        partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
+        self._upload = _Upload(items, [*self._items[:kept], *new], decided, partial)
 
-        def verify(accepted: bool) -> None:
-            if (number := item()) is not None:
-                self._resume = number, self._now_s + SETTLED_S
-            self._client.download(
-                self._now_s, lambda held: self._verify(held, items, mission, decided, accepted=accepted)
-            )
+        def verify(_accepted: bool) -> None:
+            if self._item is not None:
+                self._resume = self._item, self._now_s + SETTLED_S
+            self._client.download(self._now_s, self._judge)
 
         self._client.upload(self._now_s, items, self._home + kept, verify, partial=partial)
 
@@ -227,33 +254,13 @@ class HeldMission:
         )
         return kept, mapped_items(mission_items(path, flying=True), left, self._plan.path_count)
 
-    def _verify(
-        self,
-        held: list[MissionItem] | None,
-        items: list[MissionItem],
-        mission: list[MappedItem],
-        decided: tuple[float, ...],
-        *,
-        accepted: bool,
-    ) -> None:
-        """Count an upload as done where the autopilot gives the mission back."""
-        if held is not None and _equal(held, items):
-            self._held, self._items, self._asked, self._count = held, mission, decided, None
-            self._changed(mission)
-            self._note(f"the rest of the mission is uploaded and verified: {len(mission)} items")
-        elif held is not None and self._held is not None and _equal(held, self._held):
-            self._failed_s = self._now_s
-            self._say("new mission refused; the old one is kept")
-        else:
-            self._lose(
-                "mission unknown after an upload: see to it"
-                + (" (it is interrupted)" if accepted or held is not None else " (no answer)")
-            )
+    def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
+        """Whether the mission held is the one written, in all numbers but home, which ArduPilot sets."""
+        return _equal(held[self._home :], written[self._home :])
 
 
 def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
-    """Whether the mission held is the one written, in all numbers but home, which the autopilot sets."""
-    return same_items(written[1:], held[1:]) and all(map(_is_same, held[1:], written[1:]))
+    return same_items(written, held) and all(map(_is_same, held, written))
 
 
 def _is_same(held: MissionItem, written: MissionItem) -> bool:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import random
+import select
 import socket
 import struct
 import subprocess
@@ -24,7 +26,18 @@ from eadp.io.flight.inputs import load_flight
 from eadp.io.link import mavlink
 from eadp.io.link.flight import INTERVALS, LinkFlight, LinkOptions
 from eadp.io.link.lines import STALE_S, LineMaker
-from eadp.io.link.mavlink import READING_SHARE, Codec, Link, Message, read_key, tlog_messages
+from eadp.io.link.mavlink import (
+    MAX_SENDERS,
+    READING_SHARE,
+    SAVED_S,
+    SHARE,
+    Budget,
+    Codec,
+    Link,
+    Message,
+    read_key,
+    tlog_messages,
+)
 from eadp.io.link.messages import WANTED, values_of
 from eadp.io.mission.items import read_items
 from eadp.io.telemetry.decisions import json_line
@@ -63,9 +76,15 @@ class Flown:
             lambda *m: self.sent.append(m),
         )
 
-    def take(self, data: bytes) -> None:
+    def take(self, data: bytes, now_s: float = 0.0) -> None:
         for message in Codec(WANTED).decoded(data):
-            self.flight.take(message)
+            self.flight.take(message, now_s)
+
+    def beat(self, autopilot, seconds) -> None:
+        """Heartbeats of both, armed, for some seconds."""
+        for second in seconds:
+            self.take(autopilot.heartbeat(armed=True, active=True), float(second))
+            self.flight.tick(float(second))
 
     def fly(self, steps) -> Flown:
         for _, parts in steps:
@@ -298,6 +317,31 @@ def test_all_that_is_sent_can_be_encoded(flown):
     assert "STATUSTEXT" in kinds
 
 
+def test_an_autopilot_that_starts_again_is_asked_again(inputs):
+    """By its time alone: its heartbeats are back before they are lost, and it is still armed."""
+    other, autopilot = Flown(inputs), Autopilot()
+    other.beat(autopilot, [0])
+    for name in INTERVALS:
+        other.flight._missing.discard(name)
+    other.take(autopilot.position(500.0, -100.0, 220.0, [0.0, 10.0], 0.0))
+    other.sent.clear()
+    other.take(autopilot.position(1.0, -100.0, 220.0, [0.0, 10.0], 0.0))
+    assert sum(kind == "COMMAND_LONG" for _, kind, _ in other.sent) == len(INTERVALS)
+
+
+def test_an_autopilot_of_another_number_is_said(inputs):
+    other = Flown(inputs, system=5)
+    other.beat(Autopilot(), range(3))
+    assert other.warnings == ["messages of system 1 are ignored"]
+
+
+def test_an_antenna_tracker_is_no_aircraft(inputs):
+    other, tracker = Flown(inputs), Autopilot(system=2)
+    other.take(tracker.frame("heartbeat", 5, 3, 0, 0, 4, 3))
+    other.beat(Autopilot(), [0])
+    assert [fault.message for fault in other.faults] == ["autopilot of system 1, component 1"]
+
+
 # --- the way home
 
 
@@ -318,8 +362,7 @@ def test_a_return_is_told_and_commanded_only_where_that_is_allowed(inputs, flown
     texts = [fields for _, kind, fields in other.sent if kind == "STATUSTEXT" and fields["severity"] == 2]
     assert len(texts) == 1
     assert b"home" in texts[0]["text"]
-    for second in range(20):
-        other.flight.tick(float(second))
+    other.beat(Autopilot(), range(20))
     assert commands(other) == [20] * (10 if may else 0)
 
 
@@ -337,17 +380,29 @@ def test_a_return_that_is_accepted_is_not_repeated(inputs, flown):
     assert commands(other) == [20, 20]
 
 
+def test_a_return_waits_for_a_link_that_is_lost(inputs, flown):
+    other, autopilot = Flown(inputs, return_home=True), Autopilot()
+    other.beat(autopilot, [0])
+    other.flight._decided(decision_home(flown))
+    for second in range(1, 100):
+        other.flight.tick(float(second))
+    before = len(commands(other))
+    assert before < 10, "until the loss is noticed"
+    other.beat(autopilot, range(100, 120))
+    assert len(commands(other)) == before + 10
+    texts = [fields["text"] for _, kind, fields in other.sent if kind == "STATUSTEXT"]
+    assert b"eadp: return not accepted by the autopilot, comman" in texts  # the pilot knows
+
+
 def test_a_pilot_who_flies_is_not_overruled(inputs, flown):
     other, autopilot = Flown(inputs, return_home=True), Autopilot()
     autopilot.piloted = True
     other.take(autopilot.heartbeat(armed=True, active=True))
     other.flight._decided(decision_home(flown))
-    for second in range(20):
-        other.flight.tick(float(second))
+    other.beat(autopilot, range(20))
     assert commands(other) == []
     autopilot.piloted = False
-    other.take(autopilot.heartbeat(armed=True, active=True))
-    other.flight.tick(21.0)
+    other.beat(autopilot, [20])
     assert commands(other) == [20]
 
 
@@ -497,6 +552,39 @@ def test_a_port_that_fails_at_once_is_tried_in_time(monkeypatch, fault):
     assert port.spent_s < 0.02 * port.now_s
 
 
+def test_work_takes_a_share_of_the_time(monkeypatch):
+    clock = Endless(monkeypatch)
+    budget, taken = Budget(), 0
+    while clock.now_s < 100.0:
+        if budget.is_spent():
+            clock.sleep(0.01)
+        else:
+            clock.recv(1)
+            taken += 1
+    assert clock.spent_s == pytest.approx(SAVED_S + SHARE * 100.0, rel=0.01)
+    clock.sleep(1000.0)
+    assert not budget.is_spent()
+    for _ in range(round(1.1 * SAVED_S / 1e-4)):
+        clock.recv(1)
+    assert budget.is_spent(), "no more than some is saved up"
+
+
+def test_few_addresses_are_written_to():
+    """Whoever sends to a port that listens is written to; the autopilot was there before a thousand others."""
+    link = Link("udpin:127.0.0.1:0", WANTED)
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(40)]
+        stack.callback(link.close)
+        frame = Autopilot().heartbeat(armed=False, active=False)
+        for each in sockets:
+            each.sendto(frame, link._port.port.getsockname())
+            link.receive(0.2)
+        link.send(1, "HEARTBEAT", {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4,
+                                   "mavlink_version": 3})  # fmt: skip
+        readable, _, _ = select.select(sockets, [], [], 1.0)
+    assert readable == sockets[:MAX_SENDERS]
+
+
 # --- signatures
 
 KEY = hashlib.sha256(b"open sesame").digest()
@@ -543,10 +631,11 @@ def test_with_a_key_what_is_sent_is_signed():
 def test_what_is_lost_is_said_once(inputs):
     other = Flown(inputs)
     for _ in range(3):
-        other.flight.lost(2, 3)
+        other.flight.lost(2, 3, 4)
     assert other.warnings == [
         "damaged frames are ignored",
         "messages without the signature of --signing-key are ignored",
+        "more positions than 5% of a core can take: some are left out",
     ]
 
 
