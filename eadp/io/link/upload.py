@@ -88,7 +88,8 @@ class HeldMission:
         self._unread = False
         self._now_s = 0.0
         self._item: int | None = None
-        """The item that was flown to last; an autopilot that goes back to its first one has lost it."""
+        self._beyond: int | None = None
+        """The item that is flown to, and the last one beyond the first: to that one an autopilot goes back."""
         self._resume: tuple[int, float] | None = None
 
     @property
@@ -121,8 +122,9 @@ class HeldMission:
         self._client.tick(now_s)
         if self._unread and now_s - self._failed_s >= AGAIN_S:
             self.read(now_s)
+        self._item = item
         if item is not None and item > self._home:
-            self._item = item
+            self._beyond = item
         if self._resume is not None:
             number, until_s = self._resume
             if now_s > until_s:
@@ -207,8 +209,8 @@ class HeldMission:
         self._upload = _Upload(items, [*self._items[:kept], *new], decided, partial)
 
         def verify(_accepted: bool) -> None:
-            if self._item is not None:
-                self._resume = self._item, self._now_s + SETTLED_S
+            if self._beyond is not None:
+                self._resume = self._beyond, self._now_s + SETTLED_S
             self._client.download(self._now_s, self._judge)
 
         self._client.upload(self._now_s, items, self._home + kept, verify, partial=partial)
