@@ -110,6 +110,8 @@ def command(
     ):
         if value is not None and not linked:
             raise usage_fault(name, str(value), "without a link", "--mavlink or --replay")
+    if upload and replay is not None:
+        raise usage_fault("--upload", replay, "beside --replay", "--mavlink")
     for given in (plan, scenario, profile, energy):
         if given == "-" and telemetry == "-" and not linked:
             raise usage_fault("--telemetry", "-", "standard input is another file already", "--telemetry FILE")
@@ -134,7 +136,8 @@ def command(
     with ExitStack() as stack:
         if not linked:
             stream: BinaryIO = stack.enter_context(open_telemetry(telemetry))
-        kept = ReplanLog(log, hash_of(inputs.texts, overrides)) if log is not None else None
+        hashed = hash_of(inputs.texts, overrides)
+        kept = ReplanLog(log, hashed) if log is not None else None
         if kept is not None:
             stack.callback(kept.close)
         computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
@@ -148,8 +151,8 @@ def command(
             from eadp.io.link.flight import LinkOptions, fly, replay_flight
 
             options = LinkOptions(items, system, upload, return_home, signing_key)
-            flown = fly if mavlink is not None else replay_flight
-            completes = flown(mavlink or replay or "", inputs, options, kept, emit, lambda fault: warn([fault]))
+            link = (inputs, options, kept, emit, lambda fault: warn([fault]))
+            completes = replay_flight(replay, *link, hashed) if replay is not None else fly(mavlink or "", *link)
             return 0 if completes else 1
         name = "<stdin>" if telemetry == "-" else telemetry
         completes = replan(inputs, stream, name, kept, emit, lambda fault: warn([fault]))

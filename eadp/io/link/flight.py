@@ -182,8 +182,12 @@ class LinkFlight:
             self._armed = values["armed"]
             if mission is not None:
                 mission.ardupilot = values["home_is_item"]
-        if mission is not None and message.kind == "MISSION_CURRENT":
-            mission.count(values["item_count"], now_s)
+        if message.kind == "MISSION_CURRENT":
+            if mission is not None:
+                mission.count(values["item_count"], now_s)
+            elif self._lines.items is not None and values["item_count"] not in (None, len(self._lines.items)):
+                self._say("another mission than that of --items is flown: the stage is found by the position")
+                self._lines.items = None
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
@@ -317,9 +321,11 @@ class LinkFlight:
         self._warn_once(Fault(self._name, max(self._count, 1), 1, what, severity="warning"))
 
     def _tell(self, what: str) -> None:
-        """Warn the pilot, too."""
+        """Warn the pilot, too, and once."""
+        before = len(self._warned)
         self._say(what)
-        self._show(what, WARNING)
+        if len(self._warned) > before:
+            self._show(what, WARNING)
 
     def _note(self, what: str) -> None:
         self._warn(Fault(self._name, max(self._count, 1), 1, what, severity="note"))
@@ -377,9 +383,11 @@ def fly(
 
 
 def replay_flight(
-    path: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn
+    path: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn, hashed: str
 ) -> bool:
     """Re-plan a flight again, of a log of `eadp replan`, a telemetry log, or an autopilot's own; as `fly`.
+
+    `hashed` is the hash of the inputs, which a log of other inputs does not have.
 
     Raises
     ------
@@ -389,6 +397,9 @@ def replay_flight(
     with open_telemetry(path) as stream:
         head = stream.readline(10_000)
         if _kind(head) == START:
+            if json.loads(head).get("inputs") != hashed:
+                what = "is of another plan, scenario or settings: decisions may be others"
+                warn(Fault(path, 1, 1, what, severity="warning"))
             replanner = Replanner(inputs, path, log, emit, warn)
             replanner.restore()
             for number, raw in numbered_lines(stream, path):

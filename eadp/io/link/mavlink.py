@@ -38,7 +38,7 @@ CHUNK_BYTES = 2048
 """Most of a datagram that is read: a frame has 280 bytes at most, and a datagram as many as fit the link."""
 READING_SHARE, BATCH_S = 0.02, 1e-3
 """Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
-SHARE, SAVED_S = 0.05, 0.5
+SHARE, SAVED_S = 0.05, 1.0
 """Most of a core's time that all takes, and what may be saved up for a decision that takes longer [s]."""
 MAX_SENDERS = 8
 """Most addresses that are written to: whoever sends to a port that listens is one."""

@@ -495,6 +495,7 @@ def test_a_plan_without_a_place_is_refused(eadp):
             "nosuch:1:1: error: cannot be read",
         ),
         (("--replay", "nosuch"), "nosuch:1:1: error: cannot be read"),
+        (("--replay", "flight.tlog", "--upload"), "--upload:1:1: error: beside --replay"),
         (("--replay", "README.md"), "README.md:1:1: error: has no flight"),
     ],
 )
@@ -684,7 +685,7 @@ def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path
         for _, parts in frames(lines, autopilot):
             for frame in parts:
                 port_out.sendto(frame, ("127.0.0.1", port))
-            time.sleep(0.01)
+            time.sleep(0.02)
         out, err = process.communicate(timeout=60)
         while True:
             try:
@@ -696,3 +697,6 @@ def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path
     assert heard == {"HEARTBEAT", "STATUSTEXT", "NAMED_VALUE_FLOAT"}
     again = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log)
     assert [json.loads(line) for line in again.out.splitlines()] == decisions
+    assert "is of another plan" not in again.err
+    other = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log, "--set", "reserve_soc=0.1")
+    assert f"{log}:1:1: warning: is of another plan, scenario or settings: decisions may be others" in other.err

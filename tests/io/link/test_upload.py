@@ -20,9 +20,9 @@ from eadp.io.flight.inputs import load_flight
 from eadp.io.link.flight import LinkFlight, LinkOptions
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
-from eadp.io.link.upload import _equal
+from eadp.io.link.upload import HeldMission, _equal
 from eadp.io.mission.draft import MissionItem
-from eadp.io.mission.items import read_items
+from eadp.io.mission.items import MappedItem, read_items
 from eadp.io.mission.reader import PlanReader
 from eadp.io.telemetry.log import ReplanLog, hash_of
 from eadp.io.text.streams import Text
@@ -500,3 +500,35 @@ def test_waypoints_that_are_written_lie_on_the_new_lines(inputs, mission, lines)
     # between stages that are less than 5 m apart, the waypoint lies in the middle
     assert max(near) < 2.5
     assert min(near) < 0.02
+
+
+def test_a_log_of_a_mission_with_another_number_of_items_has_the_stage_by_position(inputs, mission, lines):
+    """What was uploaded in flight is in no telemetry log of a ground station."""
+    faults, autopilot = [], Autopilot()
+    flight = LinkFlight(inputs, "log", LinkOptions(f"{mission[0]}.items.json"), None, lambda _: None, faults.append)
+    for _, parts in frames(lines[:3], autopilot):
+        for frame in (autopilot.frame("mission_current", 1, len(mission[1]) - 20), *parts):
+            for message in Codec(WANTED).decoded(frame):
+                flight.take(message)
+    assert [fault.message for fault in faults if fault.severity == "warning"] == [
+        "another mission than that of --items is flown: the stage is found by the position"
+    ]
+
+
+def test_a_partial_list_that_is_refused_is_followed_by_the_whole(inputs, mission, lines, monkeypatch):
+    """As many items as before, moved a little."""
+
+    def moved(held_mission, _planned):
+        return 10, [
+            each._replace(item=each.item._replace(parameters=(*each.item.parameters[:6], 61.0)), parameters=(-1.0,))
+            for each in (
+                MappedItem(item, old.first, old.last, old.parameters)
+                for old, item in zip(held_mission._items[10:], held_mission._held[11:], strict=True)
+            )
+        ]
+
+    monkeypatch.setattr(HeldMission, "_replaced", moved)
+    flown = Flying(inputs, mission, refuses=("MISSION_WRITE_PARTIAL_LIST",)).fly(lines, current=True)
+    kinds = [kind for kind in flown.holder.kinds if kind in ("MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT")]
+    assert kinds[:2] == ["MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT"]
+    assert any("uploaded and verified" in text for text in flown.said)
