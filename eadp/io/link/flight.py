@@ -77,6 +77,23 @@ class LinkOptions:
     signing_key: str | None = None
 
 
+class _Requests:
+    """Asks for the messages that are read, at the rates that are needed; again for those of which none has come."""
+
+    def __init__(self, ask: Callable[[int, int], None]) -> None:
+        self._ask, self._count = ask, 0
+        self.missing: set[str] = set()
+
+    def start(self) -> None:
+        self.missing, self._count = set(INTERVALS), 0
+        self.repeat()
+
+    def repeat(self) -> None:
+        self._count += 1
+        for kind in sorted(self.missing) if self._count <= MAX_COMMANDS else ():
+            self._ask(*INTERVALS[kind])
+
+
 class LinkFlight:
     """The planner on an autopilot's messages.
 
@@ -126,8 +143,7 @@ class LinkFlight:
         self._sent_s = -1e9
         self._lost = False
         self._may_return, self._returns, self._commands = options.return_home, False, 0
-        self._missing: set[str] = set()
-        self._requests = 0
+        self._requests = _Requests(lambda *numbers: self._command(SET_INTERVAL, numbers))
         self._count, self._text, self._armed = 0, "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
@@ -161,7 +177,7 @@ class LinkFlight:
         first, lost = not self._component, self._lost
         if not self._is_ours(message, now_s):
             return
-        self._missing.discard(message.kind)
+        self._requests.missing.discard(message.kind)
         if message.kind in PROTOCOL:
             to = (
                 message.fields["target_system"],
@@ -196,8 +212,7 @@ class LinkFlight:
         restarts = self._lines.restarts
         self.update(values)
         if begins or self._lines.restarts > restarts:
-            self._missing, self._requests = set(INTERVALS), 0
-            self._ask()
+            self._requests.start()
             if mission is not None:
                 mission.read(now_s)
         if mission is not None and self._uploads and self._decided_path is not None:
@@ -227,7 +242,7 @@ class LinkFlight:
             self._sent_s = now_s
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
-            self._ask()
+            self._requests.repeat()
             if self._returns and self._may_return and not self._lost and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
@@ -256,12 +271,6 @@ class LinkFlight:
             return message.component != COMPONENT
         return message.component == self._component
 
-    def _ask(self) -> None:
-        """Ask for the messages that are read, at the rates that are needed: again those that have not come."""
-        self._requests += 1
-        for kind in sorted(self._missing) if self._requests <= MAX_COMMANDS else ():
-            self._command(SET_INTERVAL, (*INTERVALS[kind], 0, 0, 0, 0, 0))
-
     def _return(self) -> None:
         """Command the autopilot to return; until it accepts, once with each heartbeat, `MAX_COMMANDS` times at most."""
         self._commands += 1
@@ -269,7 +278,7 @@ class LinkFlight:
             self._may_return = False
             self._tell(f"return not accepted by the autopilot, commanded {MAX_COMMANDS} times")
             return
-        self._command(RETURN, (0.0,) * 7, self._commands - 1)
+        self._command(RETURN, (), self._commands - 1)
 
     def _to_autopilot(self, kind: str, values: Mapping[str, Any]) -> None:
         self._give(kind, {"target_system": self._system, "target_component": self._component, **values})
@@ -280,7 +289,7 @@ class LinkFlight:
         self._lines.items = items
 
     def _command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
-        values = {f"param{k}": float(value) for k, value in enumerate(numbers, 1)}
+        values = {f"param{k}": float(value) for k, value in enumerate((*numbers, *(0.0,) * 7)[:7], 1)}
         self._to_autopilot("COMMAND_LONG", {"command": command, "confirmation": repeated, **values})
 
     # --- what goes out

@@ -41,7 +41,7 @@ class MissionClient:
         self._count: int | None = None
         self._sent: dict[int, MissionItem] = {}
         self._downloaded: Callable[[list[MissionItem] | None], None] | None = None
-        self._uploaded: Callable[[bool], None] | None = None
+        self._uploaded: Callable[[], None] | None = None
 
     @property
     def busy(self) -> bool:
@@ -54,9 +54,9 @@ class MissionClient:
         self._ask(now_s, "MISSION_REQUEST_LIST", {})
 
     def upload(
-        self, now_s: float, items: Sequence[MissionItem], first: int, then: Callable[[bool], None], *, partial: bool
+        self, now_s: float, items: Sequence[MissionItem], first: int, then: Callable[[], None], *, partial: bool
     ) -> None:
-        """Write a mission, or with `partial` its items from the `first` on; `then` takes whether it is accepted."""
+        """Write a mission, or with `partial` its items from the `first` on, and call `then` however it ends."""
         self._sent, self._uploaded = dict(enumerate(items)), then
         if partial:
             self._ask(now_s, "MISSION_WRITE_PARTIAL_LIST", {"start_index": first, "end_index": len(items) - 1})
@@ -72,7 +72,7 @@ class MissionClient:
                 if fields["seq"] in self._sent:
                     self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
             elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
-                self._end_upload(accepted=fields["type"] == ACCEPTED)
+                self._end_upload()
 
     def tick(self, now_s: float) -> None:
         """Repeat what is not answered; give up after `MAX_TRIES`."""
@@ -84,7 +84,7 @@ class MissionClient:
         elif self._downloaded is not None:
             self._end_download(None)
         else:
-            self._end_upload(accepted=False)
+            self._end_upload()
 
     # --- steps
 
@@ -118,10 +118,10 @@ class MissionClient:
         if then is not None:
             then(items)
 
-    def _end_upload(self, *, accepted: bool) -> None:
+    def _end_upload(self) -> None:
         then, self._uploaded = self._uploaded, None
         if then is not None:
-            then(accepted)
+            then()
 
 
 def _fields(number: int, item: MissionItem) -> dict[str, Any]:

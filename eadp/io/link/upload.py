@@ -150,9 +150,10 @@ class HeldMission:
         elif upload is not None:
             self._lose("mission unknown after an upload: see to it")
         elif same_items([each.item for each in self._items], held[self._home :]):
+            if self._held is None:
+                self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
             self._held = held
             self._changed(self._items)
-            self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
         else:
             self._lose("another mission than that of --items is held: the stage is found by the position")
 
@@ -208,7 +209,7 @@ class HeldMission:
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
         self._upload = _Upload(items, [*self._items[:kept], *new], decided, partial)
 
-        def verify(_accepted: bool) -> None:
+        def verify() -> None:
             if self._beyond is not None:
                 self._resume = self._beyond, self._now_s + SETTLED_S
             self._client.download(self._now_s, self._judge)

@@ -322,7 +322,7 @@ def test_an_autopilot_that_starts_again_is_asked_again(inputs):
     other, autopilot = Flown(inputs), Autopilot()
     other.beat(autopilot, [0])
     for name in INTERVALS:
-        other.flight._missing.discard(name)
+        other.flight._requests.missing.discard(name)
     other.take(autopilot.position(500.0, -100.0, 220.0, [0.0, 10.0], 0.0))
     other.sent.clear()
     other.take(autopilot.position(1.0, -100.0, 220.0, [0.0, 10.0], 0.0))
