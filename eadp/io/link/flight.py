@@ -12,8 +12,8 @@ from typing import Any
 
 from eadp.errors import Fault, InputError
 from eadp.io.flight.inputs import FlightInputs
-from eadp.io.link.lines import LineMaker
-from eadp.io.link.mavlink import COMPONENT, SHARE, Budget, Link, Message, read_key, require_pymavlink, tlog_messages
+from eadp.io.link.lines import LINE_S, LineMaker
+from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL
 from eadp.io.link.recorded import MAGICS, log_values
@@ -225,7 +225,7 @@ class LinkFlight:
         if refused:
             self._say("messages without the signature of --signing-key are ignored")
         if left_out:
-            self._say(f"more positions than {SHARE:.0%} of a core can take: some are left out")
+            self._say(f"positions come faster than {SHARE:.0%} of a core can take: some are left out")
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message says, and re-plan with the lines that are due."""
@@ -375,15 +375,15 @@ def fly(
             link.send(*message)
 
     flight = LinkFlight(inputs, address, options, log, emit, warn, send)
-    link, budget, left_out = Link(address, WANTED, key), Budget(), 0
+    link, throttle, left_out = Link(address, WANTED, key), Throttle(LINE_S), 0
     opened.append(link)
     try:
         while not flight.over:
             for message in link.receive(WAIT_S):
-                if message.kind in TIMED and budget.is_spent():
-                    left_out += 1
-                else:
+                if message.kind not in TIMED or throttle.passes():
                     flight.take(message, time.monotonic())
+                else:
+                    left_out += 1
             flight.lost(link.damaged, link.refused, left_out)
             flight.tick(time.monotonic())
     finally:

@@ -39,7 +39,7 @@ CHUNK_BYTES = 2048
 READING_SHARE, BATCH_S = 0.02, 1e-3
 """Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
 SHARE, SAVED_S = 0.05, 1.0
-"""Most of a core's time that all takes, and what may be saved up for a decision that takes longer [s]."""
+"""Most of a core's time that all takes beside a flight as fast as the clock, and what may be saved up of it [s]."""
 MAX_SENDERS = 8
 """Most addresses that are written to: whoever sends to a port that listens is one."""
 TLOG_HEAD = 8
@@ -153,18 +153,28 @@ def require_pymavlink(option: str, value: str) -> None:
         raise InputError.at(option, 1, 1, "pymavlink is missing", "pip install 'eadp[mavlink]'", value)
 
 
-class Budget:
-    """Time of this thread on the processor: a share of the time that passes, saved up to a limit."""
+class Throttle:
+    """Lets work through at some rate always, and at any rate as long as this thread takes a share of a core at most.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    interval_s : float
+        Time after which work is let through whatever it takes: the rate at which an aircraft flies [s].
+    """
+
+    def __init__(self, interval_s: float) -> None:
+        self._interval_s, self._passed_s = interval_s, -math.inf
         self._left_s, self._looked_s, self._worked_s = SAVED_S, time.monotonic(), time.thread_time()
 
-    def is_spent(self) -> bool:
-        """Whether more was spent than there was."""
-        passed_s, spent_s = time.monotonic() - self._looked_s, time.thread_time() - self._worked_s
-        self._left_s = min(self._left_s + SHARE * passed_s, SAVED_S) - spent_s
-        self._looked_s, self._worked_s = self._looked_s + passed_s, self._worked_s + spent_s
-        return self._left_s < 0
+    def passes(self) -> bool:
+        """Whether a piece of work is let through now."""
+        now_s, worked_s = time.monotonic(), time.thread_time()
+        self._left_s = min(self._left_s + SHARE * (now_s - self._looked_s), SAVED_S) - (worked_s - self._worked_s)
+        self._looked_s, self._worked_s = now_s, worked_s
+        if self._left_s < 0 and now_s - self._passed_s < self._interval_s:
+            return False
+        self._passed_s = now_s
+        return True
 
 
 class Link:
