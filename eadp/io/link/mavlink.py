@@ -39,7 +39,7 @@ CHUNK_BYTES = 2048
 READING_SHARE, BATCH_S = 0.02, 1e-3
 """Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
 SHARE, SAVED_S = 0.05, 1.0
-"""Most of a core's time that all takes beside a flight as fast as the clock, and what may be saved up of it [s]."""
+"""Share of a core that all may take, if a flight as fast as the clock does not take more, and what is saved up [s]."""
 MAX_SENDERS = 8
 """Most addresses that are written to: whoever sends to a port that listens is one."""
 TLOG_HEAD = 8
