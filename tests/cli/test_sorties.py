@@ -140,11 +140,12 @@ def test_a_windy_day_takes_more_batteries(eadp, folder, tmp_path):
 def test_a_sweep_says_how_many_batteries_the_job_takes(eadp, folder, tmp_path):
     sweep = tmp_path / "job.yaml"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {folder}\ngrid:\n  wind.speed_mps: [1, 9]\n")
-    answer = eadp("sweep", sweep, "--jobs", "1", "--format", "csv")
+    kept = ("sweep", sweep, "-o", tmp_path / "job.db", "--jobs", "1")
+    answer = eadp(*kept, "--format", "csv")
     assert answer.code == 0, answer.err
     batteries = [int(row["batteries"]) for row in csv.DictReader(answer.out.splitlines())]
     assert batteries[0] < batteries[1]
-    text = eadp("sweep", sweep, "--jobs", "1").out
+    text = eadp(*kept).out
     assert f"batteries  {batteries[0]}: the job is done, with all reserves kept, in 50.0 %" in text
     refusal = tmp_path / "other.yaml"
     refusal.write_text(f"schema: eadp.sweep/1\nplan: {folder}\nscenario: {folder}/scenario.yaml\n")

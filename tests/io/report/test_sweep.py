@@ -19,7 +19,7 @@ LINE = "0.1; 90; x\n0, 400\n"
 SWEEP = """schema: eadp.sweep/1
 plan: line.plan
 grid:
-  wind.speed_mps: [0, 2, 4]
+  wind.speed_mps: [0, 4]
   battery.capacity_ah: [0.003, 3]
   planner: [static, joint]
 seeds: 2
@@ -28,7 +28,7 @@ seeds: 2
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    """A sweep of 24 short flights, their folders, and its page."""
+    """A sweep of 16 short flights, their folders, and its page."""
     from eadp.cli.main import main
 
     folder = tmp_path_factory.mktemp("sweep")
@@ -53,7 +53,7 @@ def test_the_page_has_every_run(swept, page):
     page.check()
     rows, runs = rows_of(swept / "results.db"), page.data["runs"]
     assert page.data["keys"] == ["battery.capacity_ah", "planner.name", "wind.speed_mps", "seed"]
-    assert page.data["count"] == len(rows) == 24
+    assert page.data["count"] == len(rows) == 16
     for i, row in enumerate(rows):
         assert runs["values"]["wind.speed_mps"][i] == row["overrides"]["wind.speed_mps"]
         planner = runs["values"]["planner.name"]
@@ -66,9 +66,9 @@ def test_the_page_has_every_run(swept, page):
 def test_the_words_have_the_interval(page):
     runs = page.data["runs"]
     done = sum(runs["completed"])
-    assert 0 < done < 24
-    low, high = wilson_interval(done, 24)
-    assert page.data["words"][0].startswith(f"{done} of 24 flights completed: {100 * done / 24:.3g} %")
+    assert 0 < done < 16
+    low, high = wilson_interval(done, 16)
+    assert page.data["words"][0].startswith(f"{done} of 16 flights completed: {100 * done / 16:.3g} %")
     assert f"(95 % interval {100 * low:.3g} % to {100 * high:.3g} %)" in page.data["words"][0]
     assert any(line.startswith("By battery.capacity_ah: 0 % complete at 0.003, ") for line in page.data["words"])
 
