@@ -213,7 +213,8 @@ class Bridge:
             self.plan, self.inputs.mission.cruise_mps, self.items, self._give, print, str, self._changed
         )
         self._codec, self._answers = Codec(frozenset()), Codec(PROTOCOL)
-        self._held.read(0.0, ardupilot=True)
+        self._held.ardupilot = True
+        self._held.read(0.0)
         self._exchange(0.0)
 
     def _give(self, kind: str, fields: Any) -> None:
@@ -248,7 +249,8 @@ class Bridge:
             vehicle.fps = decided["parameters"][self.plan.names[-1]]
             if self.replanner.planned:
                 path = tuple([decided["parameters"][name] for name in self.names])
-                self._held.update(vehicle.plane.time_s, lambda: vehicle.holder.current, path, self.replanner.rest)
+                self._held.tick(vehicle.plane.time_s, vehicle.holder.current)
+                self._held.update(vehicle.plane.time_s, path, self.replanner.rest)
                 self._exchange(vehicle.plane.time_s)
         return Flown(vehicle.completed, float(vehicle.pack.soc), quality(self.inputs, self.lines))
 
