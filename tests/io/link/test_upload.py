@@ -166,21 +166,27 @@ def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
     assert any("uploaded and verified" in text for text in flown.said)
 
 
+class Lossy(MissionHolder):
+    """One of which an answer is lost: the first at which `loses` holds."""
+
+    left = 1
+
+    def __init__(self, items, loses, **given):
+        super().__init__(items, **given)
+        self.loses = loses
+
+    def answer(self, frame):
+        answers = super().answer(frame)
+        if self.left and self.loses(self):
+            self.left = 0
+            return []
+        return answers
+
+
 def test_a_request_that_is_lost_does_not_end_an_upload(inputs, mission, lines):
     """ArduPilot answers the item that comes again with an error, and goes on."""
-
-    class Lossy(MissionHolder):
-        left = 1
-
-        def answer(self, frame):
-            answers = super().answer(frame)
-            if self.left and self._due and self._due[0] == 30:
-                self.left = 0
-                return []
-            return answers
-
     flown = Flying(inputs, mission)
-    flown.holder = Lossy(mission[1])
+    flown.holder = Lossy(mission[1], lambda holder: holder._due[:1] == [30])
     flown.fly(lines)
     assert not flown.holder.left
     assert any("uploaded and verified" in text for text in flown.said)
@@ -245,18 +251,11 @@ def test_a_mission_that_cannot_be_read_is_read_again(inputs, mission, lines):
 def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     """The autopilot goes back to its first item before the end of the upload is known."""
 
-    class Lossy(MissionHolder):
-        left = 1
-
-        def answer(self, frame):
-            answers = super().answer(frame)
-            if self.left and self.kinds[-1] == "MISSION_ITEM_INT" and not self._due:
-                self.left = 0
-                return []
-            return answers
+    def is_end(holder):
+        return holder.kinds[-1] == "MISSION_ITEM_INT" and not holder._due
 
     flown = Flying(inputs, mission)
-    flown.holder = Lossy(mission[1], resets=True)
+    flown.holder = Lossy(mission[1], is_end, resets=True)
     flown.holder.current = 3
     flown.fly(lines, current=True)
     assert any("uploaded and verified" in text for text in flown.said)
